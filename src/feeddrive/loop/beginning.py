@@ -33,7 +33,7 @@ class Trees(NamedTuple):
     """A system with numpy numbers as leaves, what it prepared, and its first state."""
 
     plain: Any
-    made: Any
+    prepared: Any
     begun: Any
 
 
@@ -69,7 +69,7 @@ class _Structure:
 
     def __init__(self) -> None:
         self.begun = 0
-        self.made: NativeBeginning | None = None
+        self.code: NativeBeginning | None = None
 
 
 _holds: Recent[Hold] = Recent(256)
@@ -98,21 +98,21 @@ def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str
     # whether a number is a float or a numpy number matters to a trace
     key = shape, tuple(map(type, setpoint)), frozenset(partial)
 
-    def made() -> Beginning:
+    def built() -> Beginning:
         timing = system.timing(partial)
         seen = _structures.get((*key, timing), _Structure)
         seen.begun += 1
         if seen.begun <= PAYS_AFTER:
             return by_python()
-        if seen.made is None:
-            seen.made = NativeBeginning(system, timing, row)
-        found = seen.made.run(row)
-        if found is None:
-            seen.made = NativeBeginning(system, timing, None)
-            found = cast(tuple[dict[str, Any], dict[str, Any]], seen.made.run(row))
-        return Beginning(timing, *found, {}, shape, lambda: by_python().trees)
+        if seen.code is None:
+            seen.code = NativeBeginning(system, timing, row)
+        trees = seen.code.run(row)
+        if trees is None:
+            seen.code = NativeBeginning(system, timing, None)
+            trees = cast(tuple[dict[str, Any], dict[str, Any]], seen.code.run(row))
+        return Beginning(timing, *trees, {}, shape, lambda: by_python().trees)
 
-    return _beginnings.get((key, row.tobytes()), made)
+    return _beginnings.get((key, row.tobytes()), built)
 
 
 def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial: Collection[str]) -> Beginning:
@@ -161,9 +161,11 @@ def typed(value: Any) -> Any:
     return np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else np.float64(value)
 
 
-def each_axis(function: Callable[[Any], Any], given: Any) -> Any:
+def each_axis(function: Callable[[Any], Any], argument: Any) -> Any:
     """A function of what a loop is given, or for each axis of what a machine is given."""
-    return {name: function(one) for name, one in given.items()} if isinstance(given, Mapping) else function(given)
+    return (
+        {name: function(one) for name, one in argument.items()} if isinstance(argument, Mapping) else function(argument)
+    )
 
 
 class TracedBeginning(NamedTuple):
@@ -215,8 +217,8 @@ class NativeBeginning:
 
         def counted(symbol: Symbol) -> float:
             assert row is not None
-            (found,) = evaluate(symbol.graph, [symbol.index], dict(zip(names, row, strict=True)))
-            return counts.setdefault(symbol.index, float(found))
+            (count,) = evaluate(symbol.graph, [symbol.index], dict(zip(names, row, strict=True)))
+            return counts.setdefault(symbol.index, float(count))
 
         graph, constants, states = traced_beginning(loop, timing, None if row is None else counted)
         self._constants, self._states, self._counts = list(constants), list(states), np.array([*counts.values()])

@@ -114,15 +114,15 @@ class Course:
         """`later` holds the sample from which on each of the changed loops runs, in order."""
         self._now, self._later = prepared, list(later)
 
-    def advance(self, made: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
+    def advance(self, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
         """Samples first .. first + count - 1 from `states` on, which move on; recorded signals (count, signals)."""
         work.sample(first, count)
         pieces, at, end = [], first, first + count
         while at < end:
             while self._later and self._later[0][0] == at:
                 old, self._now = self._now, self._later.pop(0)[1]
-                self._now.retune(old, made, states)
+                self._now.retune(old, code, states)
             until = min(end, self._later[0][0]) if self._later else end
-            pieces.append(recorded(self._now, made, work, states, at, until - at))
+            pieces.append(recorded(self._now, code, work, states, at, until - at))
             at = until
         return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)

@@ -119,7 +119,7 @@ class Control(Block):
             )
         fed = dict.fromkeys(self.law.feeds, self.law.kind)
         for i, block in enumerate(self.feedforward):
-            for name in (each for each in FEEDS if each in block.fed()):
+            for name in (name for name in FEEDS if name in block.fed()):
                 if name in fed:
                     raise StructureError(
                         f"control.feedforward.{i}: {block.kind} feeds the {name} forward, which {fed[name]} does "
@@ -160,9 +160,9 @@ class Control(Block):
         force = reduce(_less, (part.carries(reading) for part in self.compensation), reading.applied)
         return self.Memory(
             Nothing() if self.prefilter is None else self.prefilter.start(setpoint),
-            tuple(part.start(made, setpoint, reading) for part, made in compensation),
+            tuple(part.start(coefficients, setpoint, reading) for part, coefficients in compensation),
             self.law.start(prepared.law, setpoint, reading._replace(applied=force)),
-            tuple(part.start(made, force) for part, made in filters),
+            tuple(part.start(coefficients, force) for part, coefficients in filters),
             tuple(part.start(setpoint) for part in self.feedforward),
         )
 
@@ -211,8 +211,8 @@ class Control(Block):
     def moved(self, state: State) -> Number:
         """What compensation last added to the set position for the sake of the reading alone, m; the rest is motion."""
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
-        shifts = [each.moved(held) for each, held in pairs]
-        shifts = [each for each in shifts if not matrix.is_zero(each)]
+        shifts = [block.moved(held) for block, held in pairs]
+        shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
         return reduce(add, shifts) if shifts else 0.0
 
     def check_live(self, old: Control, place: str = "control") -> None:
@@ -263,10 +263,10 @@ class Control(Block):
             prefilter, setpoint = self.prefilter.step(prefilter, setpoint, T)
         compensation: list[Any] = []
         added: Any = 0.0
-        for i, (block, made, held) in enumerate(
+        for i, (block, coefficients, held) in enumerate(
             zip(self.compensation, prepared.compensation, memory.compensation, strict=True)
         ):
-            held, setpoint, force = block.step(made, held, setpoint, reading, T)
+            held, setpoint, force = block.step(coefficients, held, setpoint, reading, T)
             compensation.append(held)
             added = force if i == 0 else added + force
         target = setpoint if self.feedback_delay is None else setpoint.shifted(-self.feedback_delay)
@@ -274,8 +274,8 @@ class Control(Block):
             target = target._replace(position=target.position + velocity / self.law.position_gain())
         law, feedback = _answered(self.law, memory.law, self.law.step(prepared.law, memory.law, target, reading, T))
         filters: list[Any] = []
-        for filter_, made, held in zip(self.filters, prepared.filters, memory.filters, strict=True):
-            held, feedback = filter_.step(made, held, feedback)
+        for filter_, coefficients, held in zip(self.filters, prepared.filters, memory.filters, strict=True):
+            held, feedback = filter_.step(coefficients, held, feedback)
             filters.append(held)
         forward: Any = 0.0
         fed: list[Any] = []
@@ -297,15 +297,16 @@ def _less(force: Any, carried: Any) -> Any:
 
 
 def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
-    """What a law returned, a state and a force; in a trace the state must have the parts that it had before.
+    """Return the state and the force that a law returned; in a trace the state must have the same parts as before.
 
-    Raises StructureError, with what is there.
+    Raises StructureError, naming what the law returned instead.
     """
+    # exported code calls the second part `found_1`: a local name of traced code is a name in the export (`Names`)
     if not isinstance(found, tuple) or len(found) != 2:  # type: ignore[arg-type]
         raise StructureError(f"{law.kind}: step must return (state, force), not {type(found).__name__}")
     state, force = found
     if isinstance(force, Symbol):
-        had, has = ([name for name, _ in tree.leaves(each)] for each in (before, state))
+        had, has = ([name for name, _ in tree.leaves(memory)] for memory in (before, state))
         if had != has:
             raise StructureError(
                 f"{law.kind}: step returns a state with the numbers {', '.join(has) or 'none'}; start gave one with "
@@ -323,8 +324,8 @@ def _check_forgetful(memory: Any, path: str) -> None:
         )
     if isinstance(memory, tuple) and not isinstance(memory, History | Track):
         names = getattr(memory, "_fields", None) or range(len(memory))
-        for name, each in zip(names, memory, strict=True):
-            _check_forgetful(each, f"{path}.{name}")
+        for name, part in zip(names, memory, strict=True):
+            _check_forgetful(part, f"{path}.{name}")
 
 
 def _retuned(block: Any, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:

@@ -104,8 +104,8 @@ class Core:
         """The stretch of a spring over all coordinates."""
         rows = [matrix.scale(share, (self._rows(name).load,)) for name, share in spring.shares.items()]
         first, *rest = rows
-        for each in rest:
-            first = matrix.add(first, each)
+        for row in rest:
+            first = matrix.add(first, row)
         return first[0]
 
     def _rows(self, name: str) -> Rows:
@@ -176,8 +176,8 @@ class Core:
             if axis.forces:
                 motion, remembered = self.middle(name, states, shared, h), list[Any]()
                 for force, memory in zip(axis.forces, states[name].forces, strict=True):
-                    memory, *given = force.step(memory, axis.plant, motion, drives[name], time + 0.5 * h, h)
-                    push = push + tuple(given)
+                    memory, *terms = force.step(memory, axis.plant, motion, drives[name], time + 0.5 * h, h)
+                    push = push + tuple(terms)
                     remembered.append(memory)
                 held[name] = held[name]._replace(forces=tuple(remembered))
             total[name] = push + pushes[name] if name in pushes else push
@@ -260,8 +260,8 @@ def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Nu
     """What acts over the sample in which a command in N is given, and the state that remembers the command."""
     commands = (command, *state.pending)
     partial = len(columns.old) > 0
-    found = Acting(commands[-2] if partial else commands[-1], commands[-1] if partial else None, load)
-    return found, state._replace(pending=commands[: len(state.pending)])
+    forces = Acting(commands[-2] if partial else commands[-1], commands[-1] if partial else None, load)
+    return forces, state._replace(pending=commands[: len(state.pending)])
 
 
 def advance(

@@ -220,10 +220,10 @@ def _seeds(
     seeds = {node: eye[i] for i, node in enumerate(inputs.values()) if node in values}
     with np.errstate(all="ignore"):
         pushed = dict(zip(ends, push(graph, list(ends.values()), values, seeds), strict=True))
-    found = {name: eye[i] for i, name in enumerate(parameters)}
-    found |= {name: _row(pushed[name], eye) for name in constants if pushed.get(name) is not None}
+    tangents = {name: eye[i] for i, name in enumerate(parameters)}
+    tangents |= {name: _row(pushed[name], eye) for name in constants if pushed.get(name) is not None}
     first = {name: _row(pushed[name], eye) for name in states if pushed.get(name) is not None}
-    return found, {name: row for name, row in first.items() if np.any(row)}
+    return tangents, {name: row for name, row in first.items() if np.any(row)}
 
 
 def _row(tangent: Any, eye: np.ndarray) -> np.ndarray:
@@ -233,8 +233,8 @@ def _row(tangent: Any, eye: np.ndarray) -> np.ndarray:
 def _dependent(graph: Graph, leaves: set[int]) -> set[int]:
     """The nodes that depend on some leaves."""
     dependent = set(leaves)
-    for index, each in enumerate(graph.nodes):
-        if any(i in dependent for i in arguments(each)):
+    for index, operation in enumerate(graph.nodes):
+        if any(i in dependent for i in arguments(operation)):
             dependent.add(index)
     return dependent
 

@@ -23,12 +23,12 @@ _fastest: Recent[int] = Recent(64)  # by the source of the narrowest machine cod
 class Groups:
     """The variants of a prepared loop, dealt out to groups of lanes; a last group repeats its last variant."""
 
-    def __init__(self, prepared: Prepared, made: Native, variants: int) -> None:
-        self.made, self.variants, self.lanes = made, variants, made.plan.lanes
-        self.constants = _dealt([name for name, _ in made.plan.constants], prepared.numbers, self.lanes, variants)
-        first = prepared.first_states(made)
+    def __init__(self, prepared: Prepared, code: Native, variants: int) -> None:
+        self.code, self.variants, self.lanes = code, variants, code.plan.lanes
+        self.constants = _dealt([name for name, _ in code.plan.constants], prepared.numbers, self.lanes, variants)
+        first = prepared.first_states(code)
         self.states = _dealt(list(first), first, self.lanes, variants)
-        self.rows = prepared.rows(made)
+        self.rows = prepared.rows(code)
 
     def advance(self, pool: Executor, first: int, inputs: np.ndarray) -> Iterator[int]:
         """All groups over the same stretch of samples; yields the number of variants of each group that is done."""
@@ -40,12 +40,12 @@ class Groups:
         yield from pool.map(one, range(len(self.states)))
 
     def _run(self, group: int, first: int, inputs: np.ndarray, states: np.ndarray) -> None:
-        self.made.run(len(inputs), first, self.constants[group], inputs, states, None, self.rows)
+        self.code.run(len(inputs), first, self.constants[group], inputs, states, None, self.rows)
 
     def ends(self) -> dict[str, np.ndarray]:
         """The states by name, each of shape (variants,)."""
         flat = np.moveaxis(self.states, 0, 1).reshape(self.states.shape[1], -1)[:, : self.variants]
-        return {state.name: row for state, row in zip(self.made.plan.states, flat, strict=False)}
+        return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
 
     def trial(self, inputs: np.ndarray) -> float:
         """Seconds for one variant over a short stretch, the least of three; the states are not changed."""

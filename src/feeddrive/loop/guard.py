@@ -287,7 +287,7 @@ def _tripped(code: float, beyond: object, mode: Number, usual: object) -> tuple[
 
 def _size(setpoint: Setpoint) -> Number:
     """The sum of the sizes: NaN or too large if one of the five numbers is."""
-    size_x, size_v, size_a, size_j, size_s = (ops.absolute(each) for each in setpoint)
+    size_x, size_v, size_a, size_j, size_s = (ops.absolute(component) for component in setpoint)
     return size_x + size_v + size_a + size_j + size_s
 
 

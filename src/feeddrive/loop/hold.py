@@ -28,7 +28,7 @@ class Timing(NamedTuple):
         partial = samples > whole
         return ops.both(ops.equal(whole, float(self.whole)), partial if self.partial else ops.no(partial))
 
-    def said(self) -> str:
+    def sentence(self) -> str:
         """In words."""
         return f"{self.whole} whole samples and {'a part of one' if self.partial else 'no part of one'}"
 
@@ -167,24 +167,24 @@ def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -
     first = 2 * n + len(lagging)  # input
     size = first + 3 * len(ports)
     inverse = matrix.solve(mechanics.mass, _joined(mechanics, ports))
-    made = matrix.zeros(size, size)
+    rows = matrix.zeros(size, size)
     share = span / h
     for i in range(n):
-        made[i][n + i] = share
+        rows[i][n + i] = share
         for j in range(n):
-            made[n + i][j] = _times(-(h * span), inverse[i][j])
-            made[n + i][n + j] = _times(-span, inverse[i][n + j])
+            rows[n + i][j] = _times(-(h * span), inverse[i][j])
+            rows[n + i][n + j] = _times(-span, inverse[i][n + j])
         for place in range(len(ports)):
             drive, motor, load = range(first + 3 * place, first + 3 * place + 3)
             acting = 2 * n + lagging.index(place) if place in lagging else drive
             for column, row in zip((acting, motor, load), inverse[i][2 * n + 3 * place :], strict=False):
-                made[n + i][column] = _times(h * span, row)
+                rows[n + i][column] = _times(h * span, row)
     for state, place in enumerate(lagging, 2 * n):
         lag = ports[place].lag
         assert lag is not None
-        made[state][state] = -(lag * span)
-        made[state][first + 3 * place] = lag * span
-    return tuple(tuple(row) for row in made)
+        rows[state][state] = -(lag * span)
+        rows[state][first + 3 * place] = lag * span
+    return tuple(tuple(row) for row in rows)
 
 
 def _columns(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:

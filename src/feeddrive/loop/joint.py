@@ -88,7 +88,10 @@ class Joint:
         zero = ops.zero(next(iter(motions.values())).position_load)
         shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores)
         couplings = zip(self.couplings, prepared.couplings, strict=True)
-        begun = tuple(each.start(made, {name: motions[name] for name in each.axes()}) for each, made in couplings)
+        begun = tuple(
+            coupling.start(coefficients, {name: motions[name] for name in coupling.axes()})
+            for coupling, coefficients in couplings
+        )
         return self.State(named(states), shared, begun)
 
     def motion(self, name: str, state: State) -> Motion:
@@ -100,8 +103,8 @@ class Joint:
         """What the forces of each axis do."""
         return {
             name: axis
-            for core, made in zip(self.cores, prepared.cores, strict=True)
-            for name, axis in zip(core.axes, made.axes, strict=True)
+            for core, core_prepared in zip(self.cores, prepared.cores, strict=True)
+            for name, axis in zip(core.axes, core_prepared.axes, strict=True)
         }
 
     def advance(
@@ -126,7 +129,7 @@ class Joint:
                 )
                 moved.update(after)
                 done.update(steps)
-        mean = {name: _mean(at[name].load, each) for name, each in loads.items()}
+        mean = {name: _mean(at[name].load, coupled) for name, coupled in loads.items()}
         return self.State(named(moved), tuple(shared), tuple(remembered)), done, mean
 
     def _coupled(
@@ -140,17 +143,17 @@ class Joint:
     ) -> dict[str, Push]:
         """The forces of all couplings by axis over a substep, whose middle is given; their states move on."""
         motions: dict[str, Motion] = {}
-        found: dict[str, Push] = {}
-        for i, (coupling, made) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
+        pushes: dict[str, Push] = {}
+        for i, (coupling, coefficients) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
             for name in coupling.axes():
                 if name not in motions:
                     core = self.cores[self._where[name]]
                     motions[name] = core.middle(name, states, shared[self._where[name]], h)
             own = {name: motions[name] for name in coupling.axes()}
-            remembered[i], forces = coupling.step(made, remembered[i], own, middle, h)
+            remembered[i], forces = coupling.step(coefficients, remembered[i], own, middle, h)
             for name, pair in forces.items():
-                found[name] = found.get(name, Push()) + pair
-        return found
+                pushes[name] = pushes.get(name, Push()) + pair
+        return pushes
 
 
 def named(values: Mapping[str, Any]) -> Any:
@@ -170,7 +173,7 @@ def _type(names: tuple[str, ...]) -> Any:
 def _mean(held: Any, coupled: list[Any]) -> Any:
     """The mean force on a table over the sample; None where there is none."""
     total: Any = None
-    for each in coupled:
-        total = each if total is None else total + each
+    for force in coupled:
+        total = force if total is None else total + force
     mean = None if total is None else total / float(len(coupled)) if len(coupled) > 1 else total
     return mean if held is None else held if mean is None else held + mean

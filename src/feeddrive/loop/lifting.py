@@ -58,8 +58,8 @@ class Lifted:
     def poles(self) -> np.ndarray:
         """Eigenvalues over a period, the largest first."""
         product = np.eye(self.samples[0].A.shape[0])
-        for each in self.samples:
-            product = each.A @ product
+        for sample in self.samples:
+            product = sample.A @ product
         poles = np.linalg.eigvals(product)
         return poles[np.argsort(-np.abs(poles))]
 
@@ -70,12 +70,12 @@ class Lifted:
         rows = [self.outputs.index(name) for name in outputs]
         through = np.hstack([np.eye(n), np.zeros((n, N * len(columns)))])
         seen = np.zeros((len(rows), N, through.shape[1]))
-        for k, each in enumerate(self.samples):
+        for k, sample in enumerate(self.samples):
             places = n + k + N * np.arange(len(columns))
-            seen[:, k] = each.C[rows] @ through
-            seen[:, k, places] += each.D[np.ix_(rows, columns)]
-            through = each.A @ through
-            through[:, places] += each.B[:, columns]
+            seen[:, k] = sample.C[rows] @ through
+            seen[:, k, places] += sample.D[np.ix_(rows, columns)]
+            through = sample.A @ through
+            through[:, places] += sample.B[:, columns]
         wide = seen.reshape(-1, through.shape[1])
         return through[:, :n], through[:, n:], wide[:, :n], wide[:, n:]
 
@@ -124,7 +124,7 @@ def images_closed(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def period_of(loop: System) -> int:
     """Samples after which a loop or machine repeats itself: the least common multiple of its laws' periods."""
-    return int(np.lcm.reduce([each.control.law.period() for each in loop.loops().values()]))
+    return int(np.lcm.reduce([axis_loop.control.law.period() for axis_loop in loop.loops().values()]))
 
 
 def lifted(
@@ -147,16 +147,16 @@ def lifted(
     return Lifted(
         tuple(
             StateSpace(
-                each[np.ix_(keep, keep)],
-                each[keep, n:],
-                each[n:, keep],
-                each[n:, n:],
+                jacobian[np.ix_(keep, keep)],
+                jacobian[keep, n:],
+                jacobian[n:, keep],
+                jacobian[n:, n:],
                 samples.sample_time,
                 names,
                 tuple(inputs),
                 tuple(outputs),
             )
-            for each in samples.jacobians
+            for jacobian in samples.jacobians
         )
     )
 

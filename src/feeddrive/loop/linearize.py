@@ -174,11 +174,11 @@ def samples_of_a_period(
 ) -> Samples:
     """Each sample of a period, linearized as in `linearize`, one after the other along constant velocity."""
     check_system(loop)
-    unlimited = {axis: _unlimited(each) for axis, each in loop.loops().items()}
-    if any(unlimited[axis] is not each for axis, each in loop.loops().items()) or isinstance(loop, Machine):
+    unlimited = {axis: _unlimited(axis_loop) for axis, axis_loop in loop.loops().items()}
+    if any(unlimited[axis] is not axis_loop for axis, axis_loop in loop.loops().items()) or isinstance(loop, Machine):
         loop = loop.with_loops(unlimited) if isinstance(loop, Machine) else unlimited[loop.name]
     for name in inputs:
-        _place([f"{port}{each}" for port in loop.ports() for each in INPUT_UNITS], name, "input")
+        _place([f"{port}{signal}" for port in loop.ports() for signal in INPUT_UNITS], name, "input")
     if len(set(inputs)) < len(inputs):
         raise ParameterError(f"an input is named twice in {', '.join(inputs)}: name each once")
     for name in outputs:
@@ -199,7 +199,7 @@ def samples_of_a_period(
     ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]
     sizes = [lengths(program.graph, state.before) for state in program.states]
     n, m = sum(size or 1 for size in sizes), len(inputs)
-    period = math.lcm(*(each.control.law.period() for each in loop.loops().values()))
+    period = math.lcm(*(axis_loop.control.law.period() for axis_loop in loop.loops().values()))
     eye, places = np.eye(n + m), list[str]()
     for state, size in zip(program.states, sizes, strict=True):
         places += [state.name] if size is None else [f"{state.name}[{i}]" for i in range(size)]
@@ -232,7 +232,7 @@ def samples_of_a_period(
         if program.graph.lines:
             reached = _reached([jacobian], n)
             moving = {node: seed for node, seed in seeds.items() if np.any(_cells(seed)[..., reached])}
-            laws = {each.control.law.kind for each in loop.loops().values()}
+            laws = {axis_loop.control.law.kind for axis_loop in loop.loops().values()}
             require_slopes(program.graph, ends, values, seeds, moving, laws)
         if not np.all(np.isfinite(jacobian)):
             raise ParameterError(
@@ -308,10 +308,10 @@ def _after(tangent: Any, state: Mapping[str, Any], name: str, size: int | None, 
     """The rows of the model that give a state after a sample."""
     if size is None:
         return _row(tangent, width)
-    found = np.zeros((size, width))
+    rows = np.zeros((size, width))
     if tangent is not None and tangent.cells is not None:
-        found[_ages(state, name, size)] = tangent.cells
-    return found
+        rows[_ages(state, name, size)] = tangent.cells
+    return rows
 
 
 def _unlimited(loop: Loop) -> Loop:
@@ -329,7 +329,7 @@ def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[f
     """Position and velocity of each axis, from one number for all or numbers by axis."""
     values = {}
     for axis in loop.loops():
-        at, speed = (each.get(axis, 0.0) if isinstance(each, Mapping) else each for each in (position, velocity))
+        at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))
         values[axis] = float(at), float(speed)
     return values
 

@@ -166,15 +166,15 @@ class Machine(Block):
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
         """Each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All are by axis."""
-        found: dict[str, Loop.State] = {}
+        started: dict[str, Loop.State] = {}
         motions: dict[str, Motion] = {}
-        for name, made, held in zip(self.axes(), prepared.control, timing, strict=True):
+        for name, coefficients, held in zip(self.axes(), prepared.control, timing, strict=True):
             at, speed = position[name], velocity[name]
-            found[name] = self.loop(name).started(made, held, setpoint[name], at, speed)
+            started[name] = self.loop(name).started(coefficients, held, setpoint[name], at, speed)
             motions[name] = Motion(at, at, speed, speed)
-        states = {name: each.axis for name, each in found.items()}
+        states = {name: begun_loop.axis for name, begun_loop in started.items()}
         begun = self.joint().start(Joint.Prepared(prepared.cores, prepared.couplings), states, motions)
-        return self.State(named(found), begun.shared, begun.couplings, self.controls().listen(setpoint))
+        return self.State(named(started), begun.shared, begun.couplings, self.controls().listen(setpoint))
 
     def controls(self) -> Controls:
         """The controls of all axes and what runs between them."""
@@ -186,32 +186,32 @@ class Machine(Block):
         """One sample from named inputs such as `x.set_position`; signals by name."""
         T, axes, joint = self.sample_time, self.axes(), self.joint()
         states = dict(zip(axes, state.axis, strict=True))
-        made = Joint.Prepared(prepared.cores, prepared.couplings)
-        columns = joint.columns(made)
+        joint_prepared = Joint.Prepared(prepared.cores, prepared.couplings)
+        columns = joint.columns(joint_prepared)
         moved: dict[str, Axis.State] = {name: held.axis for name, held in states.items()}
         before = Joint.State(named(moved), state.shared, state.couplings)
-        found: dict[str, Any] = {}
-        given: dict[str, Given] = {}
+        read: dict[str, Any] = {}
+        readings: dict[str, Given] = {}
         at: dict[str, Acting] = {}
-        for i, (name, each) in enumerate(axes.items()):
+        for i, (name, axis) in enumerate(axes.items()):
             setpoint, load, enable, probe = inputs_of(inputs, f"{name}.")
             motion = joint.motion(name, before)
-            moved[name], motor, reading = each.axis.read(moved[name], motion, noise_of(noise, i), T)
+            moved[name], motor, reading = axis.axis.read(moved[name], motion, noise_of(noise, i), T)
             motor, reading = probe.read(motor, reading)
-            given[name] = Given(setpoint, motor, reading, enable)
-            found[name] = setpoint, motion, motor, reading, probe, load
-        held = {name: each.control for name, each in states.items()}
-        controls, between, commands = self.controls().step(prepared.control, held, state.coordination, given, T)
-        for name, (*_, probe, load) in found.items():
+            readings[name] = Given(setpoint, motor, reading, enable)
+            read[name] = setpoint, motion, motor, reading, probe, load
+        held = {name: loop.control for name, loop in states.items()}
+        controls, between, commands = self.controls().step(prepared.control, held, state.coordination, readings, T)
+        for name, (*_, probe, load) in read.items():
             force = probe.acting(commands[name].applied)
             at[name], moved[name] = acting(columns[name], moved[name], force, load)
-        after, done, loads = joint.advance(made, before._replace(axis=named(moved)), at, time, T)
+        after, done, loads = joint.advance(joint_prepared, before._replace(axis=named(moved)), at, time, T)
         signals: dict[str, Number] = {}
-        for name, (setpoint, motion, motor, reading, *_) in found.items():
+        for name, (setpoint, motion, motor, reading, *_) in read.items():
             row = reported(setpoint, motion, motor, reading, commands[name], done[name], loads[name])
             signals |= {f"{name}.{signal}": value for signal, value in zip(Signals._fields, row, strict=True)}
         if self.geometry is not None:
-            position = {name: row[1].position_load for name, row in found.items()}
+            position = {name: row[1].position_load for name, row in read.items()}
             signals |= {f"{_TOOL}.{way}": at for way, at in self.geometry.tool(position).items()}
         held = {name: Loop.State(controls[name], axis) for name, axis in zip(axes, after.axis, strict=True)}
         return self.State(named(held), after.shared, after.couplings, between), signals

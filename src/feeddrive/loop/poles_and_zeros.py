@@ -41,7 +41,7 @@ def zeros(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> np.ndarray:
 
     n = A.shape[0]
     scale = max(float(np.linalg.norm(A)), 1.0)  # zeros do not depend on the sizes of input and output
-    wide, tall = (scale / max(float(np.linalg.norm(each)), 1e-300) for each in (b, c))
+    wide, tall = (scale / max(float(np.linalg.norm(vector)), 1e-300) for vector in (b, c))
     pencil = np.block([[A, wide * b[:, None]], [tall * c[None, :], np.array([[wide * tall * d]])]])
     mass = np.zeros((n + 1, n + 1))
     mass[:n, :n] = np.eye(n)

@@ -141,7 +141,7 @@ class Routine:
     names: dict[int, Name]
     makers: dict[int, str]
     memory: str
-    said: dict[str, str]
+    meanings: dict[str, str]
     blocks: tuple[tuple[str, Block], ...]
 
     @property

@@ -38,15 +38,15 @@ class ControllerRun:
         self._prepare()
         first_inputs = dict(zip((v.path for v in routine.inputs), map(np.float64, first), strict=True))
         with np.errstate(all="ignore"):
-            self.state = self._plain.start(self._made, first_inputs)
+            self.state = self._plain.start(self._prepared, first_inputs)
         self._native = self._compiled()
         self._load()
 
     def _prepare(self) -> None:
         self._plain = concrete(self._both)
         with np.errstate(all="ignore"):
-            self._made = self._plain.prepare(self.T)
-        self._numbers = {**dict(tree.leaves(self._plain)), **dict(numbers(self._made, "prepared")), "T": self.T}
+            self._prepared = self._plain.prepare(self.T)
+        self._numbers = {**dict(tree.leaves(self._plain)), **dict(numbers(self._prepared, "prepared")), "T": self.T}
 
     def _compiled(self) -> Native:
         """One sample as machine code."""
@@ -54,24 +54,24 @@ class ControllerRun:
         constants: dict[str, int] = {}
         inputs: dict[str, int] = {}
 
-        def symbol(name: str, found: dict[str, int]) -> Any:
-            made = graph.input(name)
-            found[name] = made.index
-            return made
+        def symbol(name: str, nodes: dict[str, int]) -> Any:
+            node = graph.input(name)
+            nodes[name] = node.index
+            return node
 
         rows = {name: graph.table(name, len(row)) for name, row in tree.tables(self._both)}
         leaves = iter([symbol(name, constants) for name, _ in tree.leaves(self._both)])
         both: Any = tree.with_tables(tree.rebuild(self._both, leaves), rows)
-        made = tree.rebuild(
-            self._made,
-            (v if type(v) is float else symbol(name, constants) for name, v in tree.leaves(self._made, "prepared")),
+        prepared = tree.rebuild(
+            self._prepared,
+            (v if type(v) is float else symbol(name, constants) for name, v in tree.leaves(self._prepared, "prepared")),
         )
         names = [name for name, _ in tree.leaves(self.state)]
         begun = tree.leaves(self.state)
         before = tree.rebuild(self.state, (leaf(graph, f"state.{name}", value) for name, value in begun))
-        given = {v.path: symbol(v.path, inputs) for v in self.routine.inputs}
+        signals = {v.path: symbol(v.path, inputs) for v in self.routine.inputs}
         T = cast(Number, symbol("T", constants))
-        after, values = both.step(made, before, given, T)
+        after, values = both.step(prepared, before, signals, T)
         carried = zip(names, tree.leaves(before), tree.leaves(after), strict=True)
         program = Program(
             graph=graph,
@@ -118,13 +118,13 @@ class ControllerRun:
     def retune(self, changes: Mapping[str, float]) -> None:
         """Other parameters, by path, from the next sample on. Raises ParameterError as the blocks do."""
         self._unload()
-        before, made = self._plain, self._made
+        before, prepared = self._plain, self._prepared
         changed = tree.vary(self._both, changes)
         tree.check_sampled(changed, float(self.T))
         self._both = changed
         self._prepare()
         with np.errstate(all="ignore"):
-            self.state = self._plain.retune(self.state, before, made, self._made)
+            self.state = self._plain.retune(self.state, before, prepared, self._prepared)
         self._load()
 
 

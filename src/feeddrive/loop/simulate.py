@@ -302,12 +302,12 @@ def simulate_batch(
             arithmetic=arithmetic,
         )
 
-    groups = grouped(prepared, native, lanes, count, lambda made: work.inputs(made, 0, min(count, CHUNK)))
+    groups = grouped(prepared, native, lanes, count, lambda code: work.inputs(code, 0, min(count, CHUNK)))
     stretches = range(0, count, CHUNK)
     done = 0
     with ThreadPoolExecutor(threads or cores()) as pool:
         for first in stretches:
-            inputs = work.inputs(groups.made, first, min(CHUNK, count - first))
+            inputs = work.inputs(groups.code, first, min(CHUNK, count - first))
             for size in groups.advance(pool, first, inputs):
                 done += size
                 if progress is not None:

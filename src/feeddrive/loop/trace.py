@@ -74,7 +74,7 @@ def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
+def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Program:
     """The program of a loop or a machine.
 
     `made` and `begun` are what it prepares and its first state, for their structure: the numbers do not matter.
@@ -91,7 +91,7 @@ def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
         constants[name] = symbol.index
         return cast(Number, symbol)
 
-    def given(name: str) -> Number:
+    def signal(name: str) -> Number:
         symbol = graph.input(name)
         inputs[name] = symbol.index
         return cast(Number, symbol)
@@ -99,13 +99,13 @@ def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(system)}
     symbolic = tree.with_tables(tree.rebuild(system, (constant(name) for name, _ in tree.leaves(system))), rows)
     prepared = tree.rebuild(
-        made,
-        (v if type(v) is float else constant(name) for name, v in tree.leaves(made, "prepared")),
+        template,
+        (v if type(v) is float else constant(name) for name, v in tree.leaves(template, "prepared")),
     )
     states = [name for name, _ in tree.leaves(begun)]
     before = tree.rebuild(begun, (leaf(graph, f"state.{name}", value) for name, value in tree.leaves(begun)))
     sample = graph.input("sample")
-    known = {name: given(name) for name in names}
+    known = {name: signal(name) for name in names}
     noise = Noise(constant("seed"), cast(Number, sample))
     after, signals = symbolic.sample(prepared, before, known, noise, cast(Number, sample * symbolic.sample_time))
     carried = tuple(

@@ -248,15 +248,15 @@ def _tangents(
     graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]
 ) -> dict[int, Any]:
     """Those of all nodes that depend on the seeds."""
-    found: dict[int, Any] = dict(seeds)
+    pushed: dict[int, Any] = dict(seeds)
     for index in reachable(graph, outputs):
         node = graph.nodes[index]
         inner = arguments(node)
-        if inner and index not in found:
-            tangents = [found.get(i) for i in inner]
+        if inner and index not in pushed:
+            tangents = [pushed.get(i) for i in inner]
             if any(tangent is not None for tangent in tangents):
-                found[index] = rule(node[0], [values[i] for i in inner], values[index], tangents)
-    return found
+                pushed[index] = rule(node[0], [values[i] for i in inner], values[index], tangents)
+    return pushed
 
 
 def require_slopes(
@@ -283,7 +283,7 @@ def require_slopes(
     if not steep:
         return
     asked = {index: _asked(graph, index) for index in steep}
-    rounding = _rounding(graph, [each for index in steep for each in (index, *asked[index])], values)
+    rounding = _rounding(graph, [node for index in steep for node in (index, *asked[index])], values)
     zeros = [index for index in steep if asked[index] and _at_edge(graph, index, asked[index], values, rounding)]
     if not zeros:
         return
@@ -311,7 +311,11 @@ def _felt(graph: Graph, index: int, outputs: Sequence[int], values: Mapping[int,
     """Whether an output changes with a node."""
     with np.errstate(all="ignore"):
         tangents = push(graph, outputs, values, {index: 1.0})
-    return any(np.any((each.cells if isinstance(each, Ring) else each) != 0.0) for each in tangents if each is not None)
+    return any(
+        np.any((tangent.cells if isinstance(tangent, Ring) else tangent) != 0.0)
+        for tangent in tangents
+        if tangent is not None
+    )
 
 
 def _asked(graph: Graph, index: int) -> tuple[int, ...]:

@@ -64,8 +64,8 @@ class Work:
         self._single = isinstance(system, Loop)
         self._ports = dict(zip(system.loops(), system.ports(), strict=True))
         by_axis = [
-            self._by_axis(each, what)
-            for each, what in (
+            self._by_axis(value, what)
+            for value, what in (
                 (reference, "reference"),
                 (load, "load"),
                 (enable, "enable"),
@@ -80,27 +80,27 @@ class Work:
         self._paths: dict[str, Path] = {}  # by axis
         self._forces: dict[str, np.ndarray] = {}  # by the name of the input
 
-    def _by_axis(self, given: Any, what: str) -> dict[str, Any]:
+    def _by_axis(self, argument: Any, what: str) -> dict[str, Any]:
         if self._single:
-            if what == "reference" and not isinstance(given, Reference):
-                kind = type(given).__name__
+            if what == "reference" and not isinstance(argument, Reference):
+                kind = type(argument).__name__
                 raise ParameterError(
                     f"reference: a block such as SnapLimitedMove, or Recorded for an array, not a {kind}"
                 )
-            return {} if given is None else dict.fromkeys(self._ports, given)
-        if given is not None and not isinstance(given, Mapping):
+            return {} if argument is None else dict.fromkeys(self._ports, argument)
+        if argument is not None and not isinstance(argument, Mapping):
             raise ParameterError(f"{what}: a machine takes one for each axis, by name: {', '.join(self._ports)}")
-        unknown = [axis for axis in given or {} if axis not in self._ports]
+        unknown = [axis for axis in argument or {} if axis not in self._ports]
         if unknown:
             raise ParameterError(
                 f"{what}: the machine has no axis {', '.join(unknown)}; it has {', '.join(self._ports)}"
             )
-        return dict(given or {})
+        return dict(argument or {})
 
     @property
     def duration(self) -> float:
         """Of the longest reference, s."""
-        return max(each.duration for each in self.reference.values())
+        return max(reference.duration for reference in self.reference.values())
 
     def first(self) -> Any:
         """The setpoint at t = 0, as numbers; of a machine by axis."""
@@ -113,7 +113,9 @@ class Work:
         """The longest travel of an axis in m, seen at up to `most` samples, spread over the first `count`."""
         if self._first == 0 and self._count == count:
             return max(path.travel(most) for path in self._paths.values())
-        return max(travel(each.at(_spread(count, most) * self.T).position) for each in self.reference.values())
+        return max(
+            travel(reference.at(_spread(count, most) * self.T).position) for reference in self.reference.values()
+        )
 
     def sample(self, first: int, count: int) -> slice:
         """Sample a stretch, unless the last one holds it, and say where it is in that one."""
@@ -132,12 +134,12 @@ class Work:
 
     def sampled(self, first: int, count: int) -> dict[str, Any]:
         """Setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is kept."""
-        held, found = self.sample(first, count), {}
+        held, inputs = self.sample(first, count), {}
         for axis, port in self._ports.items():
-            found |= {f"{port}{name}": row[held] for name, row in zip(SETPOINT, self._paths[axis].rows, strict=True)}
+            inputs |= {f"{port}{name}": row[held] for name, row in zip(SETPOINT, self._paths[axis].rows, strict=True)}
             for name in (f"{port}load_force", f"{port}added_force"):
-                found[name] = self._forces[name][held] if name in self._forces else np.broadcast_to(0.0, count)
-        return found
+                inputs[name] = self._forces[name][held] if name in self._forces else np.broadcast_to(0.0, count)
+        return inputs
 
     def _along(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
         """The setpoints of a reference; those of a whole run are kept: the next one often follows the same path."""
@@ -159,9 +161,9 @@ class Work:
         out.flags.writeable = False
         return Path(out)
 
-    def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
+    def inputs(self, code: Native, first: int, count: int) -> np.ndarray:
         """Samples first .. first + count - 1 in the order of the machine code, shape (count, n); not to be written."""
-        names = tuple(name for name, _ in made.plan.inputs)
+        names = tuple(name for name, _ in code.plan.inputs)
         begin = SETPOINT.index(names[0]) if self._single and names and names[0] in SETPOINT else 0
         if self._single and names == SETPOINT[begin : begin + len(names)]:
             stretch = self.sample(first, count)

@@ -160,8 +160,8 @@ class Printer:
             self.branch(group)
             return
         kind = self.type(vector, "i1" if self.plan.kinds.truth[index] else "double")
-        each = vector and self.varies(inner[0])
-        condition = f"{self.type(each, 'i1')} {self.names[inner[0]]}"
+        per_lane = vector and self.varies(inner[0])
+        condition = f"{self.type(per_lane, 'i1')} {self.names[inner[0]]}"
         a, b = self.value(inner[1], vector), self.value(inner[2], vector)
         self.names[index] = self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
 

@@ -129,8 +129,10 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
     return unordered
 
 
-def _in_order(made: Plan, needed: list[int], ends: list[int]) -> Plan:
-    return replace(made, order=_ordered(made.graph, needed, ends, made.together, single=made.lanes == 1))
+def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
+    return replace(
+        unordered, order=_ordered(unordered.graph, needed, ends, unordered.together, single=unordered.lanes == 1)
+    )
 
 
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
@@ -227,7 +229,7 @@ ARITHMETIC = ("exact", "libm", "fma")
 
 def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, dict[int, int]]:
     """The graph below the roots in the operations that printers know, and where each old node went."""
-    return rebuilt(graph, roots, lambda made, name, values: composed(made, name, values, arithmetic))
+    return rebuilt(graph, roots, lambda target, name, values: composed(target, name, values, arithmetic))
 
 
 def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> Any:
@@ -279,14 +281,14 @@ def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
         if place is not None:
             costs[place] = costs.get(place, 0) + _COSTS.get(nodes[index][0], 1)
     kept = {branch for branch, cost in costs.items() if cost >= LEAST_COST}
-    found: dict[Branch, list[int]] = {branch: [] for branch in kept}
+    members: dict[Branch, list[int]] = {branch: [] for branch in kept}
     for index in plan.order:
         place = places.get(index)
         while place is not None and place not in kept:
             place = places[place.select]
         if place is not None:
-            found[place].append(index)
-    return found
+            members[place].append(index)
+    return members
 
 
 def _places(plan: Plan) -> dict[int, Branch | None]:
@@ -306,13 +308,13 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
         group = plan.together.get(index, (index,))
         if group[-1] in places and index != group[-1]:
             continue
-        wanted = [branch for each in group for branch in needs[each]]
+        wanted = [branch for node in group for branch in needs[node]]
         place = None if nodes[index][0] in ("get", "put") else _common(wanted, places)
-        for each in group:
-            places[each] = place
-            inner = arguments(nodes[each])
+        for node in group:
+            places[node] = place
+            inner = arguments(nodes[node])
             for position, argument in enumerate(inner):
-                chosen = nodes[each][0] == "select" and position > 0 and inner[1] != inner[2]
+                chosen = nodes[node][0] == "select" and position > 0 and inner[1] != inner[2]
                 needs.setdefault(argument, []).append(Branch(group[0], position) if chosen else place)
     return places
 
