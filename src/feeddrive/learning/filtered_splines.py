@@ -22,8 +22,8 @@ def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
     from scipy.interpolate import BSpline  # not for commands that only read
 
     t = np.arange((degree + 1) * spacing + 1) / spacing
-    found = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)(t)
-    return np.nan_to_num(found)
+    spline = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)(t)
+    return np.nan_to_num(spline)
 
 
 class _Columns:
@@ -38,29 +38,29 @@ class _Columns:
         """Until it has settled."""
         rows = 2 * self.spline.size
         while True:
-            given = np.zeros((rows, 1))
-            given[: self.spline.size, 0] = self.spline
-            found = path.answers(given, phase)[:, 0]
-            above = np.flatnonzero(np.abs(found) > _SETTLED * np.max(np.abs(found)))
-            if not np.all(np.isfinite(found)) or (above[-1] >= rows - 2 and rows > _LONGEST):
+            positions = np.zeros((rows, 1))
+            positions[: self.spline.size, 0] = self.spline
+            answer = path.answers(positions, phase)[:, 0]
+            above = np.flatnonzero(np.abs(answer) > _SETTLED * np.max(np.abs(answer)))
+            if not np.all(np.isfinite(answer)) or (above[-1] >= rows - 2 and rows > _LONGEST):
                 raise ParameterError(
                     f"the answer of the table to one spline has not settled after {rows} samples: the loop is not "
                     f"stable, or hardly damped"
                 )
             if above[-1] < rows - 2:
-                return found[: above[-1] + 1]
+                return answer[: above[-1] + 1]
             rows *= 2
 
     def matrix(self, first: int, last: int, begin: int, end: int, *, answered: bool = True) -> np.ndarray:
         """Rows begin .. end of the splines (or their answers) first .. last; spline i begins at row i · spacing."""
-        found = np.zeros((end - begin, last - first))
+        columns = np.zeros((end - begin, last - first))
         for i in range(first, last):
             at = i * self.spacing
             column = self.answers[at % self.period] if answered else self.spline
             low, high = max(at, begin), min(at + column.size, end)
             if low < high:
-                found[low - begin : high - begin, i - first] = column[low - at : high - at]
-        return found
+                columns[low - begin : high - begin, i - first] = column[low - at : high - at]
+        return columns
 
 
 def filtered_splines(
@@ -108,9 +108,9 @@ def filtered_splines(
     else:
         p = _slid(columns, shifted, first, last, window, max(1, window // 4) if kept is None else kept)
     at = np.zeros(rows)
-    for i, each in enumerate(p, start=first):
+    for i, coefficient in enumerate(p, start=first):
         low, high = max(i * spacing, 0), min(i * spacing + columns.spline.size, rows)
-        at[low:high] += each * columns.spline[low - i * spacing : high - i * spacing]
+        at[low:high] += coefficient * columns.spline[low - i * spacing : high - i * spacing]
     return changed(wanted[0] + at, wanted, T, around)
 
 
@@ -144,11 +144,11 @@ def _least(Psi: np.ndarray, right: np.ndarray, ridge: float) -> np.ndarray:
 
     size = np.sqrt(np.sum(Psi**2, axis=0))
     there = size > _SETTLED * np.max(size)
-    found = np.zeros(Psi.shape[1])
+    coefficients = np.zeros(Psi.shape[1])
     rows = [Psi[:, there] / size[there]]
     if ridge > 0.0:
         rows.append(ridge * np.eye(int(there.sum())))
     full = np.concatenate([right, np.zeros(rows[-1].shape[0] if ridge > 0.0 else 0)])
     solved: Any = lstsq(np.vstack(rows), full, lapack_driver="gelsy")
-    found[there] = solved[0] / size[there]
-    return found
+    coefficients[there] = solved[0] / size[there]
+    return coefficients

@@ -37,20 +37,23 @@ COLUMNS = tuple(name for name in declarations(DisturbanceCompensator) if name no
 
 def compensator(loop: Loop) -> DisturbanceCompensator:
     """The disturbance compensator of a loop. Raises StructureError if there is none, or more than one."""
-    found = [block for block in loop.control.feedforward if isinstance(block, DisturbanceCompensator)]
-    if len(found) != 1:
-        what = "none" if not found else f"{len(found)} of them"
+    compensators = [block for block in loop.control.feedforward if isinstance(block, DisturbanceCompensator)]
+    if len(compensators) != 1:
+        what = "none" if not compensators else f"{len(compensators)} of them"
         raise StructureError(
             f"control.feedforward: iterative feedforward tunes the one disturbance_compensator of a control, and there "
             f"is {what}: add one with the parameters to tune, 0 for a start (`begin_compensation`)"
         )
-    return found[0]
+    return compensators[0]
 
 
 def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
     """The loop with this compensator in place of its present one, or after its other feedforward."""
-    others = tuple(block if isinstance(each, DisturbanceCompensator) else each for each in loop.control.feedforward)
-    if not any(each is block for each in others):
+    others = tuple(
+        block if isinstance(feedforward, DisturbanceCompensator) else feedforward
+        for feedforward in loop.control.feedforward
+    )
+    if not any(feedforward is block for feedforward in others):
         others = (*others, block)
     return dataclasses.replace(loop, control=dataclasses.replace(loop.control, feedforward=others))
 
@@ -72,22 +75,24 @@ def begin_compensation(
         if name not in COLUMNS:
             raise ParameterError(f"columns: there is no '{name}'; there are {known}")
     chosen = _usual(loop) if columns is None else tuple(columns)
-    given: dict[str, float] = dict.fromkeys(chosen, 0.0)
+    parameters: dict[str, float] = dict.fromkeys(chosen, 0.0)
     kept = []
     for block in loop.control.feedforward:
         if isinstance(block, Inertia):
-            given |= {"mass": block.mass, "viscous": block.viscous}
+            parameters |= {"mass": block.mass, "viscous": block.viscous}
         elif isinstance(block, DisturbanceCompensator):
-            given |= block.parameters()
+            parameters |= block.parameters()
             stribeck_velocity = stribeck_velocity or block.stribeck_velocity
         else:
             kept.append(block)
-    if "stribeck" in given and stribeck_velocity is None:
+    if "stribeck" in parameters and stribeck_velocity is None:
         raise ParameterError(
             "columns: 'stribeck' needs the velocity at which the extra level has fallen to 1/e (stribeck_velocity in "
             "m/s > 0 m/s): some mm/s on most guideways"
         )
-    block = DisturbanceCompensator(**given, stribeck_velocity=stribeck_velocity if "stribeck" in given else None)
+    block = DisturbanceCompensator(
+        **parameters, stribeck_velocity=stribeck_velocity if "stribeck" in parameters else None
+    )
     control = dataclasses.replace(loop.control, feedforward=(*kept, block))
     return dataclasses.replace(loop, control=control)
 
@@ -246,8 +251,10 @@ def regressors(
     T = float(loop.sample_time)
     seen = _prefiltered(loop, setpoint)
     count = np.asarray(seen.position).size
-    found = block.regressors(seen, T)
-    phi = np.column_stack([np.broadcast_to(found[name], count) for name in names]) if names else np.zeros((count, 0))
+    regressors = block.regressors(seen, T)
+    phi = (
+        np.column_stack([np.broadcast_to(regressors[name], count) for name in names]) if names else np.zeros((count, 0))
+    )
     return names, phi.astype(np.float64), np.asarray(seen.shifted(0.5 * T).velocity, dtype=np.float64)
 
 
@@ -308,21 +315,21 @@ def _least(block: DisturbanceCompensator, name: str, least_mass: float) -> float
 
 def _remarks(loop: Loop) -> list[str]:
     """Remarks on the control that concern the meaning of the parameters."""
-    law, said = loop.control.law, list[str]()
+    law, remarks = loop.control.law, list[str]()
     share = dict(tree.leaves(law)).get("velocity_feedforward")
     if share is not None and share != 1.0:
-        said.append(
+        remarks.append(
             f"the law feeds {number(share)} of the set velocity forward and not all of it, so that `viscous` and "
             "`mass` also compensate for the missing part: they are not properties of the axis, and are valid for "
             "these gains only"
         )
     if law.period() > 1:
-        said.append(
+        remarks.append(
             f"the slow part of the law runs every {law.period()} samples, so that its command comes late, and `mass` "
             f"and `viscous` also compensate for that: they are not properties of the axis, and are valid for these "
             f"gains and rates only"
         )
-    return said
+    return remarks
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -39,13 +39,13 @@ class SetPath:
         """The table, m, shape (n, columns), for set positions of that shape, all 0 before; row 0 is sample `phase`."""
         velocity = np.diff(positions, axis=0, prepend=0.0) / self.sample_time
         x = np.zeros((self.samples[0].A.shape[0], positions.shape[1]))
-        found = np.empty(positions.shape)
+        table = np.empty(positions.shape)
         for k in range(positions.shape[0]):
-            each = self.samples[(phase + k) % self.period]
+            sample = self.samples[(phase + k) % self.period]
             u = np.stack([positions[k], velocity[k]])
-            found[k] = (each.C @ x + each.D @ u)[0]
-            x = each.A @ x + each.B @ u
-        return found
+            table[k] = (sample.C @ x + sample.D @ u)[0]
+            x = sample.A @ x + sample.B @ u
+        return table
 
 
 def set_path(loop: Loop, *, velocity: float = 0.05) -> SetPath:
@@ -90,5 +90,5 @@ def changed(positions: np.ndarray, wanted: np.ndarray, sample_time: float, lead:
     """
     if not np.all(np.isfinite(positions)):
         raise ParameterError("the changed set positions are not finite: the model of the loop is not stable")
-    both = (Recorded(position=each, sample_time=sample_time) for each in (positions, wanted))
+    both = (Recorded(position=row, sample_time=sample_time) for row in (positions, wanted))
     return ChangedReference(*both, lead=lead * sample_time)

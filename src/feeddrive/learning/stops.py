@@ -27,7 +27,7 @@ def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
     """
     T = float(loop.sample_time)
     control = loop.control
-    others = tuple(each for each in control.feedforward if "friction" not in each.fed())
+    others = tuple(block for block in control.feedforward if "friction" not in block.fed())
     bare = replace(loop, control=replace(control, feedforward=others))
     run = simulate(bare, _swings(_center(loop), T), seed=seed, record=["reading_load", "force"], name="swings")
     log = MotionLog(
@@ -44,8 +44,8 @@ def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
         delay=HOLD + float(loop.axis.actuator.delay()) / T,
         reversals=True,
     )
-    found = learned_stops(log, mass=float(loop.axis.plant.rigid_mass()), how=how)
-    return replace(bare, control=replace(bare.control, feedforward=(*others, found.stops))), found
+    learned = learned_stops(log, mass=float(loop.axis.plant.rigid_mass()), how=how)
+    return replace(bare, control=replace(bare.control, feedforward=(*others, learned.stops))), learned
 
 
 def _center(loop: Loop) -> float:

@@ -87,12 +87,12 @@ class PrefilterFit(Result):
 
     def correlation(self, error: np.ndarray) -> dict[str, float]:
         """Of an error with every derivative of the reference that is not zero, over the counted samples."""
-        found: dict[str, float] = {}
+        correlations: dict[str, float] = {}
         for name in REGRESSORS:
             column = getattr(self.setpoint, name)[self.counted]
             if np.ptp(column) > 0.0 and np.ptp(error[self.counted]) > 0.0:
-                found[name] = float(np.corrcoef(error[self.counted], column)[0, 1])
-        return found
+                correlations[name] = float(np.corrcoef(error[self.counted], column)[0, 1])
+        return correlations
 
     def table(self) -> Table:
         """One row a regressor; the last columns are correlations with the error, and with what is left of it."""
@@ -171,7 +171,7 @@ def fit_prefilter_to_log(
     Raises LogError also for a clock that is not the controller's, for a reference that is not that of the log, and for
     set positions that are rounded too coarsely for a derivative.
     """
-    time, set_position, position = (np.asarray(each, dtype=float) for each in (time, set_position, position))
+    time, set_position, position = (np.asarray(signal, dtype=float) for signal in (time, set_position, position))
     if control is not None:
         _check_clock(name, sample_time, float(control.sample_time))
         limit = control.control.force_limit
@@ -220,11 +220,11 @@ def _check_limit(name: str, limited: np.ndarray, time: np.ndarray) -> None:
         )
 
 
-def _check_clock(name: str, found: float, wanted: float) -> None:
-    off = abs(found / wanted - 1.0)
+def _check_clock(name: str, actual: float, wanted: float) -> None:
+    off = abs(actual / wanted - 1.0)
     if off > LIMIT_CLOCK:
         raise LogError(
-            f"{name}: its sample time {Quantity(found, 's'):9 SI} is not the controller's, "
+            f"{name}: its sample time {Quantity(actual, 's'):9 SI} is not the controller's, "
             f"{Quantity(wanted, 's'):9 SI}: they differ by {Quantity(off, 'share'):3}, at most "
             f"{Quantity(LIMIT_CLOCK, 'share'):6} is admitted; record on the controller's clock, "
             f"{Quantity(wanted, 's'):9 SI}, or name the machine file of this controller"
@@ -276,13 +276,13 @@ def _fit(
     present: TrajectoryPrefilter | None,
 ) -> PrefilterFit:
     chosen = _known(regressors)
-    columns = np.column_stack([np.asarray(getattr(setpoint, each), dtype=float) for each in chosen])
+    columns = np.column_stack([np.asarray(getattr(setpoint, regressor), dtype=float) for regressor in chosen])
     largest = np.max(np.abs(columns), axis=0, initial=0.0)
-    for each, size in zip(chosen, largest, strict=True):
+    for regressor, size in zip(chosen, largest, strict=True):
         if size == 0.0:
             there = ", ".join(other for other, s in zip(chosen, largest, strict=True) if s > 0.0)
             raise LogError(
-                f"{name}: the reference has no {each} (0 {_si(each)}, > 0 is needed), so that its part cannot be "
+                f"{name}: the reference has no {regressor} (0 {_si(regressor)}, > 0 is needed), so that its part cannot be "
                 f"identified: take a reference that has it, or only the regressors {there or 'of one that moves'}"
             )
     scaled = columns / largest
@@ -296,7 +296,7 @@ def _fit(
     rows, target = scaled[counted], error[counted]
     condition, weakest = _condition(rows)
     if not condition <= LARGEST_CONDITION:
-        together = [each for each, part in zip(chosen, weakest, strict=True) if abs(part) > 0.2]
+        together = [regressor for regressor, part in zip(chosen, weakest, strict=True) if abs(part) > 0.2]
         raise LogError(
             f"{name}: {' and '.join(together)} cannot be told apart in this motion (condition {number(condition, 3)}, "
             f"at most {number(LARGEST_CONDITION)} is admitted): leave one out, or take a move with dwells and plateaus"

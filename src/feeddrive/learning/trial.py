@@ -37,15 +37,15 @@ def differenced(name: str, position: np.ndarray, sample_time: float, needed: Seq
         raise LogError(f"{name}: {position.size} rows are too few for a fourth difference: at least 6 are needed")
     rounding = _rounding(position)
     rests = np.ptp(np.lib.stride_tricks.sliding_window_view(position, 5), axis=1) == 0.0
-    found: dict[str, np.ndarray] = {}
-    for each, (weights, order) in _WEIGHTS.items():
+    derivatives: dict[str, np.ndarray] = {}
+    for derivative, (weights, order) in _WEIGHTS.items():
         values = np.zeros(position.size)
-        if each in needed:
+        if derivative in needed:
             taken = np.convolve(position, weights[::-1], mode="valid") / sample_time**order
             values[2:-2] = np.where(rests, 0.0, taken)
-            _check_rounding(name, each, values, rounding, float(np.linalg.norm(weights)) / sample_time**order)
-        found[each] = values
-    return Setpoint(position, **found)  # type: ignore[arg-type]
+            _check_rounding(name, derivative, values, rounding, float(np.linalg.norm(weights)) / sample_time**order)
+        derivatives[derivative] = values
+    return Setpoint(position, **derivatives)  # type: ignore[arg-type]
 
 
 def _rounding(position: np.ndarray) -> float:
@@ -119,7 +119,7 @@ class Trial(Result):
 
     def table(self) -> Table:
         """Duration, travel, speed, acceleration and error."""
-        x, v, a = (np.asarray(each) for each in self.setpoint[:3])
+        x, v, a = (np.asarray(derivative) for derivative in self.setpoint[:3])
         largest = [float(np.ptp(x)), *(float(np.max(np.abs(values))) for values in (v, a))]
         columns = [
             "trial",
@@ -272,10 +272,10 @@ def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
         pulse[pulse.size // 2] = step / np.sqrt(12.0)
         noise = float(np.linalg.norm(_acceleration(pulse, width, T)))
         if noise <= _NOISE * float(np.sqrt(np.mean(_acceleration(x, width, T) ** 2))):
-            said = Text(
+            remark = Text(
                 f"the set position was rounded to {Quantity(step, 'm'):6 SI} and is averaged over ±{2 * width} samples"
             )
-            return width, (said,) if width else ()
+            return width, (remark,) if width else ()
     raise LogError(
         f"the set position is rounded to {Quantity(step, 'm'):6 SI}, which hides its acceleration at a sample time of "
         f"{Quantity(T, 's'):6}: log it with more digits"

@@ -87,7 +87,12 @@ class Trials(Result):
         declared = self.iterations[0].before
         curves: list[tuple[str, str, str, Sequence[float | None]]] = [
             ("RMS", "m", "", [trial.rms for trial in self.trials]),
-            ("predicted", "m", "", [None, *(each.predicted_rms for each in self.iterations[: len(self.trials) - 1])]),
+            (
+                "predicted",
+                "m",
+                "",
+                [None, *(iteration.predicted_rms for iteration in self.iterations[: len(self.trials) - 1])],
+            ),
             ("peak", "m", "", [trial.peak for trial in self.trials]),
         ]
         for name, values in self.parameters().items():
@@ -145,7 +150,7 @@ def iterate_trials(
         if j == trials - 1:
             break
         tuner = loop if believed is None else compensated(believed, compensator(loop))
-        found = next_iteration(
+        iteration = next_iteration(
             tuner,
             shown[-1],
             form=form,
@@ -156,8 +161,8 @@ def iterate_trials(
             least_mass=least_mass,
             saturation=saturation,
         )
-        learned.append(found)
-        loop = compensated(loop, found.after)
+        learned.append(iteration)
+        loop = compensated(loop, iteration.after)
         loops.append(loop)
     return Trials(tuple(shown), tuple(learned), tuple(loops))
 
@@ -249,7 +254,7 @@ def learn_signal(
 
 def _played(loop: Loop, force: np.ndarray) -> Loop:
     """The loop that adds the force; it ends with 0."""
-    others = tuple(each for each in loop.control.compensation if not isinstance(each, LearnedForce))
+    others = tuple(block for block in loop.control.compensation if not isinstance(block, LearnedForce))
     block = LearnedForce(force=np.append(force, 0.0))
     return dataclasses.replace(loop, control=dataclasses.replace(loop.control, compensation=(*others, block)))
 
@@ -350,8 +355,8 @@ def iterate_machine(
 
     def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
         trial = simulated_trial(run, reference)
-        found = next_iteration(loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass)
-        return compensated(loop, found.after), found.after
+        iteration = next_iteration(loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass)
+        return compensated(loop, iteration.after), iteration.after
 
     def begun(loop: Loop) -> Loop:
         return begin_compensation(loop, columns)
@@ -382,8 +387,8 @@ def tune_prefilters(
         return held
 
     def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
-        found = fit_prefilter(run, reference, regressors=regressors, present=present(loop)).prefilter
-        return dataclasses.replace(loop, control=dataclasses.replace(loop.control, prefilter=found)), found
+        prefilter = fit_prefilter(run, reference, regressors=regressors, present=present(loop)).prefilter
+        return dataclasses.replace(loop, control=dataclasses.replace(loop.control, prefilter=prefilter)), prefilter
 
     def begun(loop: Loop) -> Loop:
         present(loop)
@@ -405,14 +410,14 @@ def _repeated(
     """Run after run, with what each axis learned from the one before."""
     if runs < 2:
         raise ParameterError(f"runs = {runs} must be >= 2: the first shows the error, the second what was learned")
-    moving = [name for name, each in references.items() if _moves(each, float(machine.sample_time))]
+    moving = [name for name, reference in references.items() if _moves(reference, float(machine.sample_time))]
     if not moving:
         raise ParameterError("references: no axis moves, so that there is nothing to learn")
     machine = machine.with_loops({name: begun(machine.loop(name)) for name in moving})
     along = [name for name in moving if not machine.axes()[name].axis.rotary]
     there = set(machine.signals())
-    record = [f"{name}.{each}" for name in machine.axes() for each in _RECORDED]
-    record += [each for each in ("tool.x", "tool.y", "tool.z") if each in there]
+    record = [f"{name}.{signal}" for name in machine.axes() for signal in _RECORDED]
+    record += [signal for signal in ("tool.x", "tool.y", "tool.z") if signal in there]
     error: dict[str, list[float]] = {name: [] for name in moving}
     contour: list[tuple[float, float]] = []
     remarks: dict[str, str] = {}
@@ -423,8 +428,8 @@ def _repeated(
         for name in moving:
             error[name].append(float(np.sqrt(np.mean(run[f"{name}.following_error"] ** 2))))
         if 2 <= len(along) <= 3:
-            found = contour_error(run, axes=tuple(along), signal="position_load")
-            contour.append((float(found.largest), float(found.rms)))
+            deviation = contour_error(run, axes=tuple(along), signal="position_load")
+            contour.append((float(deviation.largest), float(deviation.rms)))
         if j == runs - 1:
             break
         loops: dict[str, Loop] = {}
@@ -438,7 +443,7 @@ def _repeated(
     return MachineTrials(
         {name: np.array(row) for name, row in error.items()},
         tuple(contour),
-        {name: each for name, each in blocks.items() if each is not None},
+        {name: block for name, block in blocks.items() if block is not None},
         machine,
         tuple(remarks.values()),
     )

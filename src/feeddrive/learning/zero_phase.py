@@ -91,17 +91,17 @@ def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
     model, T = set_path(loop), float(loop.sample_time)
     path = inverse_path(model)
     wanted = sampled(reference, T, path.preview, round(_SETTLING / T))
-    given = path.filtered(wanted)
-    before, after = (_left(model, each, wanted) for each in (wanted, given))
+    filtered = path.filtered(wanted)
+    before, after = (_left(model, positions, wanted) for positions in (wanted, filtered))
     if not after < before:
         raise ParameterError(
             f"the model of the loop itself is {Quantity(after, 'm')} off the path with this inverse, and "
             f"{Quantity(before, 'm')} without: polynomials of degree {path.A.size - 1} have lost their digits; take "
             "filtered splines"
         )
-    return changed(given, wanted, T, path.preview)
+    return changed(filtered, wanted, T, path.preview)
 
 
-def _left(model: SetPath, given: np.ndarray, wanted: np.ndarray) -> float:
+def _left(model: SetPath, positions: np.ndarray, wanted: np.ndarray) -> float:
     """m: largest distance of the model's table from the wanted path."""
-    return float(np.max(np.abs(model.answers((given - wanted[0])[:, None])[:, 0] - (wanted - wanted[0]))))
+    return float(np.max(np.abs(model.answers((positions - wanted[0])[:, None])[:, 0] - (wanted - wanted[0]))))
