@@ -283,7 +283,8 @@ def _fit(
             there = ", ".join(other for other, s in zip(chosen, largest, strict=True) if s > 0.0)
             raise LogError(
                 f"{name}: the reference has no {regressor} (0 {_si(regressor)}, > 0 is needed), so that its part "
-                f"cannot be identified: take a reference that has it, or only the regressors {there or 'of one that moves'}"
+                f"cannot be identified: take a reference that has it, or only the regressors "
+                f"{there or 'of one that moves'}"
             )
     scaled = columns / largest
     counted = np.max(np.abs(scaled), axis=1) > REST
