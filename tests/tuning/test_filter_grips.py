@@ -17,8 +17,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.by_hand import ByHand
-from feeddrive.tuning.filter_grips import filter_dragged, filter_grips, filter_stepped
-from feeddrive.tuning.filter_pack import filter_response
+from feeddrive.tuning.filters import filter_dragged, filter_grips, filter_response, filter_stepped
 from feeddrive.tuning.operating_point import modelled_point
 
 PACK = (

@@ -18,19 +18,14 @@ from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.lifting import compliance, loop_gain
-from feeddrive.tuning import traced_control
+from feeddrive.tuning import control_response
 from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.closed_loop import answer, encircles, unstable
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import Criteria
-from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point, response_on
+from feeddrive.tuning.criteria import Criteria, Limits
+from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point, response_on, smoothed
 from feeddrive.tuning.search import Search, least_quadratic
-from feeddrive.tuning.smoothing import smoothed
-from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import assess, tune_control
-from feeddrive.tuning.tuned import two_digits
-from feeddrive.tuning.tuner import Tuner
+from feeddrive.tuning.tune import Tuner, assess, law_tunables, tune_control, two_digits
 from random_drives import outcome
 from slow_share import all_but
 

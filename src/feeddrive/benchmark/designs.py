@@ -23,7 +23,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import Candidate, Refusal
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.tune import Tuned
 
 STALE = 1e-4  # of a figure: a design whose figures have moved by more belongs to another law, plant or rule
 _LARGEST = 1_000_000  # bytes of a file

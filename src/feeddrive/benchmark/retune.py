@@ -14,7 +14,7 @@ from feeddrive.comparison.tune_all import Tuning, tuned_all
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.language.progress import Progress
 from feeddrive.tuning.candidates import PLAIN, Candidate, candidates
-from feeddrive.tuning.tunables import own_tunables
+from feeddrive.tuning.tune import own_tunables
 
 
 def searched(plant: Plant, laws: Sequence[str] = ()) -> list[Candidate]:

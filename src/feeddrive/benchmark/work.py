@@ -29,7 +29,7 @@ from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, candidates
 from feeddrive.tuning.recipes import RECIPES
-from feeddrive.tuning.tunables import own_tunables
+from feeddrive.tuning.tune import own_tunables
 
 ROBUST = f"{SENSITIVITY_PEAK.key}_varied"
 # units of a plant's numbers that are wrong together, and the power of the share that they take: a frequency is a root

@@ -9,7 +9,7 @@ from feeddrive.comparison.figures import CRITERIA, beats
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.quantity import number
 from feeddrive.tuning.candidates import PLAIN
-from feeddrive.tuning.tuned import two_digits
+from feeddrive.tuning.tune import two_digits
 
 _NAMED = 4  # criteria in which a law is worse that are named, the worst first
 

@@ -20,10 +20,10 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.tuning.closed_loop import Figures, answer, figures
 from feeddrive.tuning.control_response import ControlResponse, Response
-from feeddrive.tuning.limits import Judged, Limits, judged
+from feeddrive.tuning.criteria import Judged, Limits, judged
+from feeddrive.tuning.filters import HIGHEST
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.proof import ROOM
-from feeddrive.tuning.tunables import HIGHEST
 
 _LARGEST = 1e30  # of a response: figures have its square, pictures are drawn in single precision
 _WIDE = 30.0  # a range reaches from a thirtieth of the value to thirty times it

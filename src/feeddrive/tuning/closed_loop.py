@@ -17,7 +17,7 @@ from feeddrive.figures.of_loops import SENSITIVITY_PEAK
 from feeddrive.figures.slopes import Reading, force_noise_of
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
-from feeddrive.tuning.control_response import Response
+from feeddrive.tuning.control_response import READINGS, Response
 from feeddrive.tuning.operating_point import OperatingPoint
 
 _DEEPEST, _LINES = 1e-3, 40  # of the first line: lower end of the extension, and its number of lines
@@ -185,7 +185,7 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     samples = _with_effect(samples)
     n, many = samples.shape[1] - 1, axis.A.shape[0]
     force = axis.inputs.index("cut")
-    read = [axis.outputs.index(reading) for reading in ("reading_motor", "reading_load")]
+    read = [axis.outputs.index(reading) for reading in READINGS]
     C = axis.C[read]
     steps = np.zeros((len(samples), many + n, many + n))
     steps[:, many:, :many], steps[:, many:, many:] = samples[:, :n, n:] @ C, samples[:, :n, :n]

@@ -27,7 +27,7 @@ from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.closed_loop import Figures
-from feeddrive.tuning.limits import Limits, judged
+from feeddrive.tuning.criteria import Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint
 
 _DENSE = 400  # lines a decade

@@ -21,8 +21,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import Figures, figures
 from feeddrive.tuning.control_response import ControlResponse, Response
-from feeddrive.tuning.criteria import Criteria
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 
 _OFF = 1e-9  # a gain that counts as zero

@@ -13,8 +13,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.tuning.criteria import Criteria, Evaluation
-from feeddrive.tuning.limits import Bound
+from feeddrive.tuning.criteria import Bound, Criteria, Evaluation
 
 
 def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
