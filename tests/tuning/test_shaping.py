@@ -124,7 +124,7 @@ def test_machine_code_of_the_model_has_the_bits_of_python(screw: fd.Loop, monkey
         x = np.array([float(tree.get(control, name)) for name in names])
         found: list[list[np.ndarray]] = []
         for calls in (10**9, 0):  # never machine code, and always
-            monkeypatch.setattr(traced_control, "PAYS_AFTER", calls)
+            monkeypatch.setattr(control_response, "PAYS_AFTER", calls)
             response = ControlResponse(control, 5e-5, names)
             answered = response.at(x, np.geomspace(1.0, 9e3, 20))
             found.append([answered.value, answered.slope])
