@@ -51,7 +51,9 @@ class Knob:
 
 
 def knobs(control: Control, sample_time: float) -> tuple[Knob, ...]:
-    """All numbers of law, observers, filters, feedforward and compensation; not those of guard and force limit."""
+    """Return all numbers of the law, observers, filters, feedforward and compensation, without those of guard and force
+    limit.
+    """
     return tuple(_knobs(control, sample_time))
 
 
@@ -75,7 +77,7 @@ def _knobs(control: Control, sample_time: float) -> Iterator[Knob]:
 
 
 def _kind(control: Control, name: str) -> str:
-    """The kind of the block in which a number stands."""
+    """Return the kind of the block that holds a number."""
     kind, held = control.kind, cast("Any", control)
     for part in name.split(".")[:-1]:
         held = held[int(part)] if isinstance(held, tuple) else getattr(held, part)
@@ -85,7 +87,7 @@ def _kind(control: Control, name: str) -> str:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A figure against its limit, at the point and the frequency that leave least room.
+    """A figure against its limit, at the point and frequency with the least margin.
 
     frequency  Hz; None where the figure has none, as the force noise
     used       share of the limit that is used up: above 1 it is broken
@@ -98,7 +100,7 @@ class Verdict:
 
     @property
     def keeps(self) -> bool:
-        """Whether the limit is kept."""
+        """True if the limit is kept."""
         return self.judged.keeps
 
     @property
@@ -113,7 +115,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Look:
-    """A control at some values: its figures at each point, and each limit at the point that keeps it worst.
+    """A control at one set of values: its figures at each point, and each limit at its worst point.
 
     judged  that which uses most of its limit first
     """
@@ -123,18 +125,20 @@ class Look:
 
     @cached_property
     def stable(self) -> bool:
-        """At every point."""
+        """True if the loop is stable at every point."""
         return all(loop.stable for loop in self.figures)
 
     @cached_property
     def leading(self) -> Figures:
-        """The point that decides: one that is not stable, else that which uses most of a limit, else the largest Ms."""
+        """The point that decides: an unstable one, else the one that uses most of a limit, else the one with the
+        largest Ms.
+        """
         worst = self.judged[0].point if self.judged and self.stable else ""
         return max(self.figures, key=lambda loop: (not loop.stable, loop.point == worst, loop.margins.sensitivity_peak))
 
 
 class ByHand:
-    """A control at operating points, traced once: looks at other values cost some milliseconds.
+    """A control at operating points, traced once: an evaluation at other values takes some milliseconds.
 
     limits  that are judged at every look; the point that leaves least room leads
     """
@@ -157,11 +161,11 @@ class ByHand:
 
     @property
     def values(self) -> dict[str, float]:
-        """The numbers to begin with, by name."""
+        """The start values by name."""
         return {knob.name: knob.value for knob in self.knobs}
 
     def control(self, values: Mapping[str, float]) -> Control:
-        """The control at other numbers.
+        """Return the control with other values.
 
         Raises ParameterError for one that is unknown, outside of its bounds, or not to be had at a sample time.
         """
@@ -171,7 +175,7 @@ class ByHand:
         return varied
 
     def at(self, values: Mapping[str, float], limits: Limits | None = None) -> Look:
-        """The loop at all points, judged by its own limits or by others.
+        """Return the loop at all points, judged by the stored limits or by others.
 
         Raises ParameterError for a number outside of its bounds, and for a control without a finite response there.
         """
@@ -188,7 +192,8 @@ class ByHand:
         return Look(loops, tuple(sorted(worst, key=lambda verdict: -verdict.used)))
 
     def model(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
-        """[A B; c d] of the control at some values, and its slopes to named numbers; None for one with two rates.
+        """Return [A B; c d] of the control at some values, and its slopes to named numbers; None for a law with two
+        rates.
 
         At the sample time of the first point.
         """
@@ -212,6 +217,6 @@ def _drawable(frf: FRF) -> bool:
 
 
 def _verdicts(limits: Limits, loop: Figures) -> list[Verdict]:
-    """Each limit at one point."""
+    """Return the verdict on each limit at one point."""
     judgments = judged(limits, loop, ROOM)
     return [Verdict(one, loop.point, one.limit.declared.where(loop), one.used) for one in judgments]

@@ -1,4 +1,4 @@
-"""Start values for every law that can control an axis, and for each of the others the reason why it cannot.
+"""Start values for every law that can control an axis, and the reason for each law that cannot.
 
 The laws are those of the catalogue: each computes its own start values (`Law.begin`), and each compensation declares
 with which laws it can be combined (`goes_beside`).
@@ -56,7 +56,7 @@ class Refusal:
 
 
 def axis_model(loop: Loop) -> AxisModel:
-    """The model of the axis of a loop from which every law computes its start values."""
+    """Return the model of a loop's axis from which every law computes its start values."""
     axis = loop.axis
     mechanics = axis.mechanics()
     along = mechanics.rigid_motion()
@@ -81,15 +81,15 @@ def axis_model(loop: Loop) -> AxisModel:
 
 
 def _reading_noise(loop: Loop) -> float:
-    """Standard deviation in m of the reading that the velocity is taken from: of its counts, q/√12, and its noise."""
+    """Return the standard deviation in m of the reading behind the velocity: quantization, q/√12, and noise."""
     motor, load = loop.axis.encoder_motor, loop.axis.encoder_load
     first, other = (motor, load) if getattr(loop.control.law, "velocity_encoder", "motor") == "motor" else (load, motor)
     return reading_deviation(other if first is None else first)
 
 
 def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-    """Every law of the catalogue and those of one's own on the axis of a loop, P-PI first: what can be tuned, and what
-    is refused.
+    """Return every law of the catalogue and every user-defined law on the axis of a loop, P-PI first: those that can be
+    tuned, and those refused.
 
     Filters, limit, guard, friction feedforward and the encoder of the velocity are those of the present control.  Each
     law has feedforward of acceleration and velocity: its own, that of the present control, or else that of the axis's
@@ -119,7 +119,8 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
 
 
 def control_with(loop: Loop, kind: str) -> Control:
-    """The control of a loop with another law, by kind, at the start values of its tuning; of several forms the first.
+    """Return the control of a loop with another law, by kind, at the start values of its tuning; of several forms the
+    first.
 
     Raises ParameterError with the reason if the law cannot control the axis.
     """
@@ -136,13 +137,15 @@ def control_with(loop: Loop, kind: str) -> Control:
 
 
 def _companions(law: type[Law]) -> tuple[type[Feedforward] | type[Compensation] | type[Prefilter], ...]:
-    """Compensations that are combined with a law, in the order of the report."""
+    """Return the blocks that are combined with a law, in the order of the report."""
     blocks = (*members(Feedforward).values(), *members(Compensation).values(), *members(Prefilter).values())
     return tuple(block for block in blocks if block.goes_beside(law))
 
 
 def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
-    """A loop with another law; filters and friction feedforward are kept, terms that the law feeds itself removed."""
+    """Return a loop with another law; filters and friction feedforward are kept, terms that the law feeds itself are
+    removed.
+    """
     law, own = start.law, start.feedforward
     taken = {*law.feeds} if own is None else {*law.feeds, *_MOTION}
     blocks = [kept for block in loop.control.feedforward if (kept := _without(block, taken)) is not None]
@@ -157,7 +160,7 @@ def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
 def _beside(
     base: Candidate, block: type[Feedforward] | type[Compensation] | type[Prefilter], axis: AxisModel
 ) -> Iterator[Candidate | Refusal]:
-    """A candidate with one block more, in each of its forms; or why not."""
+    """Yield a candidate with one more block, in each of its forms, or the reason for a refusal."""
     control, name = base.loop.control, f"{base.name} + {block.title}"
     try:
         if issubclass(block, Prefilter):
@@ -202,7 +205,8 @@ def _beside(
 
 
 def _learning(loop: Loop, told: Feedforward) -> Loop:
-    """The loop with a compensator that learns, with the columns of one that is told the axis's friction.
+    """Return the loop with a learning compensator that uses the same basis functions as one given the axis's friction
+    model.
 
     Without a column for what friction is more at rest, which acts where an acceleration begins, the mass takes a part
     of it, another one in each trial.
@@ -225,7 +229,7 @@ def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) ->
 
 
 def _without(block: Feedforward, taken: set[str]) -> Feedforward | None:
-    """A feedforward block without the terms that are fed forward already; None if no term is left."""
+    """Return a feedforward block without the terms that are fed forward already; None if no term is left."""
     fed = set(block.fed())
     if not fed & taken:
         return block

@@ -41,7 +41,7 @@ class TracedControl:
     _walks: dict[tuple[str, ...], Walk] = field(default_factory=dict)
 
     def walk(self, tunables: tuple[str, ...]) -> Walk:
-        """Numbers and slopes of the entries for a set of tunables; kept, with its machine code."""
+        """Return the evaluator of entries and slopes for a set of tunables; it is kept, with its machine code."""
         return self._walks.setdefault(tunables, Walk(self, tunables))
 
 
@@ -49,12 +49,12 @@ _traced: Recent[TracedControl] = Recent(64)
 
 
 def traced_control(control: Control, begun: Any) -> TracedControl:
-    """The linear model of one sample of a control in the state `begun`; kept by structure."""
+    """Return the linear model of one sample of a control in the state `begun`; kept by structure."""
     return _traced.get(tree.structure(control), lambda: _trace(control, begun))
 
 
 def _trace(control: Control, begun: Any) -> TracedControl:
-    """One sample of the control on symbols, and its forward slopes to states and readings, on symbols as well."""
+    """Trace one sample of the control on symbols, with its forward slopes to states and readings."""
     graph = Graph()
 
     def symbol(name: str) -> Number:
@@ -84,7 +84,7 @@ def _trace(control: Control, begun: Any) -> TracedControl:
 
 
 class Walk:
-    """The entries of a traced control and their slopes to tunables, at numbers for all inputs.
+    """The evaluator of the entries of a traced control and their slopes to tunables.
 
     The first points of a structure are computed in Python, later ones by machine code of the same graph and of its
     slopes on symbols, with the same bits: a hundred to a thousand times quicker.
@@ -98,7 +98,8 @@ class Walk:
         self._native: tuple[Native, list[str]] | None = None
 
     def at(self, leaves: Mapping[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Entries (points, entries) and slopes to the tunables (points, entries, tunables), empty if not wanted.
+        """Return the entries (points, entries) and slopes to the tunables (points, entries, tunables); empty slopes if
+        not wanted.
 
         leaves  all inputs of the trace by name: numbers, or a number for each point
         """
@@ -130,7 +131,7 @@ class Walk:
         return values, slopes
 
     def _compiled(self) -> tuple[Native, list[str]]:
-        """Machine code of the entries and of their slopes to each tunable, and the names of its inputs."""
+        """Return machine code of the entries and of their slopes to each tunable, and the names of its inputs."""
         graph = self.traced.graph
         values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
         ends = [*self._nodes]
@@ -151,7 +152,7 @@ class Walk:
 
 
 def needed(traced: TracedControl) -> list[int]:
-    """The states that depend on a reading and act on the force."""
+    """Return the indices of the states that depend on a reading and act on the force."""
     n = len(traced.states)
     links = {(i, j) for i, j, _ in traced.entries}
     reached = {i for i, j in links if j >= n and i < n}
@@ -229,7 +230,9 @@ class ControlResponse:
             return control.start(control.prepare(self.T), setpoint, before, before, np.float64(self.velocity))
 
     def images(self, axis: Axis | None, frequency: np.ndarray) -> np.ndarray | None:
-        """The axis at the images f + k/(NT) of lines in Hz, shape (2, lines, N - 1); None for a law with one rate."""
+        """Return the axis at the images f + k/(NT) of lines in Hz, shape (2, lines, N - 1); None for a law with one
+        rate.
+        """
         if self.period == 1 or axis is None:
             return None
         rate = 1.0 / self.T
@@ -239,7 +242,7 @@ class ControlResponse:
         return np.where(beyond, np.conj(response), response)
 
     def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """[A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables).
+        """Return [A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables).
 
         Of the first sample of a period.
         """
@@ -250,7 +253,7 @@ class ControlResponse:
         return matrices[0], slopes[0]
 
     def _matrices(self, leaves: dict[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """[A B; c d] of some points, and slopes; empty if they are not wanted."""
+        """Return [A B; c d] of some points, and slopes; empty slopes if not wanted."""
         values, changes = self._walk.at(leaves, points, with_slopes=with_slopes)
         n, (rows, columns, _) = len(self._traced.states), zip(*self._traced.entries, strict=True)
         matrices, slopes = np.zeros((points, n + 1, n + 2)), np.zeros((points, n + 1, n + 2, changes.shape[2]))
@@ -259,7 +262,7 @@ class ControlResponse:
         return matrices[:, keep][:, :, wide], slopes[:, keep][:, :, wide]
 
     def _require_slopes(self, values: Sequence[float] | np.ndarray) -> None:
-        """Raise NoSlopeError, with the line of the law, if that is why a model is not finite."""
+        """Raise NoSlopeError, with the line of the law, if a missing slope makes the model infinite or NaN."""
         traced, columns = self._traced, [*(f"state.{name}" for name in self._traced.states), *READINGS]
         ends, eye = [*traced.after, traced.force], np.eye(len(columns))
         numbers = node_values(traced.graph, ends, self._leaves([*map(np.float64, values)]))
@@ -268,12 +271,12 @@ class ControlResponse:
         require_slopes(traced.graph, ends, numbers, seeds, seeds, {self.control.law.kind})
 
     def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """`model` of all samples of a period, in one walk: (N, n + 1, n + 2), and slopes if they are wanted."""
+        """Return `model` of all samples of a period in one evaluation: (N, n + 1, n + 2), and slopes if wanted."""
         leaves = self._leaves([*map(np.float64, values)]) | self._followed()
         return self._matrices(leaves, self.period, with_slopes=with_slopes)
 
     def _followed(self) -> dict[str, np.ndarray]:
-        """The states before each sample of a period: what differs among them is where in the period they are."""
+        """Return the states before each sample of a period: they differ in their place within the period only."""
         if self._states is None:
             traced, leaves = (
                 self._traced,
@@ -290,11 +293,11 @@ class ControlResponse:
         return self._states
 
     def models(self, values: np.ndarray) -> np.ndarray:
-        """[A B; c d] at many values of the tunables (points, tunables), in one walk, without slopes."""
+        """Return [A B; c d] at many values of the tunables (points, tunables) in one evaluation, without slopes."""
         return self._matrices(self._leaves([*values.T]), len(values), with_slopes=False)[0]
 
     def _leaves(self, values: Sequence[Any]) -> dict[str, Any]:
-        """All inputs of the trace, with the tunables at numbers or at arrays of one length."""
+        """Return all inputs of the trace, with the tunables as numbers or as arrays of one length."""
         return {
             **dict(tree.leaves(self.control)),
             **dict(zip(self.tunables, values, strict=True)),
@@ -307,12 +310,12 @@ class ControlResponse:
         }
 
     def _kept(self) -> tuple[list[int], list[int]]:
-        """Rows and columns of a model without the states that do not count."""
+        """Return rows and columns of a model without the states that have no effect."""
         n = len(self._traced.states)
         return [*self._live, n], [*self._live, n, n + 1]
 
     def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
-        """Whether the control has a pole at z = 1: it then compensates a constant force completely."""
+        """True if the control has a pole at z = 1: it then compensates a constant force completely."""
         product = np.eye(len(self._live))
         for matrix in self.model(values)[:1] if self.period == 1 else self._samples(values, with_slopes=False)[0]:
             product = matrix[:-1, :-2] @ product
@@ -328,7 +331,7 @@ class ControlResponse:
         near: bool = False,
         slopes: bool = True,
     ) -> Response:
-        """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite.
+        """Return the response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite.
 
         images  of the axis on these lines (`images`), for a law with two rates; without them its images are not closed
                 by an axis, which makes no difference far below its own rate
@@ -340,7 +343,7 @@ class ControlResponse:
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
-        """The response of one of `models` on lines in Hz, without slopes. Raises ParameterError as `at` does."""
+        """Return the response of one of `models` on lines in Hz, without slopes. Raises ParameterError as `at` does."""
         return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def _over_a_period(
@@ -351,7 +354,7 @@ class ControlResponse:
         near: bool,
         with_slopes: bool,
     ) -> Response:
-        """`at` for a control with a slow part, some lines at a time."""
+        """Compute `at` for a law with two rates, in blocks of lines."""
         big, slopes, samples = self._kept_lifted(values, with_slopes)
         N, n = self.period, big.shape[0] - self.period
         if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
@@ -375,13 +378,13 @@ class ControlResponse:
         return Response(value, slope, unstable, np.concatenate([part[2] for part in parts]), N, samples)
 
     def of_a_period(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
-        """[A B; c d] of each sample of a period, shape (N, n + 1, n + 2)."""
+        """Return [A B; c d] of each sample of a period, shape (N, n + 1, n + 2)."""
         return self._kept_lifted(values, False)[2]
 
     def _kept_lifted(
         self, values: Sequence[float] | np.ndarray, with_slopes: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`_lifted`, kept for the lines of the goal and those below it, which come in turns."""
+        """Return `_lifted`, cached: the lines of the goal and those below them ask for it in turn."""
         key = (np.asarray(values, float).tobytes(), with_slopes)
         if self._last is None or self._last[0] != key:
             self._last = key, self._lifted(values, with_slopes)
@@ -390,7 +393,8 @@ class ControlResponse:
     def _lifted(
         self, values: Sequence[float] | np.ndarray, with_slopes: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """[A B; C D] from period to period: states and forces of all samples over states and readings of all samples.
+        """Return [A B; C D] from period to period: states and forces of all samples over states and readings of all
+        samples.
 
         And its slopes, by the product rule, sample by sample; and the model of each sample.
         """
@@ -413,7 +417,7 @@ class ControlResponse:
 
 
 def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
-    """The response of a linear model [A B; c d] of a control, and its slopes, on lines z."""
+    """Return the response of a linear model [A B; c d] of a control, and its slopes, on lines z."""
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
         raise ParameterError("the linear model of the control holds numbers that are not finite")
     n = matrix.shape[0] - 1
@@ -436,7 +440,9 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
 def _closed_by(
     big: np.ndarray, slopes: np.ndarray, turns: np.ndarray, cycles: np.ndarray, axis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """C(f) and its slopes by the axis at the images, and det(1 + L) of them; `cycles` f T of the lines."""
+    """Return C(f) and its slopes, with the axis closed at the images, and det(1 + L) of the images; `cycles` is f T of
+    the lines.
+    """
     lines, N, many = *turns.shape[:2], slopes.shape[2]
     n, K = big.shape[0] - N, axis.shape[2]
     A, B, C, D = big[:n, :n], big[:n, n:], big[n:, :n], big[n:, n:]

@@ -74,23 +74,23 @@ class Limits:
         return None if limit is None else limit.bound
 
     def having(self, *limits: Limit, reading_noise: tuple[float, float] | None = None) -> Limits:
-        """Return these limits with others in place of those of the same figures."""
+        """Return these limits, with others replacing those of the same figures."""
         bounds: dict[str, float | None] = {figure.key: self.bound(figure) for figure in limitable()}
         bounds |= {limit.figure.key: limit.bound for limit in limits}
         noise = self.reading_noise if reading_noise is None else reading_noise
         return Limits((), reading_noise=noise, snap_force=self.snap_force, **bounds)
 
     def eased(self, figure: Figure, factor: float) -> Limits:
-        """Return the same limits with that of a figure wider by a factor."""
+        """Return the same limits, with that of one figure relaxed by a factor."""
         limit = self.limit(figure)
         return self if limit is None else self.having(limit.eased(factor))
 
     def sentence(self) -> Text:
-        """All limits, as a clause."""
+        """Return all limits as a clause."""
         return joined(", ", map(self.text, self.limits)) or Text("stability alone")
 
     def text(self, limit: Limit) -> Text:
-        """One limit, as a clause."""
+        """Return one limit as a clause."""
         return Text(f"{limit.text} at {self._readings()}") if limit.declared.noise else limit.text
 
     def _readings(self) -> str:
@@ -110,12 +110,12 @@ class Judged(NamedTuple):
 
     @property
     def figure(self) -> Figure:
-        """What is limited."""
+        """The figure that is limited."""
         return self.limit.figure
 
     @property
     def used(self) -> float:
-        """How much of its limit the figure uses up: more than 1 exceeds it, 0 if the figure does not occur."""
+        """The share of its limit that the figure uses: above 1 it exceeds the limit; 0 if the figure does not occur."""
         return self.limit.used(self.value)
 
     @property
@@ -130,7 +130,7 @@ class Judged(NamedTuple):
 
 
 def judged(limits: Limits, loop: JudgedLoop, room: float) -> tuple[Judged, ...]:
-    """Return the figures of a stable loop against each limit, `room` a share of the limit as tolerance.
+    """Return the figures of a stable loop against each limit, with `room` as tolerance, a share of the limit.
 
     A force noise that is not known is not checked.  A phase margin counts by its size: in a stable loop a negative one
     says that L passes -1 on its other side, as near as a positive one.
@@ -162,12 +162,12 @@ class Bound(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """What is limited, in words."""
+        """The title of the limited figure."""
         return NOTCH if self.figure is None else self.figure.title
 
 
 def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
-    """Return all bounds of a point that are near; without slopes only the nearest along the lines."""
+    """Return all bounds of a point that are close to violation; without slopes only the closest along the lines."""
     bounds: list[tuple[tuple[int, int], Bound]] = []
     for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
         assert figure.limit is not None
@@ -180,7 +180,9 @@ def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
-    """The bound that a notch attenuates: damping_zero <= damping_pole, at the logarithms x of the tunables."""
+    """Return the bounds that keep a notch attenuating: damping_zero <= damping_pole, at the logarithms x of the
+    tunables.
+    """
     bounds: list[Bound] = []
     for i, block in enumerate(control.filters):
         names = [f"filters.{i}.{field}" for field in ("damping_zero", "damping_pole")]
@@ -202,12 +204,12 @@ _FEWEST = 50  # lines that are left at least where every so many are taken
 
 
 def some(lines: np.ndarray, every: int) -> np.ndarray:
-    """Every so many of the lines and the last, if enough are left; else all."""
+    """Return every `every`-th line and the last one, if enough are left; else all."""
     return np.union1d(lines[::every], lines[-1:]) if lines.size >= every * _FEWEST else lines
 
 
 class Evaluation(NamedTuple):
-    """The goal of each point (less is better), its slope, and the bounds."""
+    """Stability, the goal of each point (lower is better) with its slope, and the bounds."""
 
     stable: bool
     goal: np.ndarray  # (points,)
@@ -247,18 +249,18 @@ class Criteria:
 
     @property
     def count(self) -> int:
-        """Number of points that were computed."""
+        """The number of evaluated points."""
         return len(self._known)
 
     def answers(self, x: np.ndarray) -> list[Answer]:
-        """The closed loops at logarithms of the tunables; slopes are to the logarithms."""
+        """Return the closed loops at logarithms of the tunables; slopes are to the logarithms."""
         values = np.exp(x)
         if self.control.period > 1:
             return self._of_two_rates(values)
         return self._answers(self.control.at(values, self._lines), values)
 
     def _of_two_rates(self, values: np.ndarray, *, look: bool = False) -> list[Answer]:
-        """The closed loops of a control with two rates, whose response depends on the axis as well."""
+        """Return the closed loops of a control with two rates, whose response depends on the axis as well."""
 
         def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
             over_a_period = self.control.at(values, frequency, images, near=self.near, slopes=not look)
@@ -270,7 +272,7 @@ class Criteria:
         ]
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
-        """The closed loops of a control whose response on all lines is given."""
+        """Return the closed loops of a control whose response on all lines is given."""
         parts = [
             whole._replace(value=whole.value[:, place], slope=whole.slope[:, place] * values) for place in self._places
         ]
@@ -280,7 +282,7 @@ class Criteria:
         ]
 
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
-        """The figures at many points (points, tunables), without slopes; None where there are none.
+        """Yield the figures at many points (points, tunables), without slopes; None where there are none.
 
         The control is computed once for all of them, so that a look costs a fraction of a step of the search.  With two
         rates each is computed by itself, on every fourth line only and with the nearest images.
@@ -310,14 +312,14 @@ class Criteria:
                 yield None
 
     def __call__(self, x: np.ndarray) -> Evaluation:
-        """The figures at a point; each is computed once."""
+        """Return the figures at a point; repeated calls are answered from memory."""
         key = np.asarray(x, float).tobytes()
         if key not in self._known:
             self._known[key] = self.judged(x, self.answers(x))
         return self._known[key]
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
-        """Goal and bounds of closed loops."""
+        """Return goal and bounds of closed loops."""
         stable = not any(unstable(loop) for loop in answers)
         goals = [self._goal(loop) for loop in answers]
         bounds: list[Bound] = []
@@ -334,7 +336,7 @@ class Criteria:
         )
 
     def _goal(self, loop: Answer) -> Slope:
-        """Logarithm of the quantity to minimize, its slope, and the Gauss-Newton part of its curvature.
+        """Return the logarithm of the quantity to minimize, its slope, and the Gauss-Newton part of its curvature.
 
         A goal that does not measure how long the axis takes to return would sacrifice the position gain for a
         negligible benefit. So a fiftieth of the rope-snap error is added to it.
@@ -349,7 +351,7 @@ class Criteria:
 
 
 def _to_logarithms(response: Response, values: np.ndarray) -> Response:
-    """With slopes to the logarithms of the tunables."""
+    """Return the response with slopes to the logarithms of the tunables."""
     return response._replace(slope=response.slope * values)
 
 
@@ -362,7 +364,9 @@ _GAP = 1.6  # ratio of two neighboring lines around a crossover
 
 
 def distances(bounds: Sequence[Bound]) -> np.ndarray:
-    """Slack over standard deviation of each separate bound: of neighboring frequencies only the nearest bound."""
+    """Return slack over standard deviation of each independent bound: of neighboring frequencies only the closest
+    bound.
+    """
     left = sorted((b for b in bounds if b.deviation > 0.0), key=lambda b: b.slack / b.deviation)
     kept: list[Bound] = []
     for bound in left:
@@ -374,19 +378,19 @@ def distances(bounds: Sequence[Bound]) -> np.ndarray:
 
 
 def chance(bounds: Sequence[Bound]) -> float:
-    """The probability that all bounds hold: Π Φ(slack/σ), for noise that is normal and independent."""
+    """Return the probability that all bounds hold: Π Φ(slack/σ), for independent normal noise."""
     return _all_below(distances(bounds))
 
 
 def _all_below(deviations: np.ndarray) -> float:
-    """The probability that as many independent normal numbers are each below theirs."""
+    """Return the probability that independent standard normal numbers are each below the given ones."""
     from scipy.special import ndtr
 
     return float(np.prod(ndtr(deviations)))
 
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
-    """The number of standard deviations to keep in place of `sure`, so that all bounds hold with the confidence."""
+    """Return the number of standard deviations, instead of `sure`, with which all bounds hold at the confidence."""
     separate = distances(bounds)
     if not separate.size:
         return sure
@@ -404,7 +408,7 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
 
 
 def require_covered(answers: Sequence[Answer]) -> None:
-    """Raise NotIdentifiableError, with the band, where lines are missing that a tuning needs.
+    """Raise NotIdentifiableError, naming the band, if lines that a tuning needs are missing.
 
     Below: the lowest crossover must lie above twice the first line.  Around it, from half to twice, two lines
     may not be further apart than a factor 1.6.  Above: the loop gain must have fallen to 0.3 at the last line, unless
@@ -439,7 +443,7 @@ def require_covered(answers: Sequence[Answer]) -> None:
 
 
 def require_good(answers: Sequence[Answer], sure: float) -> None:
-    """Raise NotIdentifiableError, with the band, where the noise is too large for a tuning.
+    """Raise NotIdentifiableError, naming the band, if the noise is too large for a tuning.
 
     Evaluation up to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
     """

@@ -37,17 +37,17 @@ _HALVINGS = 20
 
 
 def filter_kinds() -> tuple[str, ...]:
-    """All kinds of filters, those of one's own too."""
+    """Return all kinds of filters, including user-defined ones."""
     return tuple(members(Filter))  # type: ignore[type-abstract]
 
 
 def written_filter(block: Filter) -> str:
-    """A filter as the command line takes it: notch:frequency=164.0,damping_zero=0.05,damping_pole=0.5."""
+    """Return a filter in the syntax of the command line: notch:frequency=164.0,damping_zero=0.05,damping_pole=0.5."""
     return f"{block.kind}:{','.join(f'{name}={value!r}' for name, value in tree.leaves(block))}"
 
 
 def read_filter(text: str) -> Filter:
-    """The filter of a text as `written_filter` gives it, in SI; fields that are left out have their defaults.
+    """Return the filter of a text in the syntax of `written_filter`, in SI; omitted fields have their defaults.
 
     Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
     """
@@ -55,7 +55,7 @@ def read_filter(text: str) -> Filter:
 
 
 def read_block(family: type[B], text: str) -> B:
-    """A block of a family as the command line takes it, by its numbers in SI: cascade_ppi:Kv=38,Kp=9e4.
+    """Return a block of a family from the syntax of the command line, its numbers in SI: cascade_ppi:Kv=38,Kp=9e4.
 
     Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
     """
@@ -85,7 +85,7 @@ def read_block(family: type[B], text: str) -> B:
 
 
 def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) -> np.ndarray:
-    """The gain of a filter on lines in Hz, from its own step: H = c (z - A)⁻¹ b + d, z = e^(j2πfT)."""
+    """Return the gain of a filter on lines in Hz, from its own step: H = c (z - A)⁻¹ b + d, z = e^(j2πfT)."""
     prepared = block.prepare(sample_time)
     rest = block.start(prepared, 0.0)
     count = sum(1 for _ in tree.leaves(rest))
@@ -103,7 +103,7 @@ def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) ->
 
 
 def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None = None) -> Filter:
-    """A filter with start values for a loop gain: at a frequency in Hz, or where it is likely to be wanted.
+    """Return a filter with start values for a loop gain: at a frequency in Hz, or where it is likely to be needed.
 
     A filter that passes high frequencies begins at the resonance beyond the crossover that brings the loop nearest to
     -1, of those that stand out of the loop gain by 3 dB; without one at three times the crossover.  Where it would take
@@ -149,7 +149,9 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
 
 
 def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
-    """The least value from low to high that is admitted, of values that are from some place on; the highest if none."""
+    """Return the smallest admissible value from low to high, if admissibility rises with the value; the highest if none
+    is.
+    """
     if admits(low):
         return low
     for _ in range(_HALVINGS):
@@ -159,7 +161,7 @@ def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def _resonance(loop: Margins, crossover: float) -> float:
-    """Hz of that peak of |L| beyond its crossover which brings the loop nearest to -1."""
+    """Return the frequency in Hz of the peak of |L| beyond its crossover that comes closest to -1."""
     from scipy.signal import find_peaks  # not with every command
 
     beyond = loop.loop_gain.frequency > crossover
@@ -174,7 +176,7 @@ def _resonance(loop: Margins, crossover: float) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """What leads from one control to another: filters are removed by place, others added behind, then numbers set.
+    """The edits from one control to another: filters removed by index, others appended, then numbers set.
 
     removed  places in the old pack
     added    behind those that are left
@@ -187,12 +189,12 @@ class Difference:
 
     @property
     def nothing(self) -> bool:
-        """The controls are equal."""
+        """True if the controls are equal."""
         return not (self.removed or self.added or self.values)
 
 
 def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filter]) -> Control:
-    """The control without filters at some places of its pack, and with others behind.
+    """Return the control without the filters at some indices of its pack, and with others appended.
 
     Raises ParameterError for a place that there is not.
     """
@@ -205,7 +207,7 @@ def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filte
 
 
 def difference(before: Control, after: Control) -> Difference | None:
-    """What leads from one control to another; None if they differ in more than filters and numbers.
+    """Return the edits from one control to another; None if they differ in more than filters and numbers.
 
     Which filters stay is that of `aligned`.
     """
@@ -225,15 +227,15 @@ def _same_tables(one: Any, other: Any) -> bool:
 
 
 def aligned(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...]:
-    """Places of the old blocks that stay, in order, and become the first of the new ones: as many as possible, of
-    several ways that with the fewest other numbers.
+    """Return the indices of the old blocks that stay, in order, and become the first of the new ones: as many as
+    possible, and among these the choice with the fewest changed numbers.
     """
     ways = (_kept(before, after[:count]) for count in range(len(after), 0, -1))
     return next((way for way in ways if way is not None), ())
 
 
 def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | None:
-    """Places of the old blocks that become all the new ones, in their order; None if they do not go."""
+    """Return the indices of the old blocks that become all the new ones, in order; None if that is impossible."""
     best: dict[int, tuple[int, tuple[int, ...]]] = {0: (0, ())}  # numbers that differ and places, by how many are done
     for i, old in enumerate(before):
         for done in sorted(best, reverse=True):
@@ -254,7 +256,7 @@ _ACROSS, _UP = 1.02, 0.5  # a step of a key: a factor of the frequency, dB
 
 
 class _Height(NamedTuple):
-    """A damping ratio that the gain of its filter at one of its frequencies is proportional to, or its inverse."""
+    """A damping ratio that sets the gain of its filter at one of its frequencies, in proportion or inversely."""
 
     damping: str
     rising: bool
@@ -270,7 +272,7 @@ _HEIGHTS: Mapping[tuple[type[Filter], str], _Height] = {
 
 @dataclass(frozen=True)
 class Grip:
-    """A place in the open loop at which a filter is held.
+    """A draggable point of a filter on the open loop gain.
 
     name   filters.0.frequency, or filters.0.width for the edge of a notch
     x, y   Hz, and dB on |L|; of a width on |L| at the middle of the notch
@@ -289,7 +291,7 @@ class Grip:
 
 
 def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[Grip, ...]:
-    """All grips of the filter pack on a loop gain: each frequency of a filter, and the upper edge of a notch.
+    """Return all grips of the filter pack on a loop gain: each frequency of a filter, and the upper edge of a notch.
 
     The edge lies where a notch that is deep attenuates by 3 dB, at f (ζ + √(1 + ζ²)) with ζ its damping_pole.
     """
@@ -324,7 +326,8 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
 def filter_dragged(
     control: Control, name: str, x: float, y: float | None, loop: Margins, sample_time: float
 ) -> dict[str, float]:
-    """The numbers of a filter whose grip is taken to a frequency in Hz and a height on |L| in dB; None keeps the depth.
+    """Return the numbers of a filter whose grip is dragged to a frequency in Hz and a height on |L| in dB; None keeps
+    the depth.
 
     loop is that of the control.  The loop gain at the grip is y afterwards, as far as the damping ratios go: a notch
     attenuates, from 0 to 60 dB.  The width of a notch changes both of its damping ratios, and not its depth.
@@ -355,7 +358,7 @@ def filter_dragged(
 def filter_stepped(
     control: Control, name: str, across: float, up: float, loop: Margins, sample_time: float
 ) -> dict[str, float]:
-    """The numbers after some steps of the keys: 2 % of the frequency or the width across, 0.5 dB upwards."""
+    """Return the numbers after steps of the arrow keys: 2 % of the frequency or the width across, 0.5 dB upwards."""
     _, part, block = _held(control, name)
     if part == WIDTH:
         ratio = float(block.damping_pole) * _ACROSS ** (across + up)  # type: ignore[attr-defined]
@@ -385,7 +388,7 @@ def _frequencies(block: Filter) -> list[str]:
 
 
 def _edge(block: Notch, sample_time: float) -> float:
-    """The upper edge in Hz; the lower one if that lies too near half the sample rate."""
+    """Return the upper edge in Hz; the lower one if the upper lies too near half the sample rate."""
     f, ratio = float(block.frequency), float(block.damping_pole)
     apart = ratio + float(np.sqrt(1.0 + ratio * ratio))
     return f * apart if f * apart <= HIGHEST_FILTER / sample_time else f / apart
@@ -397,7 +400,7 @@ def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:
 
 
 def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
-    """Both damping ratios of a notch whose poles get another one; the depth stays."""
+    """Return both damping ratios of a notch for another damping ratio of its poles; the depth stays."""
     assert isinstance(block, Notch)
     wanted = _digits(min(max(ratio, _NARROWEST), _WIDEST))
     depth = float(block.damping_zero) / float(block.damping_pole)
@@ -405,7 +408,7 @@ def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
 
 
 def _on(loop: Margins, frequency: float, *, cut: bool = True) -> float:
-    """|L| in dB at a frequency in Hz; `cut` for what is drawn."""
+    """Return |L| in dB at a frequency in Hz; `cut` bounds it below, for drawing."""
     f, L = loop.loop_gain.frequency, loop.loop_gain.response
     k = min(max(int(np.searchsorted(f, frequency)), 1), f.size - 1)
     x, low, high = np.log(np.array([frequency, f[k - 1], f[k]]))
@@ -418,7 +421,7 @@ _gains: Recent[complex] = Recent(256)
 
 
 def _gain(block: Filter, frequency: float, sample_time: float) -> complex:
-    """Of a filter at a frequency in Hz; kept, since of many filters one is moved."""
+    """Return the gain of a filter at a frequency in Hz; cached, since only one of many filters moves at a time."""
     key = tree.structure(block), tuple(value for _, value in tree.leaves(block)), frequency, sample_time
     return _gains.get(key, lambda: complex(filter_response(block, np.array([frequency]), sample_time)[0]))
 

@@ -30,7 +30,7 @@ _VARIANCE = 4  # lines on both sides over which the measured variance is average
 def smoothed(
     frequency: np.ndarray, response: np.ndarray, variance: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The response and the variance after smoothing on the `wanted` lines, by index.
+    """Return the response and its remaining variance after smoothing, on the `wanted` lines, by index.
 
     Around each line a function with one resonance is fitted, by least squares weighted with the variance:
 
@@ -183,7 +183,7 @@ class OperatingPoint:
     coherence: np.ndarray | None = None
 
     def chosen(self, keep: np.ndarray) -> OperatingPoint:
-        """The point on some of its lines, by index."""
+        """Return the point on some of its lines, by index."""
         return replace(
             self,
             frequency=self.frequency[keep],
@@ -197,7 +197,7 @@ class OperatingPoint:
         )
 
     def sparse(self) -> np.ndarray:
-        """Indices of the lines that a search needs: dense where the response bends, sparse elsewhere."""
+        """Return the indices of the lines that a search needs: dense where the response bends, sparse elsewhere."""
         x = np.log(self.frequency)
         shape = np.log(np.abs(self.by_force[1]) * self.frequency**2) + 1j * np.unwrap(np.angle(self.by_force[1]))
         if self.variance is not None and x.size > _WIDTH:  # the remaining noise must not count as curvature
@@ -210,13 +210,13 @@ class OperatingPoint:
 
 
 def response_on(point: OperatingPoint, control: Control, velocity: float = 0.05) -> Response:
-    """The response of a control on all lines of a point."""
+    """Return the response of a control on all lines of a point."""
     response = ControlResponse(control, point.sample_time, (), velocity)
     return response.at((), point.frequency, response.images(point.by_force_at, point.frequency))
 
 
 def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FRF:
-    """The position loop of a cascade, opened at its velocity command, around the closed velocity loop.
+    """Return the position loop of a cascade, opened at its velocity command, around the closed velocity loop.
 
     whole, inner  the responses of the control with and without position loop, on the lines of the point
 
@@ -234,7 +234,7 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
 
 
 def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:
-    """The axis of a loop that moves with `velocity` (m/s), its dead time, current loop and encoders with it."""
+    """Return the axis of a loop that moves with `velocity` (m/s), with its dead time, current loop and encoders."""
     model = linearize(
         loop, ["cut", "load_force"], ["reading_motor", "reading_load", "position_load"], velocity=velocity
     )
@@ -281,7 +281,7 @@ def measured_point(
     name: str = "measured",
     averages: int = AVERAGES,
 ) -> OperatingPoint:
-    """The axis behind measured responses, in m/N on the same lines.
+    """Return the operating point of measured responses, in m/N on the same lines.
 
     load, motor   from the commanded force to the readings; with one encoder leave `motor` out
     disturbance   from a force on the table (a hammer's) to the readings of load and motor; without it stiffness and
@@ -358,13 +358,15 @@ def measured_point(
 
 
 def _coherence(both: Sequence[FRF], inside: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
-    """The smaller of those that were measured."""
+    """Return the smallest of the measured coherences; None if there is none."""
     known = [frf.coherence[inside][wanted] for frf in both if frf.coherence is not None]
     return np.minimum.reduce(known) if known else None
 
 
 def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
-    """A measured response at any frequency: ln |X| and phase straight over ln f, beyond the lines a free mass, 1/f²."""
+    """Return a function that gives a measured response at any frequency: ln |X| and phase interpolated linearly in ln
+    f, extrapolated as a free mass (1/f²).
+    """
     x = np.log(lines)
     level, phase = np.log(np.abs(by_force)), np.unwrap(np.angle(by_force), axis=1)
 
@@ -378,7 +380,7 @@ def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
 
 
 def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
-    """Indices of lines that keep a small distance in ln f."""
+    """Return the indices of lines that keep a small distance in ln f."""
     x = np.log(frequency)
     keep = np.unique(np.searchsorted(x, np.arange(x[0], x[-1], apart)).clip(0, x.size - 1))
     return np.union1d(keep, [x.size - 1])
@@ -392,25 +394,25 @@ class _Lines(NamedTuple):
 
 
 def _cleaned(frequency: np.ndarray, raw: _Lines, wanted: np.ndarray) -> _Lines:
-    """Smoothed, if its variance is known."""
+    """Return the lines smoothed, if their variance is known."""
     if raw.variance is None:
         return _Lines(raw.response[wanted], None)
     return _Lines(*smoothed(frequency, raw.response, raw.variance, wanted))
 
 
 def _variances(readings: Sequence[_Lines]) -> np.ndarray | None:
-    """Of both readings; None if one is not known."""
+    """Return the variances of both readings; None if one is not known."""
     known = [lines.variance for lines in readings if lines.variance is not None]
     return np.array(known) if len(known) == len(readings) else None
 
 
 def _without(lines: _Lines) -> _Lines:
-    """The same without a separate error."""
+    """Return the lines with a variance of zero."""
     return lines if lines.variance is None else lines._replace(variance=np.zeros(lines.variance.size))
 
 
 def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
-    """A response on the lines that count, its variance from the coherence if there is no other."""
+    """Return a response on the selected lines, with its variance from the coherence if there is no other."""
     variance = frf.known_variance(averages)
     return _Lines(frf.response[inside], None if variance is None else variance[inside])
 
@@ -421,7 +423,7 @@ _FEWEST = 10
 
 
 def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> float:
-    """The median of |measured/model - 1| without the share of the noise, the worse of both readings.
+    """Return the median of |measured/model - 1| without the noise contribution, for the worse of both readings.
 
     On the lines on which the loop gain of the loop's own control is 0.1 or more.
     """
@@ -445,7 +447,7 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
 def with_table_force(
     point: OperatingPoint, loop: Loop, source: str, velocity: float = 0.05, *, run: bool = True
 ) -> tuple[OperatingPoint, str]:
-    """The point with the responses of a plant to a force on the table, and a sentence on its accuracy.
+    """Return the point with a plant's responses to a force on the table, and a sentence on their accuracy.
 
     The plant must agree with the measured responses to 20 % (`disagreement`); its deviation is taken as the standard
     deviation of the added response, if the measurement has variances. A point that the plant does not fit is returned
@@ -491,5 +493,5 @@ def with_table_force(
 
 
 def one_encoder(point: OperatingPoint) -> bool:
-    """Whether one encoder gives both readings."""
+    """True if one encoder gives both readings."""
     return point.ratio is not None and bool(np.all(point.ratio[0] == 1.0))

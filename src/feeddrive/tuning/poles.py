@@ -67,7 +67,7 @@ def _words(pole: complex) -> str:
 
 
 def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
-    """Gains and poles of a loop under pole placement.
+    """Return gains and poles of a loop under pole placement.
 
     Raises ParameterError for another law, and UnstableError, with |z|, its bound and the nearest stable value of each
     tunable, if the poles cannot be reached on this axis because of delay, filters and modes that the model leaves out.
@@ -92,7 +92,7 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
 
 
 def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
-    """For each tunable alone the largest value below the present one at which the loop is stable, in words."""
+    """Yield, for each tunable alone, the largest value below the present one at which the loop is stable, in words."""
     for tunable in loop.control.law.tunables:
         present = float(tree.get(loop.control.law, tunable))
 
@@ -119,7 +119,7 @@ _BUTTERWORTH = float(np.sqrt(0.5))
 
 
 class _Placed(NamedTuple):
-    """A pair or a real pole: the fields of its frequency and of its damping ratio, and the ratio where none has one."""
+    """A pair or a real pole: the fields of its frequency and of its damping ratio, and the ratio if it has no field."""
 
     label: str
     frequency: str
@@ -151,7 +151,7 @@ _PLACED: Mapping[type[Block], tuple[_Placed, ...]] = {
 
 @dataclass(frozen=True)
 class PlacedPole:
-    """A pole that a law or an observer places, as the numbers say it, without delay and sampling.
+    """A pole that a law or an observer places by its numbers, without delay and sampling.
 
     name       of its frequency below the control, as law.axial_frequency, whether it has a number or follows a rule
     s          1/s, of a pair the one in the upper half plane
@@ -166,7 +166,7 @@ class PlacedPole:
 
 
 def placed_poles(control: Control) -> tuple[PlacedPole, ...]:
-    """All poles that the law and its observers place; empty for a law whose gains are not given by poles."""
+    """Return all poles that the law and its observers place; empty for a law whose gains are not given by poles."""
     return tuple(_placed(control))
 
 
@@ -192,13 +192,13 @@ def _placed(control: Control) -> Iterator[PlacedPole]:
 
 
 def _rate(block: Block, field: str) -> float:
-    """A frequency in rad/s."""
+    """Return a frequency in rad/s."""
     value = float(getattr(block, field))
     return 2.0 * np.pi * value if declarations(type(block))[field].unit == "Hz" else value
 
 
 def _by_rule(block: Block, field: str) -> float | None:
-    """A frequency in rad/s that is absent and follows from others; None for a pole that then is not there."""
+    """Return an omitted frequency, which follows from others, in rad/s; None for a pole that then does not exist."""
     if not isinstance(block, PolePlacement):
         return None
     real = _rate(block, "bandwidth")
@@ -209,8 +209,8 @@ def _by_rule(block: Block, field: str) -> float | None:
 
 
 def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
-    """The numbers with which a placed pole lies as near to s (1/s) as they let it: its distance from 0 is the
-    frequency, its angle the damping ratio, from 0.01 to 1.
+    """Return the numbers that place a pole as near to s (1/s) as possible: its distance from 0 is the frequency, its
+    angle the damping ratio, from 0.01 to 1.
 
     Raises ParameterError for a pole that there is not.
     """
@@ -251,7 +251,7 @@ class LoopPole(NamedTuple):
 
 
 def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Φ of the loop of an axis, from `cut` to both readings, and a control [A B; c d]; and its slopes.
+    """Return Φ of the closed loop of an axis, from `cut` to both readings, and a control [A B; c d]; and its slopes.
 
     x ← A_x x + b (d C x + c ξ),    ξ ← A ξ + B C x
     """
@@ -272,7 +272,7 @@ def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np
 
 
 def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPole]:
-    """Poles s = ln z/T of the closed loop in the upper half plane that its gains > 0 move, slowest first.
+    """Return the poles s = ln z/T of the closed loop in the upper half plane that its gains > 0 move, slowest first.
 
         d z/d p = wᴴ (∂Φ/∂p) v / (wᴴ v),   v and w the right and the left eigenvector
 
@@ -302,14 +302,14 @@ def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPo
 
 
 def nearest_pole(poles: list[LoopPole], s: complex) -> LoopPole | None:
-    """The pole nearest to a place; None if there is none."""
+    """Return the pole nearest to a place; None if there is none."""
     return min(poles, key=lambda pole: abs(pole.s - s), default=None)
 
 
 def pole_moved(
     axis: StateSpace, model: Model, gains: np.ndarray, s: complex, wanted: complex
 ) -> tuple[np.ndarray, complex]:
-    """Gains with which the pole that is at s (1/s) lies as near to a wanted place as they take it, and where it is.
+    """Return the gains that move the pole at s (1/s) as near to a wanted place as possible, and where it then is.
 
     Newton's method over the logarithms of the gains, with the smallest change of them all: no step changes one by more
     than a quarter of itself, and none is taken that does not bring the pole nearer.  A real pole moves along the real

@@ -48,7 +48,7 @@ class Checked(NamedTuple):
 
 
 def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
-    """Encirclement and bounds on all lines that were measured."""
+    """Check encirclement of -1 and the limits on all measured lines."""
     checks: list[Checked] = []
     for loop in loops:
         verdict = "-1 is not encircled" if loop.stable else "-1 is encircled"
@@ -62,7 +62,7 @@ def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, .
 
 
 def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Proof for a measured axis on the loop that agrees with it: its poles, and a run with friction, counts and limit.
+    """Check a measured axis on the loop that agrees with it: its poles, and a run with friction, counts and limit.
 
     The limits hold for the measurement.  The model agrees with it to some percent only, so they are not checked here.
     """
@@ -80,7 +80,7 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
 
 
 def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
-    """The line of a proof that all limits are kept; Ms is stated in any case."""
+    """Return the line of a proof that all limits are kept; Ms is always stated."""
     judgments = judged(limits, loop, ROOM)
     texts = [verdict.text for verdict in judgments if verdict.figure != SENSITIVITY_PEAK]
     peak = f"{SENSITIVITY_PEAK.title} {SENSITIVITY_PEAK.quantity(SENSITIVITY_PEAK.read(loop))}"
@@ -88,7 +88,7 @@ def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Poles of the whole loop, its limits on other lines, and a run of it with friction, counts and limit."""
+    """Check the poles of the whole loop, its limits on other lines, and a run of it with friction, counts and limit."""
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
     if not poles.stable:
@@ -103,7 +103,9 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
 
 
 def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
-    """Gain and dead time until the edge by the poles over a period: exact where a sine meets one frequency alone."""
+    """Check the gain and dead time up to instability by the poles over a period: exact where a sine meets one frequency
+    alone.
+    """
     gain, delay = gain_edge(model), delay_edge(model)
     least = 10.0 ** ((limits.bound(GAIN_MARGIN) or 0.0) * (1.0 - ROOM) / 20.0)
     later = limits.bound(DELAY_MARGIN)
@@ -116,7 +118,7 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
 
 
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:
-    """A force switched on while the axis slides, with friction, guard and limit.
+    """Run the loop with a force switched on while the axis slides, with friction, guard and limit.
 
     The response is the difference of two runs with and without the force. Both are without counts and noise, which
     would differ between them. A third run has counts and noise; it must neither trip nor need more than the limit.
@@ -182,5 +184,5 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
 
 
 def _smooth(encoder: Sensor | None) -> Sensor | None:
-    """The encoder without counts and noise."""
+    """Return the encoder without counts and noise."""
     return replace(encoder, resolution=None, noise=None, jitter=None) if isinstance(encoder, Encoder) else encoder

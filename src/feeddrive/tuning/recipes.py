@@ -78,20 +78,21 @@ class _Axis:
         self.mass, self.lag = self._read()
 
     def gain(self, law: CascadePPI) -> np.ndarray:
-        """The loop gain at the actuator with a law."""
+        """Return the loop gain at the actuator with a law."""
         return -np.einsum("kl,kl->l", self.response(law).value, self.point.by_force)
 
     def response(self, law: CascadePPI) -> Response:
-        """Of the control with a law."""
+        """Return the response of the control with a law."""
         return response_on(self.point, replace(self.control, law=law))
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
-        """Of PI around the velocity."""
+        """Return the loop gain of the PI velocity loop."""
         gain = self.gain(replace(self.law, Kv=_OFF, Kp=Kp, Tn=Tn))
         return FRF(self.frequency, gain, "cut", "force", "N/N", self.point.sample_time)
 
     def _read(self) -> tuple[float, float]:
-        """Mass and lag from the lines below all resonances, on which velocity over force is 1/((m s + b) e^(s lag)).
+        """Return mass and lag from the lines below all resonances, where velocity over force is 1/((m s + b) e^(s
+        lag)).
 
         Its inverse b + (m + b lag) s + (m lag + ...) s² is fitted with real coefficients, all lines with equal weight.
         """
@@ -117,7 +118,7 @@ class _Axis:
         return float(c1 / scale - c0 * lag), lag
 
     def antiresonance(self) -> float:
-        """Hz of the first antiresonance of the velocity loop's encoder; infinite if it shows none."""
+        """Return the first antiresonance of the velocity loop's encoder in Hz; infinite if it shows none."""
         level = np.log(np.abs(self.unit) * self.frequency)
         for k in range(2, level.size - 2):
             if level[k] == np.min(level[max(k - 5, 0) : k + 6]):
@@ -128,12 +129,12 @@ class _Axis:
         return math.inf
 
     def recipe(self, name: str, Kp: float, Tn: float | None, Kv: float, reason: str, source: str) -> Recipe:
-        """The recipe with these gains."""
+        """Return the recipe with these gains."""
         return Recipe(name, replace(self.law, Kp=Kp, Tn=Tn, Kv=Kv), reason, source, self.mass, self.lag)
 
 
 def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = None, *, a: float = 3.0) -> Recipe:
-    """PI by the symmetric optimum of a free mass with a lag τ, and Kv a quarter of its crossover.
+    """Return PI gains by the symmetric optimum of a free mass with a lag τ, and Kv as a quarter of its crossover.
 
         Kp = m/(a τ),   Tn = a² τ,   Kv = 1/(4 a τ)
 
@@ -154,7 +155,8 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
 
 
 def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
-    """The ratios that makers of drives document, at the velocity gain that gives Ms = 2 on a free mass with a lag τ.
+    """Return the gain ratios that drive makers document, at the velocity gain that gives Ms = 2 on a free mass with a
+    lag τ.
 
         Kp = m ωv,   Tn = 4/ωv,   Kv = ωv/4,   ωv = 0.507/τ
 
@@ -185,7 +187,7 @@ def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) ->
 
 
 def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, damping: float = 1.0) -> Recipe:
-    """Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²).
+    """Return Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²).
 
     A velocity loop that answers like a first-order lag 1/ωv gives the position loop the damping ratio D.
     Raises ParameterError for a velocity loop without crossover.
@@ -204,7 +206,7 @@ def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, dam
 
 
 def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
-    """The velocity loop crosses over at half of the first antiresonance, Tn = 4/ωv, Kv = ωv/4.
+    """Return gains with the velocity loop's crossover at half of the first antiresonance, Tn = 4/ωv, Kv = ωv/4.
 
     Below it motor and table still move as one, so that the velocity loop does not see the spring.  The crossover is
     lowered to what the lag allows, 1/(2τ), if that is less.
@@ -225,7 +227,7 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
 
 
 def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
-    """The highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
+    """Return the highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
 
         robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv;   Kv at most ωv/4, and less if the margins require
         it
@@ -272,13 +274,13 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
 
 
 def _by_crossover(axis: _Axis, rate: float) -> float:
-    """Kp with which the velocity loop without integral crosses over at a rate in rad/s."""
+    """Return Kp with which the velocity loop without integral crosses over at a rate in rad/s."""
     size = np.interp(np.log(rate / (2.0 * np.pi)), np.log(axis.frequency), np.log(np.abs(axis.unit)))
     return float(np.exp(-size))
 
 
 def _largest(admits: Callable[[float], bool], low: float, high: float) -> float | None:
-    """The largest of rising values up to which all are admissible, refined by halving; None if the lowest is not."""
+    """Return the largest value up to which all are admissible, refined by bisection; None if the lowest is not."""
     if not admits(low):
         return None
     steps = np.geomspace(low, high, 40)
@@ -308,7 +310,7 @@ RECIPES: dict[str, Callable[..., Recipe]] = {
 
 @dataclass(frozen=True, eq=False)
 class JudgedRecipe:
-    """A rule with its law and the figures at every point; without a law the reason why the rule gives none."""
+    """A rule with its law and the figures at every point; without a law, the reason why the rule gives none."""
 
     name: str
     recipe: Recipe | None
@@ -323,7 +325,7 @@ def judged_recipes(
     progress: Progress | None = None,
     velocity: float = 0.05,
 ) -> tuple[JudgedRecipe, ...]:
-    """Every rule, applied at the first point with the filters of a control, and evaluated at all points."""
+    """Apply every rule at the first point, with the filters of a control, and evaluate it at all points."""
     operating_points = tuple(
         modelled_point(source, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)
         if isinstance(source, Loop)

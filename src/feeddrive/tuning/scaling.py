@@ -22,7 +22,7 @@ _INSIDE = 1e-9  # relative distance to a bound that is open
 
 
 def speed_powers(control: Control) -> Mapping[str, float]:
-    """Of the tunables of law, observers and compensations the powers of 1/s in their units, where there is one.
+    """Return the powers of 1/s in the units of the tunables of law, observers and compensations, where there is one.
 
     A rate of 1/s, rad/s or Hz goes with w, a velocity gain in N s/m with w, a stiffness in N/m with w², an integral
     time in s with 1/w.  For a free mass the loop gain is then the old one at f/w: L(jω; w) = L(jω/w; 1), so that every
@@ -35,7 +35,7 @@ def speed_powers(control: Control) -> Mapping[str, float]:
 
 
 def quickened(control: Control, factor: float) -> Mapping[str, float]:
-    """The numbers of `speed_powers` for a loop that is faster by a factor > 0, by name, in SI.
+    """Return the numbers of `speed_powers` for a loop that is faster by a factor > 0, by name, in SI.
 
     Raises ParameterError if there is none, and for a factor that is not > 0 or with which a number is too large for a
     computer.
@@ -57,7 +57,7 @@ def quickened(control: Control, factor: float) -> Mapping[str, float]:
 
 
 def speed_range(control: Control, sample_time: float) -> tuple[float, float]:
-    """The smallest and the largest factor of `quickened` with which all numbers keep their bounds.
+    """Return the smallest and the largest factor of `quickened` with which all numbers keep their bounds.
 
     Frequencies in Hz also stay below 0.49 times the sample rate (sample_time in s).
     """
@@ -99,11 +99,11 @@ class DelayMap(Result):
     sample_time: float
 
     def at_edge(self, name: str) -> np.ndarray:
-        """Values of a tunable that is multiplied, at the edge of stability."""
+        """Return the values of a multiplied tunable at the edge of stability."""
         return self.edge * self.tunables[name]
 
     def at_robust(self, name: str) -> np.ndarray:
-        """The same where Ms reaches its bound."""
+        """Return the values of a multiplied tunable where Ms reaches its bound."""
         return self.robust * self.tunables[name]
 
     def table(self) -> Table:
@@ -124,7 +124,7 @@ def delay_map(
     sensitivity_bound: float = 2.0,
     velocity: float = 0.05,
 ) -> DelayMap:
-    """The edge of stability and the largest gains with Ms <= `sensitivity_bound`, for each dead time in s.
+    """Return the edge of stability and the largest gains with Ms <= `sensitivity_bound`, for each dead time in s.
 
     tunables  paths of parameters that are raised and lowered together, such as `axis.x.control.law.Kp`
 
@@ -159,7 +159,7 @@ def delay_map(
 
 
 def _largest(admits: Callable[[float], bool], dead_time: float) -> float:
-    """The largest factor that `admits` accepts, found from 1 on by doubling and halving."""
+    """Return the largest factor that `admits` accepts, by doubling from 1 and bisection."""
     low, high = 1.0, 1.0
     if admits(1.0):
         high = next((2.0**i for i in range(1, _FARTHEST) if not admits(2.0**i)), float("inf"))

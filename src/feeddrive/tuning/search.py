@@ -17,7 +17,7 @@ from feeddrive.tuning.criteria import Bound, Criteria, Evaluation
 
 
 def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """x and multipliers of  min ½ xᵀHx + gᵀx  subject to  A x >= b,  H positive definite; None if there is no such x.
+    """Return x and multipliers of  min ½ xᵀHx + gᵀx  subject to  A x >= b,  H positive definite; None if infeasible.
 
     Source: Lawson & Hanson 1974, chapter 23 (least distance programming).
     """
@@ -55,7 +55,7 @@ _ROOM = 1e-3  # of a logarithm: distance to every bound, for peaks between the l
 
 
 class End(NamedTuple):
-    """End of a search: the point, its figures, and the multiplier of each bound there, by key."""
+    """The end of a search: the point, its figures, and the multiplier of each bound there, by key."""
 
     x: np.ndarray
     judged: Evaluation
@@ -64,7 +64,9 @@ class End(NamedTuple):
 
 
 class Search:
-    """Minimizes the worst goal of all points while every bound keeps its slack above `sure` standard deviations."""
+    """The minimization of the worst goal of all points while every bound keeps its slack above `sure` standard
+    deviations.
+    """
 
     def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
         self.criteria, self.low, self.high, self.sure = criteria, low, high, sure
@@ -85,7 +87,7 @@ class Search:
         self.accepted = accepted
 
     def judge(self, x: np.ndarray) -> Evaluation | None:
-        """The figures, or None if the loop is unstable or has no figures."""
+        """Return the figures, or None if the loop is unstable or has no figures."""
         try:
             evaluation = self.criteria(x)
         except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
@@ -93,7 +95,7 @@ class Search:
         return evaluation if evaluation.stable and np.all(np.isfinite(evaluation.goal)) else None
 
     def look(self, points: np.ndarray) -> np.ndarray:
-        """The merit at many points (points, tunables), infinite where the loop is unstable or has no figures."""
+        """Return the merit at many points (points, tunables), infinite where the loop is unstable or has no figures."""
         inside = np.clip(points, self.low, self.high)
         fine = (
             evaluation if evaluation is not None and evaluation.stable and np.isfinite(evaluation.goal).all() else None
@@ -104,7 +106,8 @@ class Search:
     def evolve(
         self, points: np.ndarray, merits: np.ndarray, random: np.random.Generator, turns: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """A population (points, tunables) with its merits after some turns of differential evolution, best first.
+        """Return a population (points, tunables) with its merits after some turns of differential evolution, best
+        first.
 
         Each point is tried against one that two others and the best have moved, and the better one stays.
         Source: Storn & Price 1997, current-to-best/1/bin, with a factor drawn anew for each trial.
@@ -126,21 +129,21 @@ class Search:
         return points[order], merits[order]
 
     def broken(self, evaluation: Evaluation) -> float:
-        """Violation of the worst bound; negative if all bounds hold."""
+        """Return the violation of the worst bound; negative if all bounds hold."""
         return max((self.room(b) - b.slack for b in evaluation.bounds), default=-1.0)
 
     def room(self, bound: Bound) -> float:
-        """The least slack that a bound must have."""
+        """Return the least slack that a bound must have."""
         return _ROOM + self.sure * bound.deviation
 
     def merit(self, evaluation: Evaluation | None) -> float:
-        """The merit function that a step must lower."""
+        """Return the merit function that a step must lower."""
         if evaluation is None:
             return np.inf
         return float(np.max(evaluation.goal)) + self.penalty * max(self.broken(evaluation), 0.0)
 
     def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
-        """The end of the descent from a stable point, with all bounds kept if that is possible."""
+        """Return the end of the descent from a stable point, with all bounds kept if that is possible."""
         end = self._descend(x, size)
         while end.broken > _ROOM and self.penalty < _DEAREST:
             # if the goal falls faster than the penalty rises, the search would leave the limits
@@ -199,7 +202,7 @@ class Search:
         return End(x, here, force, self.broken(here))
 
     def _curved(self, here: Evaluation, there: Evaluation, move: np.ndarray) -> dict[tuple[str, int, int], float]:
-        """The difference of the slack of each bound after a move and its linear prediction."""
+        """Return the difference of the slack of each bound after a move from its linear prediction."""
         after = {bound.key: bound.slack for bound in there.bounds}
         return {c.key: c.slack + float(c.slope @ move) - after[c.key] for c in here.bounds if c.key in after}
 
@@ -211,7 +214,8 @@ class Search:
         size: float,
         lost: Mapping[tuple[str, int, int], float] | None = None,
     ) -> tuple[np.ndarray, dict[tuple[str, int, int], float], float] | None:
-        """Move, multipliers by bound, and the promised progress; t is the worst goal, e the excess over the bounds.
+        """Return the move, multipliers by bound, and the promised progress; t is the worst goal, e the excess over the
+        bounds.
 
         min  t + penalty e + ½ pᵀBp   subject to   t >= goal + slope p,   slack + slope p + e >= 0,   |p| <= size
         """
@@ -253,7 +257,7 @@ class Search:
         there: Evaluation,
         force: Mapping[tuple[str, int, int], float],
     ) -> np.ndarray:
-        """Damped BFGS of the Lagrangian (Powell 1978)."""
+        """Return the damped BFGS update of the Lagrangian's Hessian (Powell 1978)."""
         worst = int(np.argmax(there.goal))
         change = there.slope[worst] - here.slope[worst]
         before, after = ({c.key: c.slope for c in evaluation.bounds} for evaluation in (here, there))
@@ -273,7 +277,7 @@ class Search:
 
 
 def _definite(H: np.ndarray, least: float = 0.05) -> np.ndarray:
-    """The nearest matrix whose eigenvalues are neither too small nor too large."""
+    """Return the nearest matrix whose eigenvalues are neither too small nor too large."""
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))
     return (vectors * np.clip(values, least, 1e4)) @ vectors.T
 

@@ -1,4 +1,4 @@
-"""Tuning: optimize the gains and filters of a control within limits on measured or modeled axes, and prove the result."""
+"""Tuning: optimize gains and filters of a control within limits on measured or modeled axes, and prove the result."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _RATIO = (0.02, 20.0)  # of a law
 
 
 def law_tunables(control: Control) -> tuple[str, ...]:
-    """Those that a law has to be tuned by. Raises ParameterError for a law that has none."""
+    """Return the tunables of a law. Raises ParameterError for a law that has none."""
     names = own_tunables(control)
     if not names:
         raise ParameterError(
@@ -62,7 +62,7 @@ def law_tunables(control: Control) -> tuple[str, ...]:
 
 
 def own_tunables(control: Control) -> tuple[str, ...]:
-    """Dotted names of the tunables declared by the law, its observers and its compensations, if present.
+    """Return the dotted names of the tunables that the law, its observers and its compensations declare.
 
     Of a law that names none, its own parameters > 0 without a default; empty if it has none of these either.
     """
@@ -77,13 +77,13 @@ def own_tunables(control: Control) -> tuple[str, ...]:
 
 
 def filter_tunables(control: Control) -> tuple[str, ...]:
-    """Frequencies and dampings of the filter pack that are above zero."""
+    """Return the frequencies and dampings of the filter pack that are above zero."""
     leaves = ((name, value) for name, value in tree.leaves(control) if name.startswith("filters."))
     return tuple(name for name, value in leaves if isinstance(value, float) and value > 0.0)
 
 
 def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
-    """Logarithms of the tunables. Raises ParameterError for one that is not a number above zero."""
+    """Return the logarithms of the tunables. Raises ParameterError for one that is not a number above zero."""
     values: list[float] = []
     for name in names:
         value = tree.get(control, name)
@@ -94,7 +94,7 @@ def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
 
 
 def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper limit of each tunable."""
+    """Return the lower and upper limit of each tunable, as logarithms."""
     low, high = x - _RANGE, x + _RANGE
     for i, name in enumerate(names):
         unit, last = tree.declaration(control, name).unit, name.rpartition(".")[2]
@@ -109,7 +109,7 @@ def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: floa
 
 
 def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
-    """The exponent of each tunable of the law when the whole loop is made faster by a common factor."""
+    """Return the exponent of each tunable of the law when the whole loop is made faster by a common factor."""
     return np.array(
         [
             0.0 if name.startswith("filters.") else float(POWERS.get(tree.declaration(control, name).unit, (0, 0))[1])
@@ -119,7 +119,7 @@ def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
 
 
 def readable(control: Control, name: str) -> str:
-    """The name of a tunable with the kind of its block: filters.0 (notch) frequency."""
+    """Return the name of a tunable with the kind of its block: filters.0 (notch) frequency."""
     parts = name.split(".")
     if parts[0] == "filters" and len(parts) == 3:
         return f"filters.{parts[1]} ({control.filters[int(parts[1])].kind}) {parts[2]}"
@@ -134,7 +134,8 @@ _WIDE, _RATIO_WIDE = math.log(30.0), math.log(6.0)  # of a gain, of a ratio, up 
 def scattered(
     x: np.ndarray, low: np.ndarray, high: np.ndarray, powers: np.ndarray, random: np.random.Generator
 ) -> np.ndarray:
-    """Points all over the box, of shape (points, tunables): shapes of the law by Latin hypercube, each fast and slow.
+    """Return points all over the box, shape (points, tunables): shapes of the law by Latin hypercube, each at several
+    speeds.
 
     Whether bounds are kept is decided by the speed of the whole loop first, so each shape is taken at ten speeds.
     Source: McKay, Beckman & Conover 1979 (Latin hypercube).
@@ -201,14 +202,16 @@ class Tuner:
     def criteria(
         self, control: Control, names: tuple[str, ...], whole: bool = False, *, rough: bool = False
     ) -> Criteria:
-        """Of a set of tunables, on the lines of the search or on all; with two rates also on half of them, `rough`."""
+        """Return the criteria for a set of tunables, on the lines of the search or on all; `rough` takes half of the
+        lines, for two rates.
+        """
         response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
         kept = [some(lines, 2) for lines in self.kept] if rough else self.kept
         points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, kept, strict=True))
         return Criteria(points, response, self.goal, self.limits, self.band, near=rough)
 
     def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
-        """The best result of some searches, on all lines, with the reserve for the noise."""
+        """Return the best result of some searches, on all lines, with the reserve for the noise."""
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
         rough = control.law.period() > 1
@@ -252,7 +255,7 @@ class Tuner:
         return Best(control, names, end, search.criteria, sure, cost, spread, unsettled, (search.low, search.high))
 
     def _exactly(self, search: Search, control: Control, names: tuple[str, ...], end: End) -> End:
-        """The end of a rough search, searched on with all images and all lines of the search."""
+        """Continue a rough search with all images and all lines of the search."""
         self.evaluations += search.criteria.count
         search.criteria = self.criteria(control, names)
         if search.judge(end.x) is None:
@@ -262,7 +265,7 @@ class Tuner:
     def _searched(
         self, search: Search, control: Control, names: tuple[str, ...], x: np.ndarray, first: np.ndarray, starts: int
     ) -> tuple[list[End], str]:
-        """The ends of all searches, and why the best of them does not count as settled; empty if it does.
+        """Return the ends of all searches, and why the best of them does not count as settled; empty if it does.
 
         After the first, each round has two that know nothing of it and of each other: from the best of a population
         from all over the range, and by continuation in Ms from the best of other points.  The best is settled when one
@@ -288,7 +291,7 @@ class Tuner:
         return ends, joined("; ", filter(None, (missing, opened)))
 
     def _continued(self, search: Search, x: np.ndarray) -> End:
-        """The end of searches under bounds of Ms that come down to the one that holds, each from the end before."""
+        """Continue searches under bounds of Ms that tighten to the final one, each from the end before."""
         if self.limits.limit(SENSITIVITY_PEAK) is not None:
             for factor in _EASED:
                 eased = self._under(search, self.limits.eased(SENSITIVITY_PEAK, factor))
@@ -298,7 +301,7 @@ class Tuner:
         return search.descend(x)
 
     def _under(self, search: Search, limits: Limits) -> Search:
-        """A search as the given one, within other limits."""
+        """Return a search with the same points and ranges within other limits."""
         known = search.criteria
         criteria = Criteria(known.points, known.control, self.goal, limits, self.band, near=known.near)
         other = Search(criteria, search.low, search.high)
@@ -308,7 +311,9 @@ class Tuner:
     def _widened(
         self, search: Search, ends: list[End], soft: np.ndarray, names: tuple[str, ...]
     ) -> tuple[list[End], str]:
-        """The ends in ranges so wide that the best gains less than 5 % further out; and what still gains more."""
+        """Widen ranges until the best gains less than 5 % further out; return the ends, and the tunables that still
+        gain more.
+        """
         reason = ""
         for _ in range(_WIDENED):
             place = min(range(len(ends)), key=lambda i: search.merit(ends[i].judged))
@@ -329,7 +334,7 @@ class Tuner:
         return ends, reason
 
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
-        """A control without a further search, with the tunables it names."""
+        """Return a control without a further search, with the tunables it names."""
         x = logarithms(control, names)
         criteria = self.criteria(control, names, whole=True)
         search = Search(criteria, x, x)
@@ -354,7 +359,9 @@ class Tuner:
         )
 
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
-        """Start of a search: the given values if they are good enough, else the best point of a slower loop."""
+        """Return the start of a search: the present values if they are good enough, else the best point of a slower
+        loop.
+        """
         here = search.judge(x)
         if here is not None and search.broken(here) < _NEAR:
             return x
@@ -369,7 +376,9 @@ class Tuner:
         return min(stable, key=lambda pair: (search.merit(pair[0]), abs(float(np.sum(pair[1] - x)))))[1]
 
     def _from_below(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
-        """The end; if it breaks a bound, that of a search from the fastest loop that is slow enough to keep all."""
+        """Return the end; if it violates a bound, that of a search from the fastest loop that is slow enough to keep
+        all.
+        """
         if search.broken(end.judged) <= 2e-3:
             return end
         for step in _LADDER[_LADDER <= 0.0]:
@@ -383,8 +392,8 @@ class Tuner:
     def _elsewhere(
         self, search: Search, x: np.ndarray, powers: np.ndarray, *, evolved: bool = True
     ) -> np.ndarray | None:
-        """Where another search begins: the best of points from all over the box, or what they have come to as a
-        population.
+        """Return the start of another search: the best of points from all over the box, or the best of a population
+        evolved from them.
         """
         points = scattered(x, search.low, search.high, powers, self.random)
         merits = search.look(points)
@@ -396,7 +405,7 @@ class Tuner:
         return points[0] if np.isfinite(merits[0]) else None
 
     def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:
-        """The end, searched on with the lines on which a bound is broken, until none is."""
+        """Continue the search with the lines on which a bound is violated, until none is."""
         for _ in range(_CUTS):
             whole = self.criteria(control, names, whole=True)
             evaluation = whole(end.x)
@@ -440,7 +449,7 @@ class Tuner:
         )
 
     def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:
-        """The limit of a figure that can be met with all others unchanged; empty if relaxing it does not help."""
+        """Return the limit of a figure that can be met with all others kept; empty if relaxing it does not help."""
         if figure is None:
             return ""
 
@@ -464,7 +473,7 @@ class Tuner:
         return "" if limit is None else limits.text(limit)
 
     def _too_costly(self, search: Search, end: End, cost: float) -> None:
-        """Report the frequency at which the noise costs most."""
+        """Raise NotIdentifiableError with the band in which the noise costs most."""
         forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
         worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
         raise NotIdentifiableError(
@@ -476,7 +485,7 @@ class Tuner:
         )
 
     def with_notches(self, best: Best, tried: list[str]) -> Best:
-        """Notches at the remaining large resonances, one after the other, as long as each improves the goal."""
+        """Add notches at the remaining large resonances, one after the other, as long as each improves the goal."""
         for frequency in self._loud(best)[:_NOTCHES]:
             self.progress.step(Text(f"a notch at {Quantity(frequency, 'Hz')}"))
             # nearly without effect, so that the search begins where the last one ended
@@ -509,7 +518,7 @@ class Tuner:
         return best
 
     def _loud(self, best: Best) -> list[float]:
-        """Frequencies of the largest resonances of the loop gain above the crossover."""
+        """Return the frequencies of the largest resonances of the loop gain above the crossover."""
         names = dict(zip(best.names, np.exp(best.end.x), strict=True))
         taken = [
             names.get(f"filters.{i}.frequency", filter_.frequency)
@@ -529,7 +538,9 @@ class Tuner:
 
 
 def _soft(control: Control, name: str) -> bool:
-    """Whether the range of a tunable is only that of the search: not for filters, and not for what Nyquist bounds."""
+    """True if the range of a tunable is a limit of the search only, which holds neither for filters nor for frequencies
+    in Hz.
+    """
     return not name.startswith("filters.") and tree.declaration(control, name).unit != "Hz"
 
 
@@ -544,7 +555,9 @@ _OFF = 1e-9  # of Kv: a position loop that is open
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CascadeLoops(Result):
-    """Loop gains of the velocity loop alone, opened at the actuator, and of the position loop around it, closed."""
+    """Margins of the velocity loop alone, opened at the actuator, and of the position loop around the closed velocity
+    loop.
+    """
 
     velocity: Margins
     position: Margins
@@ -567,7 +580,7 @@ class CascadeLoops(Result):
 
 
 def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | None:
-    """Velocity and position loop of a P-PI control; None for another law.
+    """Return velocity and position loop of a P-PI control; None for another law.
 
     Lv is the gain at the actuator without position loop (Kv -> 0); the position loop is opened at the velocity command.
     """
@@ -598,7 +611,7 @@ class HeldBack:
     gain: float
 
     def sentence(self) -> str:
-        """The bound in one sentence."""
+        """Return the limit in one sentence."""
         where = f" at {Quantity(self.frequency, 'Hz')}" if self.frequency > 0.0 else ""
         gain = Quantity(0.01 * self.gain, "share")
         return Text(f"{self.what}{where} ({self.point}): a tenth more room would gain {gain:2}")
@@ -646,27 +659,27 @@ class Tuned(Result):
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis turns; False where only responses are known."""
+        """True if the axis turns; False where only responses are known."""
         return any(loop.axis.rotary for loop in self.loops)
 
     @property
     def settled(self) -> bool:
-        """Whether independent searches came to within 5 % of the best, inside of the ranges."""
+        """True if independent searches came to within 5 % of the best, inside the ranges."""
         return not self.unsettled
 
     @property
     def holds(self) -> bool:
-        """Whether no line of the proof fails; a tuning that does not hold must not be used."""
+        """True if no line of the proof fails; a tuning that does not hold must not be used."""
         return all(line.holds is not False for line in self.proof)
 
     @property
     def proven(self) -> bool:
-        """Whether all lines of the proof hold."""
+        """True if all lines of the proof hold."""
         return all(line.holds is True for line in self.proof)
 
     @property
     def rule(self) -> str:
-        """The goal of the tuning."""
+        """The goal of the tuning, or the rule that gave the control, in words."""
         if self.recipe:
             return Text(f"{self.recipe}; judged by {self.limits.sentence()}")
         noise = f", kept with {Quantity(self.sure):3} standard deviations of the measurement" if self.sure else ""
@@ -674,18 +687,18 @@ class Tuned(Result):
 
     @property
     def at_drive(self) -> bool:
-        """Whether the compliance is that against a force at the drive, since none on the table is known."""
+        """True if the compliance is that against a force at the drive, since none on the table is known."""
         return any(loop.at_drive for loop in self.after)
 
     def gained(self) -> float | None:
-        """By which factor the goal of the worst point is better than before; None without a stable before."""
+        """Return the factor by which the goal of the worst point improves; None without a stable loop before."""
         if not self.before or not all(loop.stable for loop in self.before):
             return None
         return goal_of(self, self.before) / goal_of(self, self.after)
 
     @property
     def verdict(self) -> Verdict:
-        """What to do; the sentence of `recommendation` follows from it."""
+        """The decision, from which the sentence of `recommendation` follows."""
         if not self.holds:
             return Verdict.REFUSE
         gained = self.gained()
@@ -694,7 +707,7 @@ class Tuned(Result):
         return Verdict.LEAVE if _change(self, gained) < _NOT_WORTH else Verdict.TAKE
 
     def recommendation(self) -> str:
-        """The recommendation with its reason, and the figures that are worse than today."""
+        """Return the recommendation with its reason, and the figures that are worse than today."""
         return recommendation(self)
 
     def table(self) -> Table:
@@ -737,7 +750,7 @@ _LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone that
 
 
 def declared_goal(tuned: Tuned) -> Goal:
-    """Return how the figure of the goal is made best."""
+    """Return the declaration of the goal's figure."""
     assert tuned.goal.goal is not None
     return tuned.goal.goal
 
@@ -759,7 +772,7 @@ def _against(tuned: Tuned) -> str:
 
 
 def recommendation(tuned: Tuned) -> str:
-    """The recommendation with its reason, the limiting bounds, and the figures that are worse than today."""
+    """Return the recommendation with its reason, the limiting bounds, and the figures that are worse than today."""
     if tuned.verdict is Verdict.REFUSE:
         failed = [line for line in tuned.proof if line.holds is False]
         return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said}).")
@@ -770,7 +783,7 @@ def recommendation(tuned: Tuned) -> str:
 
 
 def _of_the_velocity_loop(tuned: Tuned) -> str:
-    """A headline if the new velocity loop alone is next to unstable, which the margins of the whole may hide."""
+    """Return a headline if the new velocity loop alone is nearly unstable, which the margins of the whole may hide."""
     if not tuned.cascade or tuned.verdict is Verdict.LEAVE:
         return ""
     alone = tuned.cascade[-1].velocity
@@ -825,7 +838,7 @@ def _advised(tuned: Tuned) -> str:
 
 
 def _gain_text(tuned: Tuned, gained: float) -> str:
-    """`50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
+    """Return the gain in words: `50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
     ratio = gained if tuned.goal.higher else 1.0 / gained
     if ratio >= TIMES:
         return Text(f"{_rough(ratio)} times the {declared_goal(tuned).what}")
@@ -834,19 +847,19 @@ def _gain_text(tuned: Tuned, gained: float) -> str:
 
 
 def _change(tuned: Tuned, gained: float) -> float:
-    """By how many percent the goal is better than before."""
+    """Return the improvement of the goal in percent."""
     return 100.0 * (gained - 1.0 if tuned.goal.higher else 1.0 - 1.0 / gained)
 
 
 def _new_values(tuned: Tuned) -> str:
-    """Recommended without reservation only if the response to a force on the table is known."""
+    """Return the start of the sentence; without reservation only if the response to a force on the table is known."""
     if not tuned.at_drive:
         return "Take the new values: they"
     return "Against a force at the drive the new values" if declared_goal(tuned).on_table else "The new values"
 
 
 def _worse(tuned: Tuned) -> str:
-    """Figures that are worse than today at the point where they fell most, as a clause."""
+    """Return the figures that are worse than today, at the point where they fell most, as a clause."""
     if not tuned.before or not all(loop.stable for loop in tuned.before):
         return ""
     clauses: list[str] = []
@@ -872,13 +885,13 @@ def _fall(title: str, before: float, after: float, unit: str) -> str:
 
 
 def goal_of(tuned: Tuned, row: Sequence[Figures]) -> float:
-    """The value of the goal, which is minimized, at the worst point."""
+    """Return the value of the goal, which is minimized, at the worst point."""
     of = declared_goal(tuned).of
     return max(of(loop, tuned.band) for loop in row)
 
 
 def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
-    """Which limit a control does not keep, as a clause; empty if it keeps all."""
+    """Return the limit that a control exceeds, as a clause; empty if it keeps all."""
     for loop in before:
         for verdict in judged(limits, loop, room):
             if not verdict.keeps:
@@ -905,7 +918,7 @@ def tune_control(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """The control with the tunables that are best for the goal while all limits hold at every point.
+    """Return the control with the tunables that are best for the goal while all limits hold at every point.
 
         minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
@@ -984,7 +997,7 @@ def _tuner(
     velocity: float,
     progress: Progress | None,
 ) -> Tuner:
-    """The tuner for checked arguments."""
+    """Return the tuner for checked arguments."""
     figure = goals().get(goal)
     if figure is None or figure.goal is None:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(goals())}")
@@ -1035,7 +1048,7 @@ _MUCH = 0.02  # of the goal, by a tenth of a sample
 
 
 def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
-    """Figures before and after, the active limits, advice, and the proof."""
+    """Return figures before and after, the active limits, advice, and the proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
     before = _figures(tuner, today)
@@ -1078,7 +1091,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
 
 
 def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
-    """At every point, on all lines; empty for a control that has no response."""
+    """Return the figures at every point, on all lines; empty for a control that has no response."""
     try:
         answers = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
     except ParameterError:
@@ -1087,7 +1100,7 @@ def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
 
 
 def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
-    """Bounds with a force, those at one place together."""
+    """Return the active bounds, merged if they are close in frequency."""
     summed: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for bound in best.end.judged.bounds:
         force = best.end.force.get(bound.key, 0.0)
@@ -1109,7 +1122,7 @@ def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
 
 
 def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
-    """Gain by less dead time, from the multipliers of the optimum, and loss by the noise."""
+    """Return the gain by less dead time, from the multipliers of the optimum, and the loss by the noise."""
     advice: list[str] = []
     step = 0.1 * tuner.points[0].sample_time
 
@@ -1147,7 +1160,7 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
 
 
 def _edges(tuner: Tuner, best: Best) -> list[str]:
-    """The tunables that ended at the edge of their range, in words."""
+    """Return the tunables that ended at the edge of their range, in words."""
     texts: list[str] = []
     nyquist = 0.5 / tuner.points[0].sample_time
     for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True):
@@ -1172,7 +1185,7 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
 
 
 def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
-    """The decrease of the goal, by the Lagrangian, with the other axis."""
+    """Return the decrease of the goal with another axis, by the Lagrangian."""
     slack = {bound.key: bound.slack for bound in there.bounds}
     eased = sum(
         end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack
@@ -1181,7 +1194,7 @@ def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
 
 
 def _of_today(today: Control, control: Control, name: str) -> float:
-    """The value of a tunable in today's control; NaN if another block stands there, or none."""
+    """Return the value of a tunable in today's control; NaN if it has another block there, or none."""
     place, last = name.rpartition(".")[::2]
     blocks: list[object] = [today, control]
     for step in place.split("."):
