@@ -195,7 +195,7 @@ class Axis(Block):
 
 
 def _part(share: Any, x: Any) -> Any:
-    """share · x, with a zero of the type of x."""
+    """Return share · x, with a zero of the type of x."""
     return ops.zero(x) if matrix.is_zero(share) else x if matrix.is_one(share) else share * x
 
 
@@ -207,7 +207,9 @@ MOST_TURN, MOST_DECAY = 1000.0, 100.0
 def slow_enough(
     mechanics: Mechanics, current_loop: Number | None, h: Number, what: str = "axis.plant"
 ) -> Iterator[Rule]:
-    """Current loop (Hz), damping and modes are slow enough for substeps of h s; `what` has them."""
+    """Yield the conditions that current loop (Hz), damping and modes are slow enough for substeps of h s; `what` names
+    them.
+    """
     whose = "the axis" if what == "axis.plant" else what
     if current_loop is not None:
         yield Rule(

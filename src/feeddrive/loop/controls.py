@@ -82,7 +82,7 @@ class Controls:
 
 
 def _of(coupling: Coupling, values: Mapping[str, Any]) -> dict[str, Any]:
-    """What belongs to the axes of a coupling."""
+    """Return the entries of the axes of a coupling."""
     return {name: values[name] for name in coupling.axes()}
 
 
@@ -100,7 +100,7 @@ class Controller(Block):
         return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
 
     def inputs(self) -> tuple[str, ...]:
-        """Names of what it is given in each sample."""
+        """Return the names of the inputs of a sample."""
         return (*SETPOINT, *_readings(self.encoders), "enable")
 
     def prepare(self, T: Number) -> Any:
@@ -159,7 +159,7 @@ class Controllers(Block):
         return Controls({name: axis.control for name, axis in self.axis._asdict().items()}, there)
 
     def inputs(self) -> tuple[str, ...]:
-        """Names of what they are given in each sample, with the axis before them."""
+        """Return the names of the inputs of a sample, prefixed by their axis."""
         axes: dict[str, Controlled] = self.axis._asdict()
         return tuple(
             f"{name}.{signal}"
@@ -215,7 +215,7 @@ def _readings(encoders: int) -> tuple[str, ...]:
 
 
 def _given(inputs: Mapping[str, Any], port: str) -> Given:
-    """Of inputs with a prefix; a single encoder gives both readings."""
+    """Return the inputs of one control, by prefix; a single encoder gives both readings."""
     setpoint = Setpoint(*(inputs[f"{port}{field}"] for field in SETPOINT))
     single = inputs.get(f"{port}reading")
     motor, load = (inputs[f"{port}{field}"] for field in _readings(2)) if single is None else (single, single)
@@ -229,13 +229,13 @@ def _outputs(command: Control.Command, motor: Any, port: str) -> dict[str, Any]:
 
 
 def controller_of(loop: Loop) -> Controller:
-    """The part of a loop that runs on a target."""
+    """Return the part of a loop that runs on a target."""
     motor = loop.axis.actuator.motor
     return Controller(control=loop.control, motor=motor, encoders=loop.axis.encoders(), name=loop.name)
 
 
 def motors(block: Controller | Controllers) -> Iterator[tuple[str, Any]]:
-    """The prefix of the outputs of each axis, and its motor or None."""
+    """Yield the prefix of the outputs of each axis, and its motor or None."""
     if isinstance(block, Controller):
         yield "", block.motor
     else:

@@ -252,12 +252,12 @@ class Core:
 
 
 def _outer(factor: Number, row: Row) -> matrix.Matrix:
-    """factor · rowᵀ row."""
+    """Return factor · rowᵀ row."""
     return matrix.multiply([[x] for x in matrix.scale(factor, (row,))[0]], (row,))
 
 
 def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Number | None) -> tuple[Acting, Any]:
-    """What acts over the sample in which a command in N is given, and the state that remembers the command."""
+    """Return the forces over the sample in which a command in N is given, and the state that remembers the command."""
     commands = (command, *state.pending)
     partial = len(columns.old) > 0
     forces = Acting(commands[-2] if partial else commands[-1], commands[-1] if partial else None, load)
@@ -267,7 +267,7 @@ def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Nu
 def advance(
     axis: Axis, prepared: Hold, state: Axis.State, command: Number, load: Number | None, time: Number, T: Number
 ) -> tuple[Axis.State, Axis.Step]:
-    """A single axis from kT to (k+1)T under a command in N and a load force in N that is held (None: none)."""
+    """Advance a single axis from kT to (k+1)T under a command in N and a held load force in N (None: none)."""
     core, joint = Core({_ALONE: axis}), JointHold(prepared.change, (prepared.columns(),))
     at, after = acting(prepared, state, command, load)
     h = T / axis.substeps
@@ -279,14 +279,14 @@ def advance(
 
 
 def _sum(a: Any, b: Any) -> Any:
-    """a + b, without absent terms."""
+    """Return a + b, without absent terms."""
     if a is None or matrix.is_zero(a):
         return b
     return a if b is None or matrix.is_zero(b) else a + b
 
 
 def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag: int, index: int, at: Acting) -> Number:
-    """The drive force in N in the mean over a substep, while a command takes over from the one before.
+    """Return the mean drive force in N over a substep, while a command takes over from the one before.
 
     `lag` is the place of the drive force among the states, if it lags.
     """
@@ -323,7 +323,7 @@ def settle(
     h: Number,
     sweeps: int,
 ) -> tuple[list[Any], list[Answer]]:
-    """The end of a substep h, from the coordinates at its start and the end `free` that it would have without friction.
+    """Return the end of a substep h, from its start and the end `free` that it would have without friction.
 
     Each contact is solved in turn with the latest forces of the others (Gauss-Seidel), `sweeps` times.
     """
@@ -349,14 +349,14 @@ def settle(
 
 
 def plus(x: Any, column: Any, force: Any) -> Any:
-    """x + column · force, without absent terms."""
+    """Return x + column · force, without absent terms."""
     if force is None or matrix.is_zero(column) or matrix.is_zero(force):
         return x
     return column * force if matrix.is_zero(x) else x + column * force
 
 
 def share_mass(mechanics: Mechanics) -> bool:
-    """Whether a force on the motor's body accelerates the load's body directly: by a full mass matrix, or in a modal
+    """True if a force on the motor's body accelerates the load's body directly: by a full mass matrix, or in a modal
     model.
     """
     n = len(mechanics.mass)

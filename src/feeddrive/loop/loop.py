@@ -18,7 +18,9 @@ from feeddrive.loop.hold import Hold, Timing
 
 
 class Signals(NamedTuple):
-    """What can be recorded; row k holds the values at t = kT, forces those commanded at kT or acting from it on."""
+    """The signals that can be recorded; row k holds the values at t = kT, forces those commanded at kT or acting from
+    it on.
+    """
 
     set_position: Annotated[Number, Unit("m")]
     set_velocity: Annotated[Number, Unit("m/s")]
@@ -44,7 +46,7 @@ class Signals(NamedTuple):
 
 
 class ToolPoint(NamedTuple):
-    """What a machine with geometry errors adds: where the tool is, as `tool.x`."""
+    """The signals that a machine with geometry errors adds: the position of the tool, as `tool.x`."""
 
     x: Annotated[Number, Unit("m")]
     y: Annotated[Number, Unit("m")]
@@ -60,12 +62,12 @@ class Probe(NamedTuple):
     reading_load: Annotated[Number | None, Unit("m")] = None  # added to the reading of the load's encoder
 
     def read(self, motor: Number, load: Number) -> tuple[Number, Number]:
-        """The readings of both encoders as the control gets them."""
+        """Return the readings of both encoders as the control gets them."""
         motor = motor if self.reading_motor is None else motor + self.reading_motor
         return motor, load if self.reading_load is None else load + self.reading_load
 
     def acting(self, command: Number) -> Number:
-        """The command that reaches the axis."""
+        """Return the command that reaches the axis."""
         acting = command if self.cut is None else self.cut
         return acting if self.added_force is None else acting + self.added_force
 
@@ -75,12 +77,12 @@ SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 
 
 def quantity(signal: str) -> str:
-    """The name of a signal without the axis of a machine: `force` for `x.force`."""
+    """Return the name of a signal without the axis of a machine: `force` for `x.force`."""
     return signal.rpartition(".")[2]
 
 
 def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> str:
-    """The SI unit of a signal, or `unit`; `turning` are the prefixes of the signals of axes that turn, as `c.`."""
+    """Return the SI unit of a signal, or `unit`; `turning` are the prefixes of signals of axes that turn, as `c.`."""
     name = quantity(signal)
     unit = UNITS[name] if unit is None else unit
     return turned(unit) if signal.removesuffix(name) in turning else unit
@@ -210,7 +212,7 @@ class Loop(Block):
 
 
 def inputs_of(inputs: Mapping[str, Number], port: str) -> tuple[Setpoint, Number | None, Number, Probe]:
-    """Setpoint, load force, enable and probe of the axis whose names begin with `port`; missing ones are None."""
+    """Return setpoint, load force, enable and probe of the axis whose names begin with `port`; None if missing."""
     setpoint = Setpoint(*(inputs[f"{port}{name}"] for name in SETPOINT))
     probe = Probe(**{name: inputs.get(f"{port}{name}") for name in Probe._fields})
     return setpoint, inputs.get(f"{port}load_force"), inputs.get(f"{port}enable", 1.0), probe
@@ -225,7 +227,7 @@ def reported(
     done: Axis.Step,
     load: Number | None,
 ) -> Signals:
-    """The signals of an axis in a sample."""
+    """Return the signals of an axis in a sample."""
     return Signals(
         set_position=setpoint.position,
         set_velocity=setpoint.velocity,

@@ -221,23 +221,23 @@ System: TypeAlias = Loop | Machine  # what is traced to a program
 
 
 def each_controlled(coupling: Coupling) -> tuple[str, ...]:
-    """The axes whose controls a coupling corrects."""
+    """Return the axes whose controls a coupling corrects."""
     return coupling.axes() if coupling.controls else ()
 
 
 def noise_of(noise: Noise, place: int) -> Noise:
-    """The noise of the axis at a place among all."""
+    """Return the noise of the axis at an index among all axes."""
     return noise if place == 0 else Noise(noise.seed + place * _SEEDS, noise.sample)
 
 
 def turning_ports(system: System) -> frozenset[str]:
-    """The prefixes of the signals of those axes that turn."""
+    """Return the prefixes of the signals of axes that turn."""
     pairs = zip(system.loops().values(), system.ports(), strict=True)
     return frozenset(port for loop, port in pairs if loop.axis.rotary)
 
 
 def check_system(system: Any) -> None:
-    """Raise ParameterError, with what to give, for what is no loop and no machine."""
+    """Raise ParameterError, stating what to give, for anything but a loop or a machine."""
     if not isinstance(system, Loop | Machine):
         remedy = getattr(system, "instead", "") or "a loop or a machine comes first, then what it follows or is asked"
         raise ParameterError(f"a Loop or a Machine is needed here, not a {type(system).__name__}: {remedy}")

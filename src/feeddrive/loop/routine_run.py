@@ -49,7 +49,7 @@ class ControllerRun:
         self._numbers = {**dict(tree.leaves(self._plain)), **dict(numbers(self._prepared, "prepared")), "T": self.T}
 
     def _compiled(self) -> Native:
-        """One sample as machine code."""
+        """Return one sample as machine code."""
         graph = Graph()
         constants: dict[str, int] = {}
         inputs: dict[str, int] = {}
@@ -87,7 +87,7 @@ class ControllerRun:
         return native(plan(program))
 
     def _load(self) -> None:
-        """State, constants and tables in the order of the machine code, where steps find and leave them."""
+        """Put state, constants and tables in the order of the machine code, where steps read and write them."""
         plan, values, rows = self._native.plan, dict(tree.leaves(self.state)), dict(tree.tables(self._both))
         held = [np.float64(values[state.name]) for state in plan.states]
         for name, _, length in plan.rings:
@@ -98,7 +98,7 @@ class ControllerRun:
         self._rows = [rows[name] for name, _ in plan.tables]
 
     def _unload(self) -> None:
-        """The state as the blocks know it."""
+        """Store the state as the blocks know it."""
         values = dict(tree.leaves(self.state))
         plan = self._native.plan
         values |= {state.name: np.float64(self._states[i, 0]) for i, state in enumerate(plan.states)}
@@ -109,14 +109,14 @@ class ControllerRun:
         self.state = tree.rebuild(self.state, iter(values[name] for name, _ in tree.leaves(self.state)))
 
     def step(self, inputs: np.ndarray) -> np.ndarray:
-        """The outputs of some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
+        """Return the outputs of some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
         row = np.ascontiguousarray(inputs, dtype=np.float64)
         out = np.empty((len(row), len(self.routine.outputs)))
         self._native.run(len(row), 0, self._constants, row, self._states, out, self._rows)
         return out
 
     def retune(self, changes: Mapping[str, float]) -> None:
-        """Other parameters, by path, from the next sample on. Raises ParameterError as the blocks do."""
+        """Change parameters, by path, from the next sample on. Raises ParameterError as the blocks do."""
         self._unload()
         before, prepared = self._plain, self._prepared
         changed = tree.vary(self._both, changes)
@@ -129,7 +129,7 @@ class ControllerRun:
 
 
 def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) -> np.ndarray:
-    """The outputs of a controller from a reset with the first inputs on: inputs (n, inputs), outputs (n, outputs).
+    """Return the outputs of a controller after a reset with the first inputs: inputs (n, inputs), outputs (n, outputs).
 
     `changes` are other parameters, by sample and path, which hold from that sample on.
     """

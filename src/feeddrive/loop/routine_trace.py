@@ -50,7 +50,7 @@ class Physics(Block):
 
 
 def on_target(system: System) -> Controller | Controllers:
-    """The part of a loop, or of all loops of a machine, that runs on a target."""
+    """Return the part of a loop, or of all loops of a machine, that runs on a target."""
     if isinstance(system, Loop):
         return controller_of(system)
     axes = {
@@ -65,7 +65,7 @@ def on_target(system: System) -> Controller | Controllers:
 
 
 def controller_routine(system: System, name: str) -> Routine:
-    """The control of a loop, or of all axes of a machine, whose inputs and outputs have the axis before them.
+    """Return the control of a loop, or of all axes of a machine, whose inputs and outputs are prefixed by the axis.
 
     Raises StructureError if a part leaves the language of `ops`.
     """
@@ -101,7 +101,7 @@ def _check_rings(state: Any, name: str) -> None:
 
 
 def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
-    """The axis of a loop: a step moves it from kT to (k+1)T under a force, and its outputs are those of (k+1)T.
+    """Return the axis of a loop: a step moves it from kT to (k+1)T under a force, and its outputs are those of (k+1)T.
 
     `reset` takes `start_position` and the readings there; noise is that of `seed`.
     """
@@ -144,7 +144,7 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
 
 
 def machine_routine(machine: Machine, name: str, seed: int = 0) -> Routine:
-    """The axes of a machine with their couplings: a step moves all of them from kT to (k+1)T under their forces.
+    """Return the axes of a machine with their couplings: a step moves all from kT to (k+1)T under their forces.
 
     Inputs and outputs are those of `plant_routine` with the axis before them; noise is that of a run with `seed`.
     """
@@ -209,7 +209,7 @@ _SEEN = ("reading_motor", "reading_load", "position_motor", "position_load", "ve
 
 
 class _Traced:
-    """A block on symbols, and what its trace collects."""
+    """A block on symbols, and the parts of its routine that the trace collects."""
 
     def __init__(self, block: Any, loop: System) -> None:
         self.graph = Graph()
@@ -229,7 +229,7 @@ class _Traced:
         self.words = Names(self.graph, {id(owner): path for path, owner in self.owners if path or not runs})
 
     def input(self, name: str) -> Any:
-        """An input."""
+        """Return the symbol of an input."""
         return self.graph.input(name)
 
     def routine(
@@ -246,7 +246,7 @@ class _Traced:
         first: Mapping[str, Any] | None = None,
         conditions: Sequence[tuple[Any, str]] = (),
     ) -> Routine:
-        """All of it with names, units and meanings."""
+        """Return the routine with names, units and meanings."""
         values = dict(tree.leaves(self.block))
         node = self.graph.symbol
         for signal, (_, _, value) in outputs.items():
@@ -314,7 +314,7 @@ class _Traced:
         )
 
     def _declared(self, name: str) -> tuple[str, Declaration]:
-        """The path of a leaf in the loop, and its declaration."""
+        """Return the path of a leaf in the loop, and its declaration."""
         is_axis = isinstance(self.block, Axis)
         path = f"{self.loop.place_of('axis')}.{name}" if is_axis else tree.path_of(self.block, name)
         declared = tree.declaration(self.block, name if is_axis else path)
@@ -325,11 +325,12 @@ class _Traced:
         return Variable(self._word(name), path, declared.unit, _ABSENT.sub("", declared.meaning), node, value, declared)
 
     def _word(self, name: str) -> str:
-        """The name of a parameter on a target; of several axes it begins with that of the axis."""
+        """Return the name of a parameter on a target; with several axes it begins with that of the axis."""
         return target_name(name.removeprefix("axis.") if isinstance(self.block, Physics | Controllers) else name)
 
     def _conditions(self, used: set[str], more: Sequence[tuple[Any, str]]) -> Iterator[Condition]:
-        """Bounds of the parameters in use, then what blocks demand of them; what no parameter changes is no condition.
+        """Yield the bounds of the parameters in use, then the rules of the blocks, except those that no parameter
+        changes.
 
         A parameter that is not read on the target enters a rule as a constant with its present value.
         """
@@ -362,7 +363,9 @@ class _Traced:
 def _live(
     graph: Graph, outputs: Sequence[int], before: Sequence[int], after: Sequence[int], retune: Retune | None
 ) -> list[int]:
-    """Places of the states that an output depends on, sooner or later; no target needs to remember the others."""
+    """Return the indices of the states that an output depends on, sooner or later; no target needs to remember the
+    others.
+    """
     live: set[int] = set()
     while True:
         below = set(reachable(graph, [*outputs, *(after[i] for i in live)]))
@@ -376,7 +379,7 @@ def _live(
 
 
 def _retune(block: Controller | Controllers, prepared: Any, begun: Any) -> Retune:
-    """`retune` of what runs on a target, on symbols."""
+    """Trace the live change of a control on symbols."""
     graph = Graph()
     leaves: dict[int, tuple[str, int]] = {}
 
@@ -405,7 +408,7 @@ def _retune(block: Controller | Controllers, prepared: Any, begun: Any) -> Retun
 
 
 def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
-    """Dotted name and block of every block of a tree, outermost first."""
+    """Yield the dotted name and block of every block of a tree, outermost first."""
     if isinstance(block, Block):
         yield path, block
         parts = {name: getattr(block, name) for name, d in tree.declarations(type(block)).items() if d.role == "part"}
@@ -418,7 +421,7 @@ def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
 
 
 def _meanings(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, str]]:
-    """For each leaf of a tree of named tuples, what the innermost of them says of itself."""
+    """Yield, for each leaf of a tree of named tuples, the docstring of the innermost of them."""
     if isinstance(values, tuple):
         names = getattr(values, "_fields", None)
         text = inspect.getdoc(type(values)) or "" if names else text

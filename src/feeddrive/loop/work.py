@@ -33,14 +33,14 @@ _sampled_by_numpy = [0]
 
 
 class Path:
-    """Sampled setpoints, shape (5, samples), not to be written."""
+    """Sampled setpoints, shape (5, samples), read only."""
 
     def __init__(self, rows: np.ndarray) -> None:
         self.rows = rows
         self._travels: dict[int, float] = {}
 
     def travel(self, most: int) -> float:
-        """The travel in m, seen at up to `most` samples."""
+        """Return the travel in m, sampled at up to `most` samples."""
         if most not in self._travels:
             self._travels[most] = travel(self.rows[0, _spread(self.rows.shape[1], most)])
         return self._travels[most]
@@ -99,18 +99,18 @@ class Work:
 
     @property
     def duration(self) -> float:
-        """Of the longest reference, s."""
+        """The duration of the longest reference, s."""
         return max(reference.duration for reference in self.reference.values())
 
     def first(self) -> Any:
-        """The setpoint at t = 0, as numbers; of a machine by axis."""
+        """The setpoint at t = 0, as numbers; for a machine by axis."""
         if self._first != 0 or self._count == 0:
             self.sample(0, 1)
         setpoints = {axis: Setpoint(*path.rows[:, 0]) for axis, path in self._paths.items()}
         return next(iter(setpoints.values())) if self._single else setpoints
 
     def travel(self, count: int, most: int) -> float:
-        """The longest travel of an axis in m, seen at up to `most` samples, spread over the first `count`."""
+        """Return the longest travel of an axis in m, at up to `most` samples spread over the first `count`."""
         if self._first == 0 and self._count == count:
             return max(path.travel(most) for path in self._paths.values())
         return max(
@@ -118,7 +118,7 @@ class Work:
         )
 
     def sample(self, first: int, count: int) -> slice:
-        """Sample a stretch, unless the last one holds it, and say where it is in that one."""
+        """Sample a stretch, unless the last one holds it, and return its place in that one."""
         start = first - self._first
         if start < 0 or start + count > self._count:
             t = cache(lambda: (first + np.arange(count)) * self.T)
@@ -133,7 +133,9 @@ class Work:
         return slice(start, start + count)
 
     def sampled(self, first: int, count: int) -> dict[str, Any]:
-        """Setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is kept."""
+        """Return setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is
+        cached.
+        """
         held, inputs = self.sample(first, count), {}
         for axis, port in self._ports.items():
             inputs |= {f"{port}{name}": row[held] for name, row in zip(SETPOINT, self._paths[axis].rows, strict=True)}
@@ -142,14 +144,16 @@ class Work:
         return inputs
 
     def _along(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
-        """The setpoints of a reference; those of a whole run are kept: the next one often follows the same path."""
+        """Return the setpoints of a reference; those of a whole run are cached, since the next run often follows the
+        same path.
+        """
         place = key(reference) if first == 0 and 1 < count <= _KEPT else None
         if place is None:
             return self._fresh(reference, t, first, count)
         return _references.get((place, count, self.T), lambda: self._fresh(reference, t, first, count))
 
     def _fresh(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
-        """The setpoints of a reference, sampled."""
+        """Sample the setpoints of a reference."""
         stretches = reference.stretches() if count >= _SHORT else ()
         if stretches and _sampled_by_numpy[0] > _PAYS_AFTER:
             out = _by_stretches(stretches, self.T, first, count)
@@ -162,7 +166,7 @@ class Work:
         return Path(out)
 
     def inputs(self, code: Native, first: int, count: int) -> np.ndarray:
-        """Samples first .. first + count - 1 in the order of the machine code, shape (count, n); not to be written."""
+        """Return samples first .. first + count - 1 in the order of the machine code, shape (count, n), read only."""
         names = tuple(name for name, _ in code.plan.inputs)
         begin = SETPOINT.index(names[0]) if self._single and names and names[0] in SETPOINT else 0
         if self._single and names == SETPOINT[begin : begin + len(names)]:
@@ -180,7 +184,7 @@ class Work:
 
 
 def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int) -> np.ndarray:
-    """The setpoints of samples first .. first + count - 1 by machine code, the same bits as by numpy."""
+    """Sample the setpoints first .. first + count - 1 by machine code, with the same bits as numpy."""
     sampler, out = _sampler(), np.empty((count, len(SETPOINT)))
     rows = np.array([(*way, *piece, T) for way, piece in stretches])
     way, piece = len(Way._fields), len(Way._fields) + len(Piece._fields)
@@ -204,7 +208,7 @@ def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int
 
 @lru_cache(maxsize=1)
 def _sampler() -> Native:
-    """The setpoints of one stretch; its numbers and the sample time are constants."""
+    """Return machine code for the setpoints of one stretch; its numbers and the sample time are constants."""
     graph = Graph()
     leaves = [name for name, _ in tree.leaves(rest(0.0, 0.0))]
     stretch = tree.rebuild(rest(0.0, 0.0), (graph.input(name) for name in leaves))
@@ -223,11 +227,11 @@ def _sampler() -> Native:
 
 
 def travel(positions: Any) -> float:
-    """From the least to the largest position."""
+    """Return the distance from the least to the largest position."""
     return float(np.ptp(positions))
 
 
 @lru_cache(maxsize=64)
 def _spread(count: int, most: int) -> np.ndarray:
-    """Up to `most` of the first `count` samples, the first and the last among them."""
+    """Return up to `most` of the first `count` samples, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, most).astype(np.int64))
