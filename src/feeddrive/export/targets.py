@@ -160,7 +160,7 @@ def write_all(
     together: bool = False,
     **options: Any,
 ) -> list[tuple[Design, Path]]:
-    """As `write_export`; without an `axis` the controls of all axes of a machine file that has several.
+    """Write as `write_export`; without an `axis` the controls of all axes of a machine file that has several.
 
     With `together`, or if a coupling runs between the controls, they are one.  Else each has a directory of its own,
     `out`/AXIS, and with a `name` the prefix NAME_AXIS.  All are checked before
@@ -216,7 +216,7 @@ def _planned(
     together: bool,
     options: Mapping[str, Any],
 ) -> tuple[Design, Path, Callable[[Design, Path], Path]]:
-    """A checked design, where it goes, and the function that writes it."""
+    """Return a checked design, its path, and the function that writes it."""
     chosen = _chosen(target)
     chosen_options = {key: value for key, value in options.items() if value not in (None, False, ())}
     for option in chosen_options:
@@ -266,7 +266,7 @@ def _chosen(target: str) -> Target:
 
 
 def _flag(option: str) -> str:
-    """An option as the command line has it."""
+    """Return an option as the command line has it."""
     flags = {"single_header": "--header-only", "makers": "--maker"}
     return flags.get(option, f"--{option}")
 

@@ -31,7 +31,8 @@ _DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admiss
 def error_model(
     loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
 ) -> StateSpace | Lifted:
-    """Ĝ_d: from a force that the feedforward lacks, in N, to the following error, in m, at the loop's sample time.
+    """Return Ĝ_d: from a force that the feedforward lacks, in N, to the following error, in m, at the loop's sample
+    time.
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
@@ -64,7 +65,7 @@ def error_model(
 
 
 def true_error_model(loop: Loop) -> StateSpace | Lifted:
-    """G_d of a simulated loop without friction and quantizers, as the reference for a Ĝ_d."""
+    """Return G_d of a simulated loop without friction and quantizers, as the reference for a Ĝ_d."""
     return _required(loop, None)
 
 
@@ -73,7 +74,8 @@ def _samples(model: StateSpace | Lifted) -> tuple[StateSpace, ...]:
 
 
 def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
-    """Columns, shape (n, columns), through a model with one input and one output; the first row is its first sample.
+    """Filter columns, shape (n, columns), through a model with one input and one output; the first row is its first
+    sample.
 
     Before the first row the columns are taken as 0, or, if the axis was `moving`, as those of the first row.
     """
@@ -97,14 +99,14 @@ def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = 
 
 
 def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
-    """Samples after which the slowest motion of a model has fallen to a share."""
+    """Return the samples after which the slowest motion of a model has fallen to a share."""
     slowest = _growth(model)
     turns = 1.0 if slowest <= 0.0 else np.log(share) / np.log(min(slowest, 1.0 - 1e-9))
     return max(1, len(_samples(model)) * int(np.ceil(turns)))
 
 
 def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """The model loop's G_d, if it is stable; without a plant that of the axis with its viscous friction."""
+    """Return the model loop's G_d, if it is stable; without a plant that of the axis with its viscous friction."""
     model = _closed(loop, plant)
     size = _growth(model)
     if size < _EDGE:
@@ -122,7 +124,7 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
 
 
 def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """From a force behind the limit to the position, without all nonlinear parts."""
+    """Return the linear closed loop from a force behind the limit to the position, without all nonlinear parts."""
     control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
     ends: dict[str, Any] = {
         f"encoder_{end}": None if getattr(loop.axis, f"encoder_{end}") is None else Encoder() for end in _ENDS
@@ -135,12 +137,12 @@ def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
 
 
 def _growth(model: StateSpace | Lifted) -> float:
-    """|z| of the largest pole, over a period."""
+    """Return |z| of the largest pole, over a period."""
     return float(np.max(np.abs(model.poles()), initial=0.0))
 
 
 def _nearest(loop: Loop, plant: Rigid) -> float | None:
-    """The mass nearest to that of the plant, by ratio, with which the model loop is stable, to four digits."""
+    """Return the mass nearest to that of the plant, by ratio, with which the model loop is stable, to four digits."""
     mass = plant.mass
 
     def stable(log: float) -> bool:
@@ -159,7 +161,7 @@ def _nearest(loop: Loop, plant: Rigid) -> float | None:
 
 
 def _inverse(loop: Loop) -> StateSpace | Lifted:
-    """1/C, with C from both readings, moved together, to the force."""
+    """Return 1/C, with C from both readings, moved together, to the force."""
     control = dataclasses.replace(
         loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None, filters=()
     )
@@ -208,7 +210,7 @@ _ORDER = (
 def not_excited(
     names: Sequence[str], columns: np.ndarray, seen: np.ndarray, velocity: np.ndarray, dead_band: float
 ) -> dict[str, str]:
-    """Reasons, by name, why columns are to be frozen; shape of both matrices: (samples, columns).
+    """Return the reasons, by name, why columns must be held; shape of both matrices: (samples, columns).
 
     columns   φ, of the set motion Ψ, the same through Ĝ_d: their effect on the error
     velocity  m/s, of the set motion in the middle of the samples
@@ -236,7 +238,7 @@ def not_excited(
 
 
 def _own(alike: np.ndarray, i: int, others: list[int]) -> float:
-    """Size of the remainder of a column of size 1 without its part along others; `alike` holds their products."""
+    """Return the size of the remainder of a unit column without its part along others; `alike` holds their products."""
     if alike[i, i] <= 0.0:
         return 0.0
     across = alike[others, i]
@@ -268,12 +270,12 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def condition(seen: np.ndarray) -> float:
-    """Condition number of columns that are scaled to the same size; 1 for none."""
+    """Return the condition number of columns that are scaled to the same size; 1 for none."""
     if not seen.shape[1]:
         return 1.0
     return float(np.linalg.cond(seen / np.linalg.norm(seen, axis=0)))
 
 
 def reasons(frozen: Mapping[str, str]) -> str:
-    """The names as one text."""
+    """Return the names as one text."""
     return joined("; ", [f"{name}: {reason}" for name, reason in frozen.items()])

@@ -1,4 +1,4 @@
-"""Filtered B-splines: a set path as a sum of splines, of which the loop's own answers are fitted to the wanted path."""
+"""Filtered B-splines: a set path as a sum of splines, whose simulated responses are fitted to the wanted path."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ _RIDGE = 1e-6  # of the largest column: weight of the coefficients' own size in 
 
 
 def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
-    """A cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values; they add up to 1."""
+    """Return a cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values, which sum to
+    1.
+    """
     from scipy.interpolate import BSpline  # not for commands that only read
 
     t = np.arange((degree + 1) * spacing + 1) / spacing
@@ -27,7 +29,7 @@ def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
 
 
 class _Columns:
-    """The answers of the table to splines that begin every `spacing` samples."""
+    """The table's responses to splines that begin every `spacing` samples."""
 
     def __init__(self, path: SetPath, degree: int, spacing: int) -> None:
         self.spline, self.spacing, self.period = cardinal_spline(degree, spacing), spacing, path.period
@@ -35,7 +37,7 @@ class _Columns:
         self.answers = {phase: self._answer(path, phase) for phase in phases}
 
     def _answer(self, path: SetPath, phase: int) -> np.ndarray:
-        """Until it has settled."""
+        """Return the table's response to the spline until it has settled."""
         rows = 2 * self.spline.size
         while True:
             positions = np.zeros((rows, 1))
@@ -52,7 +54,9 @@ class _Columns:
             rows *= 2
 
     def matrix(self, first: int, last: int, begin: int, end: int, *, answered: bool = True) -> np.ndarray:
-        """Rows begin .. end of the splines (or their answers) first .. last; spline i begins at row i · spacing."""
+        """Return rows begin .. end of the splines (or their responses) first .. last; spline i begins at row i ·
+        spacing.
+        """
         columns = np.zeros((end - begin, last - first))
         for i in range(first, last):
             at = i * self.spacing
@@ -72,7 +76,7 @@ def filtered_splines(
     window: int | None = None,
     kept: int | None = None,
 ) -> ChangedReference:
-    """Set positions of splines whose simulated answers fit a reference best: tracking without an inverse.
+    """Return set positions as splines whose simulated responses fit a reference best: tracking without an inverse.
 
         x_r' = Φ p,   p = argmin |x_r - Ψ p|²,   Ψ_i = answer of the table to the spline Φ_i (degree, knots)
 
@@ -115,7 +119,7 @@ def filtered_splines(
 
 
 def _slid(columns: _Columns, wanted: np.ndarray, first: int, last: int, window: int, kept: int) -> np.ndarray:
-    """The coefficients by windows, each less what those before it have fixed."""
+    """Return the coefficients window by window, after subtracting what the windows before have fixed."""
     if window < 10 or not 1 <= kept <= window:
         raise ParameterError(
             f"window = {window} coefficients, {kept} of them kept: at least 10, of which 1 to all are kept; with "
@@ -139,7 +143,7 @@ def _slid(columns: _Columns, wanted: np.ndarray, first: int, last: int, window: 
 
 
 def _least(Psi: np.ndarray, right: np.ndarray, ridge: float) -> np.ndarray:
-    """argmin |right - Ψ p|² + (ridge · |Ψ|)² |p|² by QR of the stacked matrix; columns without rows give 0."""
+    """Return argmin |right - Ψ p|² + (ridge · |Ψ|)² |p|² by QR of the stacked matrix; columns without rows give 0."""
     from scipy.linalg import lstsq
 
     size = np.sqrt(np.sum(Psi**2, axis=0))

@@ -36,7 +36,7 @@ COLUMNS = tuple(name for name in declarations(DisturbanceCompensator) if name no
 
 
 def compensator(loop: Loop) -> DisturbanceCompensator:
-    """The disturbance compensator of a loop. Raises StructureError if there is none, or more than one."""
+    """Return the disturbance compensator of a loop. Raises StructureError if there is none, or more than one."""
     compensators = [block for block in loop.control.feedforward if isinstance(block, DisturbanceCompensator)]
     if len(compensators) != 1:
         what = "none" if not compensators else f"{len(compensators)} of them"
@@ -48,7 +48,7 @@ def compensator(loop: Loop) -> DisturbanceCompensator:
 
 
 def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
-    """The loop with this compensator in place of its present one, or after its other feedforward."""
+    """Return the loop with this compensator instead of its present one, or after its other feedforward."""
     others = tuple(
         block if isinstance(feedforward, DisturbanceCompensator) else feedforward
         for feedforward in loop.control.feedforward
@@ -61,7 +61,7 @@ def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
 def begin_compensation(
     loop: Loop, columns: Sequence[str] | None = None, *, stribeck_velocity: float | None = None
 ) -> Loop:
-    """The loop with a compensator to begin with: parameters at 0, or what the loop feeds forward now.
+    """Return the loop with an initial compensator: parameters at 0, or those that the loop feeds forward now.
 
     columns            names of its parameters; default: mass, viscous and both Coulomb levels, as far as the law does
                        not feed them forward itself
@@ -133,7 +133,7 @@ class Iteration(Result):
 
     @property
     def predicted_rms(self) -> float:
-        """Of the next trial's following error along the same reference, m."""
+        """The RMS of the next trial's following error along the same reference, m."""
         return float(np.sqrt(np.mean(self.predicted**2)))
 
     def table(self) -> Table:
@@ -167,7 +167,7 @@ def next_iteration(
     saturation: str = "refused",
     skip: int = 0,
 ) -> Iteration:
-    """The feedforward parameters for the next trial, from the error of this one.
+    """Return the feedforward parameters for the next trial, from the error of this one.
 
         Ψ = Ĝ_d φ,   θ_next = θ + gamma (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e,   S scales the columns of Ψ to the same size
 
@@ -236,7 +236,7 @@ def next_iteration(
 def regressors(
     loop: Loop, block: DisturbanceCompensator, setpoint: Setpoint, columns: Sequence[str] | None = None
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names, φ of shape (n, columns), and the set velocity (m/s) in the middle of the samples.
+    """Return names, φ of shape (n, columns), and the set velocity (m/s) in the middle of the samples.
 
     They are computed by the code of the block, on the setpoint after the prefilter.
     """
@@ -259,7 +259,7 @@ def regressors(
 
 
 def _prefiltered(loop: Loop, setpoint: Setpoint) -> Setpoint:
-    """The setpoint as law and feedforward see it."""
+    """Return the setpoint as law and feedforward see it."""
     prefilter = loop.control.prefilter
     if prefilter is None:
         return setpoint
@@ -285,7 +285,7 @@ def _check(loop: Loop, trial: Trial, gamma: float, mu: float, saturation: str) -
 
 
 def _rows(trial: Trial, after: int, saturation: str, skip: int) -> np.ndarray:
-    """Which samples count."""
+    """Return a mask of the samples that are used."""
     n = trial.following_error.size
     if not 0 <= skip < n:
         raise ParameterError(f"skip = {skip} samples must be >= 0 and < {n}, the length of the trial")
@@ -307,14 +307,14 @@ def _rows(trial: Trial, after: int, saturation: str, skip: int) -> np.ndarray:
 
 
 def _least(block: DisturbanceCompensator, name: str, least_mass: float) -> float:
-    """The lower bound of a parameter."""
+    """Return the lower bound of a parameter."""
     declared = tree.declaration(block, name).least
     least = -np.inf if declared is None else declared
     return max(least, least_mass) if name == "mass" else least
 
 
 def _remarks(loop: Loop) -> list[str]:
-    """Remarks on the control that concern the meaning of the parameters."""
+    """Return remarks on the control that concern the meaning of the parameters."""
     law, remarks = loop.control.law, list[str]()
     share = dict(tree.leaves(law)).get("velocity_feedforward")
     if share is not None and share != 1.0:
@@ -334,7 +334,7 @@ def _remarks(loop: Loop) -> list[str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Convergence(Result):
-    """What a trial does to the error of the parameters: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
+    """The effect of a trial on the error of the parameters: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
 
     matrix     I - gamma Ψ̂⁺ Ψ, in parameters that are scaled so that all columns have the same size
     condition  condition number of the assumed columns
@@ -347,12 +347,12 @@ class Convergence(Result):
 
     @property
     def rate(self) -> float:
-        """ρ: the factor of the error of the parameters from trial to trial in the long run."""
+        """The factor ρ by which the error of the parameters changes from trial to trial in the long run."""
         return float(np.max(np.abs(np.linalg.eigvals(self.matrix)), initial=0.0))
 
     @property
     def converges(self) -> bool:
-        """Whether ρ < 1."""
+        """True if ρ < 1."""
         return self.rate < 1.0
 
     def table(self) -> Table:
@@ -374,7 +374,7 @@ def convergence(
     plant: Plant | None = None,
     least_mass: float = 0.0,
 ) -> Convergence:
-    """The rate at which `iterate` converges on a loop whose axis is known, with a tuner that assumes another axis.
+    """Return the rate at which `iterate` converges on a loop with a known axis, with a tuner that assumes another axis.
 
         Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the believed one,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
 

@@ -53,7 +53,8 @@ def tune_repetitive(
     most_lead: int = 40,
     velocity: float = 0.05,
 ) -> RepetitiveDesign:
-    """The repetitive control of a loop for a motion that repeats every `period` s, with the lead that learns quickest.
+    """Return the repetitive control of a loop for a motion that repeats every `period` s, with the fastest-learning
+    lead.
 
         min over leads l of   max over f of   |q (1 - learning_gain T_r z^l)|
 
@@ -99,7 +100,9 @@ def tune_repetitive(
 
 
 def shift_response(loop: Loop, frequency: np.ndarray, velocity: float = 0.05) -> np.ndarray:
-    """T_r at frequencies in Hz: load over a shift of the set position, whose difference goes into the set velocity."""
+    """Return T_r at frequencies in Hz: load over a shift of the set position, whose difference goes into the set
+    velocity.
+    """
     T = float(loop.sample_time)
     model = linearize(loop, ("set_position", "set_velocity"), ("position_load",), velocity=velocity)
     by_position, by_velocity = (

@@ -19,7 +19,7 @@ _DURATION = 4.0  # s
 
 
 def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
-    """The loop with the stops that a simulated log of it shows, in place of its other friction feedforward.
+    """Return the loop with the stops identified from a simulated log of it, instead of its other friction feedforward.
 
     The axis swings for 4 s by 1 mm at 0.5 Hz, with smaller and faster swings on top, in the middle of its travel; its
     mass is told, viscous friction and offset are found with the stops and left to the other blocks.  `seed` is that of
@@ -49,14 +49,14 @@ def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
 
 
 def _center(loop: Loop) -> float:
-    """The middle of the travel, or 0 without limits."""
+    """Return the middle of the travel, or 0 without limits."""
     guard = loop.control.guard
     ends = () if guard is None else tuple(x for x in (guard.travel_least, guard.travel_most) if x is not None)
     return 0.5 * (ends[0] + ends[1]) if len(ends) == 2 else 0.0
 
 
 def _swings(center: float, T: float) -> Recorded:
-    """The sum of the swings with its derivatives."""
+    """Return the sum of the swings with its derivatives."""
     t = np.arange(round(_DURATION / T)) * T
     rows = [np.zeros(t.size) for _ in range(5)]
     for amplitude, frequency in _SWINGS:

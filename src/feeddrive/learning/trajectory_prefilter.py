@@ -50,7 +50,7 @@ class PrefilterFit(Result):
 
     @property
     def prefilter(self) -> TrajectoryPrefilter:
-        """The prefilter for the next run: that of this one and θ."""
+        """The prefilter for the next run: that of this one plus θ."""
         parts = {name: getattr(self.present, name) for name in _NAMES}
         for name, value in self.theta.items():
             parts[_NAMES[REGRESSORS.index(name)]] += value
@@ -58,7 +58,9 @@ class PrefilterFit(Result):
 
     @property
     def exact(self) -> TrajectoryPrefilter:
-        """The same where θ is not small: (1 + present) / (1 - θ(s)) as a series, cut off above the snap."""
+        """The prefilter for a θ that is not small: (1 + present) / (1 - θ(s)) as a series, cut off above the
+        snap.
+        """
         t1, t2, t3, t4 = (self.theta.get(name, 0.0) for name in REGRESSORS)
         inverse = (
             t1,
@@ -73,7 +75,7 @@ class PrefilterFit(Result):
 
     @property
     def predicted(self) -> np.ndarray:
-        """The error that the next run will leave, m: the remainder, and θ(s)² x up to the snap.
+        """The predicted error of the next run, m: the remainder, and θ(s)² x up to the snap.
 
         As if the loop followed θ(s) x at once; it smooths the steps of a θ4 snap, and leaves less than this there.
         """
@@ -82,11 +84,11 @@ class PrefilterFit(Result):
         return self.error - self.explained + t1 * t1 * a + 2.0 * t1 * t2 * j + (2.0 * t1 * t3 + t2 * t2) * s
 
     def rms(self, error: np.ndarray) -> float:
-        """RMS of an error over the counted samples, m."""
+        """Return the RMS of an error over the counted samples, m."""
         return float(np.sqrt(np.mean(error[self.counted] ** 2)))
 
     def correlation(self, error: np.ndarray) -> dict[str, float]:
-        """Of an error with every derivative of the reference that is not zero, over the counted samples."""
+        """Return the correlation of an error with each nonzero derivative of the reference over counted samples."""
         correlations: dict[str, float] = {}
         for name in REGRESSORS:
             column = getattr(self.setpoint, name)[self.counted]
@@ -95,7 +97,7 @@ class PrefilterFit(Result):
         return correlations
 
     def table(self) -> Table:
-        """One row a regressor; the last columns are correlations with the error, and with what is left of it."""
+        """Return one row per regressor; the last columns are correlations with the error, and with its remainder."""
         before, after = self.correlation(self.error), self.correlation(self.error - self.explained)
         rows = []
         for i, name in enumerate(REGRESSORS):
@@ -129,7 +131,7 @@ def fit_prefilter(
     regressors: Sequence[str] = REGRESSORS,
     present: TrajectoryPrefilter | None = None,
 ) -> PrefilterFit:
-    """The prefilter for a loop, from one run of it along a reference; iterate while it still falls.
+    """Fit a prefilter to one run of a loop along a reference; iterate while the error still falls.
 
         least ‖e - [v a j s] θ‖ over the samples in motion,  e = set position - reading,  v .. s exact, not filtered
 
@@ -161,7 +163,7 @@ def fit_prefilter_to_log(
     control: Loop | None = None,
     name: str = "the log",
 ) -> PrefilterFit:
-    """The same from a measured log: positions in m of the command, before any prefilter, and of the table.
+    """Fit a prefilter to a measured log: positions in m of the command, before any prefilter, and of the table.
 
     reference  the motion in closed form, for exact derivatives; it is laid over the set positions.  Without it the
                derivatives are central differences of the set positions as they were sampled
@@ -188,7 +190,7 @@ def fit_prefilter_to_log(
 def tune_prefilter(
     loop: Loop, reference: Reference, *, runs: int = 2, regressors: Sequence[str] = REGRESSORS, seed: int = 0
 ) -> tuple[PrefilterFit, ...]:
-    """Fit after fit, each from a simulated run with the prefilter of the one before; the last one's is the result."""
+    """Fit repeatedly, each time to a simulated run with the prefilter of the fit before; return the last one."""
     present = loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
         raise ParameterError(f"control.prefilter is a {present.kind}: take it out, or tune a trajectory_prefilter")
@@ -232,7 +234,7 @@ def _check_clock(name: str, actual: float, wanted: float) -> None:
 
 
 def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
-    """Refuse an error of half the travel: it means a dead encoder or a wrong unit."""
+    """Raise LogError for an error of half the travel: it means a dead encoder or a wrong unit."""
     travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
     if travel > 0.0 and not off < 0.5 * travel:
         raise LogError(
@@ -243,7 +245,7 @@ def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) ->
 
 
 def _laid_over(name: str, time: np.ndarray, set_position: np.ndarray, reference: Reference) -> Setpoint:
-    """The reference at the times of the log, shifted to where its set positions are half way for the first time."""
+    """Return the reference at the times of the log, shifted to where its set positions first pass half way."""
     travel = float(np.ptp(set_position))
     own = np.linspace(0.0, reference.duration, 200_001)
     shift = _half_way(time, set_position) - _half_way(own, np.asarray(reference.at(own).position))
@@ -319,13 +321,13 @@ def _fit(
 
 
 def _condition(rows: np.ndarray) -> tuple[float, np.ndarray]:
-    """Of columns scaled to equal RMS, and the combination of them that the motion shows least."""
+    """Return the condition number of columns scaled to equal RMS, and the combination that the motion excites least."""
     _, sizes, directions = np.linalg.svd(rows / np.sqrt(np.mean(rows**2, axis=0)), full_matrices=False)
     return float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else float("inf"), directions[-1]
 
 
 def _memory(remainder: np.ndarray) -> int:
-    """Samples until the correlation of the remainder with itself is gone twice over."""
+    """Return twice the samples after which the remainder's autocorrelation has vanished."""
     n = remainder.size
     correlation = np.fft.irfft(np.abs(np.fft.rfft(remainder, 2 * n)) ** 2)[:n]
     gone = np.flatnonzero(correlation <= 0.0)

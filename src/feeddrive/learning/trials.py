@@ -68,17 +68,19 @@ class Trials(Result):
 
     @property
     def rms(self) -> np.ndarray:
-        """Of the following error of each trial, m."""
+        """The RMS of the following error of each trial, m."""
         return np.array([trial.rms for trial in self.trials])
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Values by name over the trials, SI."""
+        """Return the values by name over the trials, SI."""
         blocks = [iteration.before for iteration in self.iterations]
         blocks.append(self.iterations[-1].after)
         return {name: np.array([block.parameters()[name] for block in blocks]) for name in blocks[0].parameters()}
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Standard errors by name over the trials, SI; NaN where a parameter was not learned in the trial before."""
+        """Return the standard errors by name over the trials, SI; NaN where a parameter was not learned in the trial
+        before.
+        """
         names = self.iterations[0].before.parameters()
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
@@ -186,7 +188,7 @@ class SignalTrials(Result):
 
     @property
     def rms(self) -> np.ndarray:
-        """Of the following error of each trial, m."""
+        """The RMS of the following error of each trial, m."""
         return np.array([trial.rms for trial in self.trials])
 
     def table(self) -> Table:
@@ -253,7 +255,7 @@ def learn_signal(
 
 
 def _played(loop: Loop, force: np.ndarray) -> Loop:
-    """The loop that adds the force; it ends with 0."""
+    """Return the loop that adds the force, which ends with 0."""
     others = tuple(block for block in loop.control.compensation if not isinstance(block, LearnedForce))
     block = LearnedForce(force=np.append(force, 0.0))
     return dataclasses.replace(loop, control=dataclasses.replace(loop.control, compensation=(*others, block)))
@@ -264,7 +266,7 @@ def _lines(model: StateSpace | Lifted, size: int) -> np.ndarray:
 
 
 def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
-    """From 0 Hz on, where an FRF has no line; with two rates the answer at the frequency itself."""
+    """Return the response from 0 Hz on, where an FRF has no line; with two rates the answer at the frequency itself."""
     if isinstance(model, Lifted):
         A, B, C, D = model.stacked(model.inputs, model.outputs)
         held = np.ones(B.shape[1])
@@ -276,7 +278,7 @@ def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
 
 
 def _correction(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
-    """L at the frequencies."""
+    """Return L at the frequencies."""
     g = _response(model, frequency)
     return g.conj() / (np.abs(g) ** 2 + (_REGULAR * np.max(np.abs(g))) ** 2)
 
@@ -346,7 +348,8 @@ def iterate_machine(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> MachineTrials:
-    """Feedforward parameters of all axes that move, from run to run (`next_iteration` has the law and its arguments).
+    """Learn the feedforward parameters of all moving axes from run to run (`next_iteration` has the law and its
+    arguments).
 
     Each axis learns from its own error; what couples it with others is seen as a disturbance that repeats.  An axis
     whose run teaches nothing keeps what it has, with a remark.
@@ -373,7 +376,7 @@ def tune_prefilters(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> MachineTrials:
-    """Trajectory prefilters of all axes that move, from run to run (`fit_prefilter` has the law).
+    """Tune the trajectory prefilters of all moving axes from run to run (`fit_prefilter` has the law).
 
     Raises ParameterError for fewer than two runs and for a prefilter of another kind, and as `simulate`.
     """
@@ -407,7 +410,7 @@ def _repeated(
     seed: int,
     progress: Progress | None,
 ) -> MachineTrials:
-    """Run after run, with what each axis learned from the one before."""
+    """Simulate run after run, with what each axis learned from the one before."""
     if runs < 2:
         raise ParameterError(f"runs = {runs} must be >= 2: the first shows the error, the second what was learned")
     moving = [name for name, reference in references.items() if _moves(reference, float(machine.sample_time))]

@@ -211,7 +211,9 @@ class NativeBeginning:
     """`prepare` and `start` of one structure of a loop as machine code."""
 
     def __init__(self, loop: Loop, timing: Any, row: np.ndarray | None) -> None:
-        """`row` holds the numbers of a run: loops of a fixed count go no further than it needs; None: all the way."""
+        """Compile. `row` holds the numbers of a run: loops of a fixed count go no further than it needs; None: all the
+        way.
+        """
         self._leaves = [name for name, _ in tree.leaves(loop)]
         names = [*self._leaves, *STARTS]
         counts: dict[int, float] = {}

@@ -111,7 +111,7 @@ class Course:
     """A run in pieces that changes its control at given samples."""
 
     def __init__(self, prepared: Prepared, later: list[tuple[int, Prepared]]) -> None:
-        """`later` holds the sample from which on each of the changed loops runs, in order."""
+        """Begin a run. `later` holds the sample from which on each of the changed loops runs, in order."""
         self._now, self._later = prepared, list(later)
 
     def advance(self, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:

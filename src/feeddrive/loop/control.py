@@ -95,7 +95,7 @@ class Control(Block):
         running: Number
 
     def rules(self) -> Iterator[Rule]:
-        """The safe force is within the limit."""
+        """Yield the condition that the safe force is within the limit."""
         limit, held = self.force_limit, None if self.guard is None else self.guard.safe_force
         if limit is not None and held is not None:
             yield Rule(
@@ -109,7 +109,7 @@ class Control(Block):
             )
 
     def check(self) -> None:
-        """Nothing of the set motion may be fed forward twice; compensations suit the law."""
+        """Reject duplicate feedforward terms and compensations that this law does not support."""
         for block in self.compensation:
             block.suits(self.law)
         if self.feedback_delay is not None and self.law.feeds:
@@ -128,7 +128,7 @@ class Control(Block):
                 fed[name] = block.kind
 
     def prepare(self, T: Number) -> Prepared:
-        """The prepared numbers of every part."""
+        """Prepare the numbers of every part."""
         return self.Prepared(
             self.law.prepare(T),
             tuple(part.prepare(T) for part in self.compensation),
@@ -139,7 +139,7 @@ class Control(Block):
     def start(
         self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number = 0.0
     ) -> State:
-        """Where the axis is one sample before the first step, moving with `velocity` (m/s).
+        """Return the state one sample before the first step, at the position of the axis, moving with `velocity` (m/s).
 
         The force that acts then is the guard's safe force; without a guard there is none.
         """
@@ -176,13 +176,13 @@ class Control(Block):
         enable: Number,
         T: Number,
     ) -> tuple[State, Command]:
-        """One sample, from the readings of the two encoders in m to the commanded force in N."""
+        """Compute one sample, from the readings of the two encoders in m to the commanded force in N."""
         return self.answer(prepared, state, self.judge(prepared, state, setpoint, motor, load, enable), T)
 
     def judge(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
     ) -> Judged:
-        """The first half of a sample: the guard has looked at setpoint and readings."""
+        """Compute the first half of a sample: the guard's verdict on setpoint and readings."""
         if self.guard is None:
             return self.Judged(setpoint, motor, load, state.guard)
         guard, verdict = self.guard.step(prepared.guard, state.guard, setpoint, motor, load, enable)
@@ -191,7 +191,9 @@ class Control(Block):
     def answer(
         self, prepared: Prepared, state: State, judged: Judged, T: Number, added: Number | None = None
     ) -> tuple[State, Command]:
-        """The second half: `added` is a velocity in m/s on top of what the law commands (`Law.position_gain`)."""
+        """Compute the second half of a sample; `added` is a velocity in m/s on top of what the law commands
+        (`Law.position_gain`).
+        """
         reading = self._reading(state, judged.motor, judged.load)
         verdict = judged.verdict
         if self.guard is None:
@@ -209,7 +211,9 @@ class Control(Block):
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def moved(self, state: State) -> Number:
-        """What compensation last added to the set position for the sake of the reading alone, m; the rest is motion."""
+        """Return what compensation last added to the set position on account of the reading alone, m; the rest is
+        motion.
+        """
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
         shifts = [block.moved(held) for block, held in pairs]
         shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
@@ -224,7 +228,7 @@ class Control(Block):
             )
 
     def retune(self, state: State, old: Control, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The state after a live change from `old` to this control, between two samples, without a bump.
+        """Return the state after a live change from `old` to this control, between two samples, without a bump.
 
         Only numbers may differ: raises StructureError where a block, a choice or the presence of a parameter does.
         """
@@ -257,7 +261,7 @@ class Control(Block):
     def _run(
         self, prepared: Prepared, memory: Any, setpoint: Setpoint, reading: Reading, T: Number, velocity: Number | None
     ) -> tuple[Memory, Command]:
-        """The parts in the order of the signal."""
+        """Run the parts in the order of the signal."""
         prefilter = memory.prefilter
         if self.prefilter is not None:
             prefilter, setpoint = self.prefilter.step(prefilter, setpoint, T)

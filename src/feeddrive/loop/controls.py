@@ -35,7 +35,7 @@ class Controls:
         self.controls, self.couplings = dict(controls), tuple(coupling for coupling in couplings if coupling.controls)
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> tuple[Any, ...]:
-        """The state of what runs between the controls."""
+        """Return the state of what runs between the controls."""
         return tuple(coupling.listen(_of(coupling, setpoints)) for coupling in self.couplings)
 
     def step(
@@ -46,7 +46,7 @@ class Controls:
         readings: Mapping[str, Given],
         T: Number,
     ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:
-        """One sample: the states of the controls and of what runs between them, and the commands by axis."""
+        """Compute one sample: the states of the controls and of what runs between them, and the commands by axis."""
         judged = {
             name: control.judge(coefficients, states[name], *readings[name])
             for (name, control), coefficients in zip(self.controls.items(), prepared, strict=True)
@@ -62,7 +62,7 @@ class Controls:
     def _corrected(
         self, between: tuple[Any, ...], judged: Mapping[str, Control.Judged], moved: Mapping[str, Any]
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """What is added to the velocities; while an axis of a coupling does not run, nothing to the others.
+        """Return the velocities that couplings add; while an axis of a coupling does not run, its others get none.
 
         `moved` is what compensation added to the set positions for the sake of the readings: no contour error.
         """
@@ -95,7 +95,7 @@ class Controller(Block):
     name: str = label("name of the axis", default="x")
 
     def place_of(self, field: str) -> str:
-        """As in the loop from which it comes."""
+        """Return the place in the loop from which it comes."""
         own = f"axis.{self.name}"
         return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
 
@@ -104,20 +104,20 @@ class Controller(Block):
         return (*SETPOINT, *_readings(self.encoders), "enable")
 
     def prepare(self, T: Number) -> Any:
-        """What depends on parameters only."""
+        """Compute everything that depends on parameters only."""
         return self.control.prepare(T)
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> Any:
-        """Where the axis is."""
+        """Return the state at the position of the axis."""
         return self.control.start(prepared, *_given(inputs, "")[:3])
 
     def step(self, prepared: Any, state: Any, inputs: Mapping[str, Any], T: Number) -> tuple[Any, dict[str, Any]]:
-        """One sample: the state, and the outputs by name."""
+        """Compute one sample: the state, and the outputs by name."""
         answer = self.control.step(prepared, state, *_given(inputs, ""), T)
         return answer[0], _outputs(answer[1], self.motor, "")
 
     def retune(self, state: Any, old: Controller, old_prepared: Any, prepared: Any) -> Any:
-        """The state after a live change."""
+        """Return the state after a live change."""
         return self.control.retune(state, old.control, old_prepared, prepared)
 
     def check_live(self, old: Controller) -> None:
@@ -154,7 +154,7 @@ class Controllers(Block):
         couplings: tuple[Any, ...]
 
     def controls(self) -> Controls:
-        """As the machine runs them."""
+        """Return the controls as the machine runs them."""
         there = [coupling for coupling in self.couplings if coupling is not None]
         return Controls({name: axis.control for name, axis in self.axis._asdict().items()}, there)
 
@@ -168,11 +168,11 @@ class Controllers(Block):
         )
 
     def prepare(self, T: Number) -> Any:
-        """What depends on parameters only, by axis."""
+        """Compute everything that depends on parameters only, by axis."""
         return type(self.axis)(*(axis.control.prepare(T) for axis in self.axis))
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> State:
-        """Where the axes are."""
+        """Return the state at the positions of the axes."""
         readings = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
         begun = (
             axis.control.start(coefficients, *readings[name][:3])
@@ -182,7 +182,7 @@ class Controllers(Block):
         return self.State(type(self.axis)(*begun), self.controls().listen(setpoints))
 
     def step(self, prepared: Any, state: State, inputs: Mapping[str, Any], T: Number) -> tuple[State, dict[str, Any]]:
-        """One sample: the state, and the outputs by name."""
+        """Compute one sample: the state, and the outputs by name."""
         readings = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
         answer = self.controls().step(prepared, state.axis._asdict(), state.couplings, readings, T)
         outputs = {
@@ -193,7 +193,7 @@ class Controllers(Block):
         return self.State(type(self.axis)(**answer[0]), answer[1]), outputs
 
     def retune(self, state: State, old: Controllers, old_prepared: Any, prepared: Any) -> State:
-        """The states after a live change; what runs between the controls keeps its own."""
+        """Return the states after a live change; what runs between the controls keeps its own."""
         rows = zip(self.axis, state.axis, old.axis, old_prepared, prepared, strict=True)
         return state._replace(
             axis=type(self.axis)(

@@ -66,17 +66,17 @@ class Core:
         self._own = sum(map(len, self._places.values()))
 
     def prepare(self, T: Number, timings: Mapping[str, Timing]) -> JointHold:
-        """The exact hold of the linear core."""
+        """Compute the exact hold of the linear core."""
         joint = self.mechanics()
         ports = [axis.port(self._rows(name), timings[name]) for name, axis in self.axes.items()]
         return hold(joint, ports, T, self.substeps())
 
     def substeps(self) -> int:
-        """Number of substeps, the same for every axis."""
+        """Return the number of substeps, the same for every axis."""
         return next(iter(self.axes.values())).substeps
 
     def mechanics(self) -> Mechanics:
-        """The joint matrices with the viscous part of all frictions; the shape is left out."""
+        """Return the joint matrices with the viscous part of all frictions; the shape is left out."""
         size = self._own + len(self.modes)
         mass, damping, stiffness = (matrix.zeros(size, size) for _ in range(3))
         for name, plain in self._plain.items():
@@ -101,7 +101,7 @@ class Core:
         return Mechanics(tuple(map(tuple, mass)), total, stiff, ())
 
     def _stretch(self, spring: SharedSpring) -> Row:
-        """The stretch of a spring over all coordinates."""
+        """Return the stretch of a spring over all coordinates."""
         rows = [matrix.scale(share, (self._rows(name).load,)) for name, share in spring.shares.items()]
         first, *rest = rows
         for row in rest:
@@ -109,7 +109,7 @@ class Core:
         return first[0]
 
     def _rows(self, name: str) -> Rows:
-        """Where the drive, the motor's and the load's body of an axis are, over all coordinates.
+        """Return the rows of the drive, the motor's and the load's body of an axis over all coordinates.
 
         The drive and the motor's body show a mode by its shape at the motor, the load's body by that at the load, also
         where the two are one body.
@@ -125,7 +125,7 @@ class Core:
         )
 
     def motion(self, name: str, states: Mapping[str, Axis.State], shared: Shared) -> Motion:
-        """True position and velocity of the motor's and the load's body of an axis."""
+        """Return the true position and velocity of the motor's and the load's body of an axis."""
         _, motor, load = self._rows(name)
         position, velocity = self._joined(states, shared)
         return Motion(
@@ -136,7 +136,7 @@ class Core:
         )
 
     def middle(self, name: str, states: Mapping[str, Axis.State], shared: Shared, h: Number) -> Motion:
-        """The motion as it will be in the middle of a substep, x + v h/2."""
+        """Return the predicted motion in the middle of a substep, x + v h/2."""
         motion, half = self.motion(name, states, shared), 0.5 * h
         return motion._replace(
             position_motor=motion.position_motor + half * motion.velocity_motor,
@@ -159,7 +159,8 @@ class Core:
         time: Number,
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """One substep of h seconds from `time` on: linear core exact, forces at its middle, friction at its end.
+        """Compute one substep of h seconds from `time` on: linear core exact, forces at its middle, friction at its
+        end.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
         """
@@ -194,7 +195,7 @@ class Core:
         columns: Mapping[str, Columns],
         index: int,
     ) -> Row:
-        """The end of the substep without friction."""
+        """Return the end of the substep without friction."""
         position, velocity = self._joined(states, shared)
         before = (*position, *velocity, *(x for name in self.axes for x in states[name].drive))
         free: list[Any] = []
@@ -219,7 +220,7 @@ class Core:
         drives: Mapping[str, Number],
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """The end of the substep with the friction forces that fit its velocities."""
+        """Return the end of the substep with the friction forces that are consistent with its velocities."""
         contacts: list[Contact] = []
         owners: list[tuple[str, str]] = []
         for name, axis in self.axes.items():

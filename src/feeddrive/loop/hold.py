@@ -18,7 +18,7 @@ class Timing(NamedTuple):
     partial: bool  # whether a part of a sample is left over
 
     def memory(self) -> int:
-        """The number of past commands that the axis must remember."""
+        """Return the number of past commands that the axis must remember."""
         return self.whole + (1 if self.partial else 0)
 
     def unchanged(self, dead_time: Number, T: Number) -> Any:

@@ -60,7 +60,7 @@ class Joint:
         return [Core(own, modes, springs) for own, (_, modes, springs) in zip(axes, groups, strict=True)]
 
     def substeps(self) -> int:
-        """The number of substeps, which is the same for every axis."""
+        """Return the number of substeps, which is the same for every axis."""
         return self.cores[0].substeps()
 
     def rules(self, T: Number) -> Iterator[Rule]:

@@ -72,7 +72,8 @@ class StateSpace(Result):
         return bool(np.all(np.abs(self.poles()) < 1.0))
 
     def response(self, frequency: np.ndarray, output: str | None = None, input: str | None = None) -> FRF:  # noqa: A002
-        """C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to Nyquist.
+        """Return C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to
+        Nyquist.
 
         By solving for each frequency, of many states by `transfer`: neither polynomials nor eigenvectors, which are
         wrong for double poles.

@@ -71,7 +71,7 @@ class Machine(Block):
     def of(
         cls, loops: Mapping[str, Loop], couplings: tuple[Coupling, ...] = (), geometry: Geometry | None = None
     ) -> Machine:
-        """The machine of some loops. Raises ParameterError if their sample times differ."""
+        """Return the machine of some loops. Raises ParameterError if their sample times differ."""
         times = {name: float(loop.sample_time) for name, loop in loops.items()}
         if len(set(times.values())) != 1:
             shown = joined(", ", (f"{name}: {Quantity(time, 's'):6 SI}" for name, time in times.items()))
@@ -80,26 +80,28 @@ class Machine(Block):
         return cls(axis=named(axes), couplings=couplings, geometry=geometry, sample_time=next(iter(times.values())))
 
     def axes(self) -> dict[str, DrivenAxis]:
-        """The axes by name."""
+        """Return the axes by name."""
         return dict(zip(self.axis._fields, self.axis, strict=True))
 
     def loop(self, name: str) -> Loop:
-        """One axis alone, without couplings. Raises ParameterError for a name that does not exist."""
+        """Return one axis alone, without couplings. Raises ParameterError for a name that does not exist."""
         axes = self.axes()
         if name not in axes:
             raise ParameterError(f"the machine has no axis '{name}'; it has {', '.join(axes)}")
         return Loop(control=axes[name].control, axis=axes[name].axis, sample_time=self.sample_time, name=name)
 
     def loops(self) -> dict[str, Loop]:
-        """The loop of each axis alone."""
+        """Return the loop of each axis alone."""
         return {name: self.loop(name) for name in self.axes()}
 
     def with_loops(self, loops: Mapping[str, Loop]) -> Machine:
-        """The same machine with other loops on its axes."""
+        """Return the same machine with other loops on its axes."""
         return Machine.of({**self.loops(), **loops}, self.couplings, self.geometry)
 
     def check(self) -> None:
-        """Couplings name axes that are there; substeps are common; each axis runs as a loop of its own."""
+        """Check that couplings name existing axes, that substeps are common, and that each axis runs as a loop of its
+        own.
+        """
         axes = self.axes()
         if not axes:
             raise StructureError("a machine needs at least one axis")
@@ -136,36 +138,38 @@ class Machine(Block):
             raise StructureError(f"an axis cannot be named '{_TOOL}': signals of the tool point are {_TOOL}.x ...")
 
     def rules(self) -> Iterator[Rule]:
-        """What couplings and shared modes ask for; the rules of the axes are those of their loops."""
+        """Yield the conditions of couplings and shared modes; the rules of the axes are those of their loops."""
         yield from self.joint().rules(self.sample_time)
 
     def joint(self) -> Joint:
-        """The physics of all axes."""
+        """Return the physics of all axes."""
         return Joint({name: axis.axis for name, axis in self.axes().items()}, self.couplings)
 
     def ports(self) -> tuple[str, ...]:
-        """The prefix of the names of inputs and signals of each axis."""
+        """Return the signal prefix of each axis."""
         return tuple(f"{name}." for name in self.axes())
 
     def signals(self) -> list[str]:
-        """The names of its signals: those of each axis, and with a geometry those of the tool point."""
+        """Return the names of its signals: those of each axis, and with a geometry those of the tool point."""
         there = [f"{port}{name}" for port in self.ports() for name in Signals._fields]
         return there if self.geometry is None else [*there, *(f"{_TOOL}.{way}" for way in self.geometry.axes())]
 
     def timing(self, partial: Collection[str] = ()) -> Any:
-        """The delay structure of the dead time of each axis, with a fraction of a sample for those named."""
+        """Return the delay structure of the dead time of each axis, with a fraction of a sample for those named."""
         if not isinstance(self.sample_time, float):
             raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
         return named({name: loop.timing(partial) for name, loop in self.loops().items()})
 
     def prepare(self, timing: Any) -> Prepared:
-        """All work that depends on parameters only."""
+        """Compute everything that depends on parameters only."""
         T, axes = self.sample_time, self.axes()
         controls = named({name: axis.control.prepare(T) for name, axis in axes.items()})
         return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
-        """Each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All are by axis."""
+        """Return the state with each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All
+        are by axis.
+        """
         started: dict[str, Loop.State] = {}
         motions: dict[str, Motion] = {}
         for name, coefficients, held in zip(self.axes(), prepared.control, timing, strict=True):
@@ -177,13 +181,13 @@ class Machine(Block):
         return self.State(named(started), begun.shared, begun.couplings, self.controls().listen(setpoint))
 
     def controls(self) -> Controls:
-        """The controls of all axes and what runs between them."""
+        """Return the controls of all axes and what runs between them."""
         return Controls({name: axis.control for name, axis in self.axes().items()}, self.couplings)
 
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
     ) -> tuple[State, dict[str, Number]]:
-        """One sample from named inputs such as `x.set_position`; signals by name."""
+        """Compute one sample from named inputs such as `x.set_position`; signals by name."""
         T, axes, joint = self.sample_time, self.axes(), self.joint()
         states = dict(zip(axes, state.axis, strict=True))
         joint_prepared = Joint.Prepared(prepared.cores, prepared.couplings)

@@ -29,7 +29,7 @@ class ControllerRun:
     """The control of a routine as the simulator runs it, from a reset on; `step` may be called again and again."""
 
     def __init__(self, routine: Routine, first: np.ndarray) -> None:
-        """`first` are the inputs with which it is reset, shape (inputs,)."""
+        """Reset the control with the inputs `first`, shape (inputs,)."""
         if routine.memory != "controller":
             raise ParameterError(f"{routine.name} is an axis; its answers are those of `simulate`")
         self.routine = routine

@@ -41,11 +41,11 @@ class Physics(Block):
     couplings: tuple[Coupling, ...] = part("what acts between them", default=())
 
     def joint(self) -> Joint:
-        """As the machine moves them."""
+        """Return the physics as the machine moves them."""
         return Joint(self.axis._asdict(), self.couplings)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """What couplings and shared modes ask for."""
+        """Yield the conditions of couplings and shared modes."""
         yield from self.joint().rules(T)
 
 
@@ -384,7 +384,7 @@ def _retune(block: Controller | Controllers, prepared: Any, begun: Any) -> Retun
     leaves: dict[int, tuple[str, int]] = {}
 
     def symbols(values: Any, kind: str) -> Iterator[Any]:
-        """A leaf for each number; constants of the code stay constants."""
+        """Yield a leaf for each number; constants of the code stay constants."""
         for i, (_, value) in enumerate(values if kind == "state" else tree.leaves(values)):
             if type(value) is float and kind.endswith("prepared"):
                 yield value

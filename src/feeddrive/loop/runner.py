@@ -42,7 +42,7 @@ class Prepared:
         *,
         partial: Collection[str] = (),
     ) -> None:
-        """`start` is (position, velocity).
+        """Prepare a run; `start` is (position, velocity).
 
         `partial` names axes that keep a fraction of a sample of dead time, for a derivative to it, also where none is
         left.
@@ -87,12 +87,12 @@ class Prepared:
         return dict(tree.leaves(settled(self._begun.trees.begun)))
 
     def varying(self) -> frozenset[str]:
-        """The names of numbers and states that are arrays over lanes."""
+        """Return the names of numbers and states that are arrays over lanes."""
         varying = self._begun.varying
         return varying | {"seed"} if isinstance(self.numbers["seed"], np.ndarray) else varying
 
     def lanes(self) -> int:
-        """The number of variants; 1 for a single run."""
+        """Return the number of variants; 1 for a single run."""
         rows = (self.numbers[name] if name in self.numbers else self.first[name] for name in self.varying())
         return max((row.size for row in rows), default=1)
 

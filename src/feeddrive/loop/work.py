@@ -103,7 +103,7 @@ class Work:
         return max(reference.duration for reference in self.reference.values())
 
     def first(self) -> Any:
-        """The setpoint at t = 0, as numbers; for a machine by axis."""
+        """Return the setpoint at t = 0, as numbers; for a machine by axis."""
         if self._first != 0 or self._count == 0:
             self.sample(0, 1)
         setpoints = {axis: Setpoint(*path.rows[:, 0]) for axis, path in self._paths.items()}

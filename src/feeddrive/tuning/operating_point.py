@@ -76,7 +76,7 @@ def smoothed(
 
 
 def _averaged(variance: np.ndarray) -> np.ndarray:
-    """The mean over a few neighbors."""
+    """Return the mean over a few neighbors."""
     summed = np.cumsum(np.concatenate([[0.0], variance]))
     place = np.arange(variance.size)
     low, high = np.maximum(place - _VARIANCE, 0), np.minimum(place + _VARIANCE + 1, variance.size)
@@ -86,7 +86,8 @@ def _averaged(variance: np.ndarray) -> np.ndarray:
 def stiff_ratio(
     frequency: np.ndarray, motor: np.ndarray, load: np.ndarray, variances: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Motor over load reading at the lines where both ends still move nearly as one, NaN beyond, and its variance.
+    """Return motor over load reading at the lines where both ends still move nearly as one, NaN beyond, and its
+    variance.
 
         r = 1 + a1 s + a2 s² + a3 s³ + a4 s⁴,   s = jω,   real coefficients
 
@@ -124,7 +125,7 @@ def stiff_ratio(
 
 
 def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The weighted fit of 1 + a1 s + ... + a4 s⁴ to complex values, and its variance."""
+    """Return the weighted fit of 1 + a1 s + ... + a4 s⁴ to complex values, and its variance."""
     s = 1j * f / f[-1]
     powers = np.stack([s**k for k in (1, 2, 3, 4)], axis=1)
     columns = powers / np.sqrt(0.5 * spread)[:, None]

@@ -20,7 +20,7 @@ class Native:
     """A compiled plan, which owns its machine code."""
 
     def __init__(self, plan: Plan, source: str, *, quick: bool = False) -> None:
-        """`quick` as in `native`."""
+        """Compile a plan; `quick` as in `native`."""
         self.plan = plan
         self._code = machine_code(source, [_ENTRY], effort=0 if quick else 2)
         self.key = self._code.key
