@@ -21,7 +21,7 @@ _HERE = __name__.rpartition(".")[0]
 
 @dataclass(frozen=True)
 class Proof:
-    """How `verify` runs an export: the function `prove` of a module, and the length of its trial.
+    """The function `prove` of a module, by which `verify` runs an export, and the length of its trial.
 
     samples    that take some seconds
     changes    live changes of parameters in the trial; 0 if the program cannot take them

@@ -50,7 +50,7 @@ class Control(Block):
     guard: Guard | None = part("enable, trips and broken readings", default=None)
 
     class Prepared(NamedTuple):
-        """What the parts prepared."""
+        """The prepared numbers of the parts."""
 
         law: Any
         compensation: tuple[Any, ...]

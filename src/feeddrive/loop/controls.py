@@ -15,7 +15,7 @@ from feeddrive.loop.loop import SETPOINT, Loop
 
 
 class Given(NamedTuple):
-    """What a control is given in a sample: setpoint, the readings of motor and load in m, and enable."""
+    """The inputs of a control in a sample: setpoint, the readings of motor and load in m, and enable."""
 
     setpoint: Setpoint
     motor: Number
@@ -148,7 +148,7 @@ class Controllers(Block):
     )
 
     class State(NamedTuple):
-        """Of the controls by axis, and of what runs between them."""
+        """The states of the controls by axis, and of what runs between them."""
 
         axis: Any
         couplings: tuple[Any, ...]

@@ -309,7 +309,7 @@ class Contact(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Of a contact: its new state, the force in N, and whether the body is stuck."""
+    """The result of a contact: its new state, the force in N, and whether the body is stuck."""
 
     state: Any
     force: Any

@@ -49,7 +49,7 @@ class Rows(NamedTuple):
 
 
 class Port(NamedTuple):
-    """Where the forces of one axis enter the joint mechanics, with lag and dead time of its drive."""
+    """The entry of one axis's forces into the joint mechanics, with lag and dead time of its drive."""
 
     rows: Rows
     lag: Number | None  # bandwidth of the current loop, rad/s; None without one

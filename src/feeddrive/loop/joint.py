@@ -25,13 +25,13 @@ class Joint:
     """
 
     class Prepared(NamedTuple):
-        """What the linear cores and the couplings prepared."""
+        """The prepared numbers of the linear cores and the couplings."""
 
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """Of the axes by name, of the modes of each core, and of the couplings."""
+        """The states of the axes by name, of the modes of each core, and of the couplings."""
 
         axis: Any
         shared: tuple[Shared, ...]

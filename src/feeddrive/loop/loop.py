@@ -101,13 +101,13 @@ class Loop(Block):
     name: str = label("name of the axis", default="x")
 
     class Prepared(NamedTuple):
-        """What control and axis prepared."""
+        """The prepared numbers of control and axis."""
 
         control: Any
         axis: Hold
 
     class State(NamedTuple):
-        """Of control and axis."""
+        """The states of control and axis."""
 
         control: Any
         axis: Any

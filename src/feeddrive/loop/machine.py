@@ -47,14 +47,14 @@ class Machine(Block):
     sample_time: Number = parameter("s", "time from sample to sample", above=0)
 
     class Prepared(NamedTuple):
-        """What the controls, the linear cores and the couplings prepared."""
+        """The prepared numbers of the controls, the linear cores and the couplings."""
 
         control: Any
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """Of the axes by name, of the modes of each core, of the couplings, and of those on the controller."""
+        """States of the axes by name, of the modes of each core, of the couplings, and of those on the controller."""
 
         axis: Any
         shared: tuple[Shared, ...]
