@@ -77,7 +77,7 @@ class PrefilterFit(Result):
     def predicted(self) -> np.ndarray:
         """The predicted error of the next run, m: the remainder, and θ(s)² x up to the snap.
 
-        As if the loop followed θ(s) x at once; it smooths the steps of a θ4 snap, and leaves less than this there.
+        The loop is assumed to follow θ(s) x at once.  It smooths the steps of θ4 times snap, so that less is left.
         """
         t1, t2, t3, _ = (self.theta.get(name, 0.0) for name in REGRESSORS)
         _, _, a, j, s = self.setpoint
@@ -193,7 +193,7 @@ def tune_prefilter(
     """Fit repeatedly, each time to a simulated run with the prefilter of the fit before; return the last one."""
     present = loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
-        raise ParameterError(f"control.prefilter is a {present.kind}: take it out, or tune a trajectory_prefilter")
+        raise ParameterError(f"control.prefilter is a {present.kind}: remove it, or tune a trajectory_prefilter")
     fits: list[PrefilterFit] = []
     record = ("following_error", "requested", "force")
     for k in range(runs):

@@ -51,7 +51,7 @@ def differenced(name: str, position: np.ndarray, sample_time: float, needed: Seq
 def _rounding(position: np.ndarray) -> float:
     """Return the RMS of the rounding of positions, m, as fifth differences show it while the axis accelerates.
 
-    Those of a motion in pieces of constant snap are 0 but for a few samples, which the median leaves out; at constant
+    They are 0 but for a few samples in a motion in pieces of constant snap, which the median leaves out; at constant
     velocity rounding repeats itself and does not show.
     """
     second, fifth = np.abs(np.diff(position, 2)), np.abs(np.diff(position, 5))

@@ -385,7 +385,7 @@ def tune_prefilters(
         held = loop.control.prefilter
         if held is not None and not isinstance(held, TrajectoryPrefilter):
             raise ParameterError(
-                f"axis.{loop.name}.control.prefilter is a {held.kind}: take it out, or tune a trajectory_prefilter"
+                f"axis.{loop.name}.control.prefilter is a {held.kind}: remove it, or tune a trajectory_prefilter"
             )
         return held
 

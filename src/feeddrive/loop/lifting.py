@@ -183,7 +183,7 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
     """Return L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of
     stability.
 
-    Of a machine it is that of an `axis`, with the loops of all others closed.  Of a law that repeats itself only after
+    For a machine it is that of an `axis`, with the loops of all others closed.  For a law that repeats itself after
     several samples it is the gain that a sine meets while its images run round the closed loop: 1/(1 + L) is what is
     left of a sine added to the force (`images_closed`).
     """
@@ -197,7 +197,7 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
 def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
     """Return table position over set position, with the set velocity ... snap as exact derivatives: Σ Hₙ (j2πf)ⁿ.
 
-    Of a law that repeats itself only after several samples the part at the frequency itself, as of `compliance`.
+    For a law that repeats itself after several samples it is the part at the frequency itself, as of `compliance`.
     """
     port, _ = _port(loop, axis)
     model = linear_model(loop, [f"{port}{name}" for name in SETPOINT], [f"{port}position_load"], velocity)
@@ -211,7 +211,7 @@ def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axi
 def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
     """Return table position over force on the table, closed loop, m/N: the inverse of the dynamic stiffness.
 
-    Of a law that repeats itself only after several samples the part at the frequency itself, samples as fast as the
+    For a law that repeats itself after several samples it is the part at the frequency itself, samples as fast as the
     loop.
     """
     port, _ = _port(loop, axis)

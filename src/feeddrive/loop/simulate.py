@@ -150,7 +150,7 @@ def simulate(
 ) -> Run:
     """Simulate a loop along a reference, or a machine along one reference for each axis.
 
-    Of a machine reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
+    For a machine, reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
 
     load        force on the table, N
     added_force force on top of what the control commands, behind its limit, N: the excitation of a measurement.  The

@@ -49,7 +49,7 @@ class Path:
 class Work:
     """The sampled inputs of a run: setpoints, load force, enable, added force, for any range of samples.
 
-    Of a machine each is a mapping from axes to what they are given; an axis that is not there has no such force.
+    For a machine each is a mapping by axis; an axis that is missing has no such force.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Work:
         self.reference, self.load, self.enable, self.added_force = by_axis
         missing = [axis for axis in self._ports if axis not in self.reference]
         if missing:
-            raise ParameterError(f"reference: axis {', '.join(missing)} has none; one that stands is a move by 0 m")
+            raise ParameterError(f"reference: axis {', '.join(missing)} has none; an axis at rest needs a move by 0 m")
         self._first, self._count = 0, 0
         self._paths: dict[str, Path] = {}  # by axis
         self._forces: dict[str, np.ndarray] = {}  # by the name of the input

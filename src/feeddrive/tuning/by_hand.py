@@ -185,7 +185,7 @@ class ByHand:
         loops = tuple(figures(answer(point, self._response(point, row)), limits.reading_noise) for point in self.points)
         if not all(_drawable(loop.loop_gain) and _drawable(loop.compliance) for loop in loops):
             raise ParameterError(
-                "the loop has no finite response with these numbers: take some nearer to those of before"
+                "the loop has no finite response with these numbers: take values nearer to the previous ones"
             )
         verdicts = [_verdicts(limits, loop) for loop in loops]
         worst = (max(kinds, key=lambda verdict: verdict.used) for kinds in zip(*verdicts, strict=True))

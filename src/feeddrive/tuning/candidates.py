@@ -208,8 +208,8 @@ def _learning(loop: Loop, told: Feedforward) -> Loop:
     """Return the loop with a learning compensator that uses the same basis functions as one given the axis's friction
     model.
 
-    Without a column for what friction is more at rest, which acts where an acceleration begins, the mass takes a part
-    of it, another one in each trial.
+    Without a basis function for the breakaway friction, which acts where an acceleration begins, the estimated mass
+    absorbs part of it, a different part in each trial.
     """
     if not isinstance(told, DisturbanceCompensator) or told.stribeck is None:
         return begin_compensation(loop)

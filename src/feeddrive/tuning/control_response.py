@@ -192,7 +192,7 @@ class ControlResponse:
     forward rules on the law's own lines.  Guard and force limit are left out, and parts that are blended in count as
     fully active, as in `linearize`.
 
-    Of a law with a period of N samples it is the response at f while the images f + k/(NT) run round the loop that the
+    For a law with a period of N samples it is the response at f while the images f + k/(NT) run round the loop that the
     same control closes with the axis. With the harmonics C_mk of the lifted control, X the axis and L = -C X (sums over
     both readings, index 0 the line itself, i and k its images):
 
@@ -244,7 +244,7 @@ class ControlResponse:
     def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return [A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables).
 
-        Of the first sample of a period.
+        For a law with two rates they are those of the first sample of a period.
         """
         matrices, slopes = self._matrices(self._leaves([*map(np.float64, values)]), 1, with_slopes=True)
         if not self._has_slopes:  # once: the operating point is the same for all values
@@ -396,7 +396,7 @@ class ControlResponse:
         """Return [A B; C D] from period to period: states and forces of all samples over states and readings of all
         samples.
 
-        And its slopes, by the product rule, sample by sample; and the model of each sample.
+        Its slopes follow by the product rule, sample by sample.  The third result is the model of each sample.
         """
         N, n, count = self.period, len(self._live), len(self.tunables) if with_slopes else 0
         through, moved = np.eye(n, n + 2 * N), np.zeros((n, n + 2 * N, count))

@@ -223,7 +223,7 @@ class Criteria:
 
     goal  a figure with a `Goal`
 
-    near  of a control with two rates the nearest images count alone: for a search that is not the last one
+    near  for a control with two rates: only the nearest images count, for a search that is not the last one
     """
 
     def __init__(
@@ -284,8 +284,8 @@ class Criteria:
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
         """Yield the figures at many points (points, tunables), without slopes; None where there are none.
 
-        The control is computed once for all of them, so that a look costs a fraction of a step of the search.  With two
-        rates each is computed by itself, on every fourth line only and with the nearest images.
+        The control is evaluated once for all of them, so that a point costs a fraction of a step of the search.  With
+        two rates each point is evaluated separately, on every fourth line and with the nearest images.
         """
         if self.control.period > 1:
             every = 2 if self.near else 4

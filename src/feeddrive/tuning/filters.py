@@ -375,7 +375,7 @@ def _held(control: Control, name: str) -> tuple[int, str, Filter]:
         for part in (*_frequencies(block), *((WIDTH,) if isinstance(block, Notch) else ()))
     }
     if name not in known:
-        raise ParameterError(f"there is no place '{name:.60}' to hold a filter{nearest(name, list(known))}")
+        raise ParameterError(f"there is no filter grip '{name:.60}'{nearest(name, list(known))}")
     return known[name]
 
 

@@ -46,9 +46,9 @@ from feeddrive.tuning.proof import Checked, of_known, of_measurement, of_model
 from feeddrive.tuning.search import AGREE, End, Search, unconfirmed
 
 _RANGE = math.log(1e3)  # largest factor between a gain and its start value
-_FILTER = math.log(4.0)  # the same for the frequency of a filter
+_FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
 _RATIOS = {"damping_zero": (0.02, 1.0), "damping_pole": (0.05, 1.5), "damping": (0.3, 1.5)}
-_RATIO = (0.02, 20.0)  # of a law
+_RATIO = (0.02, 20.0)  # range of a ratio of a law
 
 
 def law_tunables(control: Control) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ def law_tunables(control: Control) -> tuple[str, ...]:
 def own_tunables(control: Control) -> tuple[str, ...]:
     """Return the dotted names of the tunables that the law, its observers and its compensations declare.
 
-    Of a law that names none, its own parameters > 0 without a default; empty if it has none of these either.
+    For a law that names none, its own parameters > 0 without a default; empty if it has none of these either.
     """
     law, there = control.law, dict(tree.leaves(control))
     names = [f"law.{name}" for name in law.to_tune()]
@@ -149,17 +149,17 @@ def scattered(
 
 
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
-_NEAR = 0.3  # a start that violates its bounds by less is good enough
-_PAYS = 0.02  # of the goal: least gain by a notch
-_NOTCHES = 3  # that are tried
-_LOUD, _APART = 0.15, 0.12  # |L| of a resonance that is worth a notch; of ln f from a notch that is there
-_TURNS = 6  # rounds for the number of standard deviations to keep
+_NEAR = 0.3  # largest violation of a bound with which a start is good enough
+_PAYS = 0.02  # of the goal: least gain for which a notch is kept
+_NOTCHES = 3  # largest number of notches that are tried
+_LOUD, _APART = 0.15, 0.12  # least |L| of a resonance for a notch; least distance in ln f from another notch
+_TURNS = 6  # rounds for the number of standard deviations: it depends on which bounds are active at the end
 _CUTS = 3  # rounds in which lines that the search had left out are added
-_MORE = 3  # rounds from still other places, where those before did not confirm the best
-_EASED = (1.6, 1.2)  # of the distance of Ms from 1: bounds that are taken first, 2.6 and 2.2 before 2.0
-_WIDER, _WIDENED = np.log(10.0), 3  # by how much a range grows in which the best is at the end, and how often
+_MORE = 3  # further rounds of searches if those before did not confirm the best
+_EASED = (1.6, 1.2)  # factors of Ms - 1 in a continuation: bounds 2.6 and 2.2 come before 2.0
+_WIDER, _WIDENED = np.log(10.0), 3  # growth of a range whose end holds the best value, and how often it may grow
 _AT_END = 1e-2  # of a logarithm: distance that counts as the end
-_POPULATION, _GENERATIONS = 8, 16  # points a tunable that go on from those all over the range, and how often
+_POPULATION, _GENERATIONS = 8, 16  # points per tunable in the population, and turns of its evolution
 _COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
 
 
@@ -550,7 +550,7 @@ def _one_sided(confidence: float) -> float:
     return float(ndtri(confidence))
 
 
-_OFF = 1e-9  # of Kv: a position loop that is open
+_OFF = 1e-9  # factor of Kv that opens the position loop; 0 is outside its bounds
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -622,15 +622,15 @@ class Tuned(Result):
     """A control shaped for a goal within limits at all points.
 
     tunables, started    values by dotted name of the control, new and today's (NaN: new filter)
-    goal              the figure that is made best
+    goal              the figure that is optimized
     before, after     figures at each point; before is empty if today's control has none
     held              the bounds that limit the goal, the strongest first
     advice            advice on further improvements
     notches           the notches that were tried, and their effect on the goal
     sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
-    spread, unsettled by which share the worst end of the searches is above the best; why the best is not confirmed by
-                      independent searches, empty if it is
-    cost              by which share the goal is worse because of the noise of the measurement
+    spread, unsettled share by which the worst end of the searches is above the best; the reason why independent
+                      searches do not confirm the best, empty if they do
+    cost              share by which the noise of the measurement worsens the goal
     recipe            the rule that the control is made by, if nothing was searched
     cascade           velocity and position loop one by one, before and after, for a P-PI control
     """
@@ -745,8 +745,8 @@ def _figure(loop: Figures | None, figure: Figure) -> str | Quantity | None:
 
 _NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
 _WORSE = 0.03  # relative change of a figure that counts as worse
-TIMES = 3.0  # from which a figure is said as so many times, not as percent more
-_LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone that are a headline
+TIMES = 3.0  # ratio from which a gain reads as a factor, not as percent
+_LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone, beyond which a headline warns
 
 
 def declared_goal(tuned: Tuned) -> Goal:
@@ -1016,7 +1016,7 @@ def _tuner(
         for i, source in enumerate(sources)
     )
     if not operating_points:
-        raise ParameterError("shaping needs at least one point")
+        raise ParameterError("a tuning needs at least one operating point")
     if len({point.sample_time for point in operating_points}) > 1:
         times = joined(", ", [f"'{point.name}' {Quantity(point.sample_time, 's'):6}" for point in operating_points])
         raise ParameterError(f"one control has one sample time, but the points have {times}")
