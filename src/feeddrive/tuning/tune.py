@@ -1,4 +1,8 @@
-"""Tuning: optimize gains and filters of a control within limits on measured or modeled axes, and prove the result."""
+"""Tuning: optimize gains and filters of a control within limits on measured or modeled axes, and prove the result.
+
+In this order: the tunables and their ranges, the steps of a tuning (`Tuner`), its result with the recommendation in
+words (`Tuned`), and the functions that a user calls (`tune_control`, `assess`).
+"""
 
 from __future__ import annotations
 
