@@ -125,5 +125,5 @@ def test_a_key_moves_a_little(loop: Loop, by_hand: ByHand) -> None:
 
 def test_a_place_that_there_is_not_is_refused(loop: Loop, by_hand: ByHand) -> None:
     for name in ("filters.9.frequency", "law.Kv", "filters.1.width"):
-        with pytest.raises(ParameterError, match="there is no place"):
+        with pytest.raises(ParameterError, match="there is no filter grip"):
             filter_dragged(loop.control, name, 100.0, None, margins(by_hand, {}), loop.sample_time)
