@@ -10,10 +10,9 @@ import numpy as np
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import measured_point
-from feeddrive.tuning.tune import tune_control
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.tune import Tuned, tune_control
 
 PERIODS = 10
 

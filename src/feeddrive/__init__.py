@@ -56,15 +56,15 @@ def _moved(name: str) -> Any:
 
     if name[:1].isupper() and hasattr(blocks, name):  # no room lists the names of blocks
         raise AttributeError(f"fd.{name} is now fd.blocks.{name}")
-    near = {each: f"fd.{each}" for each in here}
+    near = {public: f"fd.{public}" for public in here}
     for room in [room for room, place in here.items() if place == __name__]:
-        near |= {each: f"fd.{room}.{each}" for each in public_names(f"{__name__}.{room}") if each not in near}
+        near |= {public: f"fd.{room}.{public}" for public in public_names(f"{__name__}.{room}") if public not in near}
     if name[:1].isupper():
         near |= {block: f"fd.blocks.{block}" for block in dir(blocks) if block not in near}
-    found = get_close_matches(name, near, 3)
+    matches = get_close_matches(name, near, 3)
     raise AttributeError(
         f"feeddrive has no name '{name}'; "
-        + (f"did you mean {' or '.join(near[each] for each in found)}?" if found else "dir(fd) lists them")
+        + (f"did you mean {' or '.join(near[public] for public in matches)}?" if matches else "dir(fd) lists them")
     )
 
 

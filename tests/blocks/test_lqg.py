@@ -248,7 +248,7 @@ def test_it_is_certified() -> None:
 @pytest.mark.slow(reason="the graph of both Riccati equations of two masses is compiled")
 def test_a_search_finds_more_than_the_table() -> None:
     """A fast feedback on a slow filter needs no recovery on R; it beats the rows of the table on both axes."""
-    from feeddrive.tuning.limits import Limits
+    from feeddrive.tuning.criteria import Limits
     from feeddrive.tuning.tune import tune_control
 
     limits = {

@@ -20,7 +20,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Units
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import reported
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import tune_control
 
 LOOP = fd.read_machine("linear_motor").loop(None)

@@ -17,7 +17,7 @@ from feeddrive.study import Study, read_study, tune_robust, variant_groups, vari
 from feeddrive.study.fresh import limits_of
 from feeddrive.study.robust import Robust
 from feeddrive.study.scenarios import scenarios, with_control
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import modelled_point
 from feeddrive.tuning.tune import tune_control
 

@@ -15,10 +15,10 @@ from feeddrive.blocks.families import Law
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
-from feeddrive.tuning.bandwidth import quickened, speed_powers, speed_range
 from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.operating_point import measured_point
+from feeddrive.tuning.scaling import quickened, speed_powers, speed_range
 
 CONTROL = Control(law=CascadePPI(Kv=30.0, Kp=4000.0, Tn=0.02))
 

@@ -13,7 +13,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.by_hand import ByHand, knobs
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import modelled_point
 
 

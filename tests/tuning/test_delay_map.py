@@ -17,7 +17,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.papers.altintas2009.testbed import cascade
 from feeddrive.papers.altintas2009.testbed import loop as axis_loop
-from feeddrive.tuning.delay_map import delay_map
+from feeddrive.tuning.scaling import delay_map
 
 TUNABLES = [f"axis.x.control.law.{name}" for name in DADSC.tunables]
 

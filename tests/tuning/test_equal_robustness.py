@@ -38,10 +38,8 @@ from feeddrive.language.errors import ParameterError, StructureError, UnstableEr
 from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import axis_model, candidates
-from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import tune_control
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.criteria import Limits
+from feeddrive.tuning.tune import Tuned, law_tunables, tune_control
 
 
 @pytest.fixture(scope="module")

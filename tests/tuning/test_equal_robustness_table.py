@@ -39,10 +39,9 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, candidates
 from feeddrive.tuning.closed_loop import answer, encircles, unstable
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import modelled_point
-from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import assess, tune_control
+from feeddrive.tuning.tune import assess, law_tunables, tune_control
 
 T = 1e-4
 ON = {

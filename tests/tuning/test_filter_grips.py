@@ -17,8 +17,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.by_hand import ByHand
-from feeddrive.tuning.filter_grips import filter_dragged, filter_grips, filter_stepped
-from feeddrive.tuning.filter_pack import filter_response
+from feeddrive.tuning.filters import filter_dragged, filter_grips, filter_response, filter_stepped
 from feeddrive.tuning.operating_point import modelled_point
 
 PACK = (
@@ -126,5 +125,5 @@ def test_a_key_moves_a_little(loop: Loop, by_hand: ByHand) -> None:
 
 def test_a_place_that_there_is_not_is_refused(loop: Loop, by_hand: ByHand) -> None:
     for name in ("filters.9.frequency", "law.Kv", "filters.1.width"):
-        with pytest.raises(ParameterError, match="there is no place"):
+        with pytest.raises(ParameterError, match="there is no filter grip"):
             filter_dragged(loop.control, name, 100.0, None, margins(by_hand, {}), loop.sample_time)

@@ -15,7 +15,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.tuning.by_hand import ByHand
-from feeddrive.tuning.filter_pack import (
+from feeddrive.tuning.filters import (
     begun_filter,
     difference,
     filter_kinds,

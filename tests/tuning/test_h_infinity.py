@@ -14,7 +14,7 @@ from feeddrive.analysis.margins import margins
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import tune_control
 from field_laws import T, judged, loop, loop_gain
 

@@ -10,9 +10,9 @@ import pytest
 from feeddrive import FRF
 from feeddrive.analysis.margins import logarithms, margins
 from feeddrive.tuning.closed_loop import Figures
-from feeddrive.tuning.limits import Limits, bounds_of, judged
+from feeddrive.tuning.criteria import Limits, bounds_of, judged
 from feeddrive.tuning.proof import of_measurement
-from feeddrive.tuning.tuned import broken_limits
+from feeddrive.tuning.tune import broken_limits
 
 T = 1e-3
 

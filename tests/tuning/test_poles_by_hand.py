@@ -20,9 +20,8 @@ from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.candidates import control_with
-from feeddrive.tuning.loop_poles import Model, loop_poles, nearest_pole, pole_moved
 from feeddrive.tuning.operating_point import modelled_point
-from feeddrive.tuning.placed_poles import placed_dragged, placed_poles
+from feeddrive.tuning.poles import Model, loop_poles, nearest_pole, placed_dragged, placed_poles, pole_moved
 
 GAINS = ("law.Kv", "law.Kp", "law.Tn")
 Made = tuple[StateSpace, Model, np.ndarray]

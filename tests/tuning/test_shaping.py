@@ -18,19 +18,14 @@ from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.lifting import compliance, loop_gain
-from feeddrive.tuning import traced_control
+from feeddrive.tuning import control_response
 from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.closed_loop import answer, encircles, unstable
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import Criteria
-from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point, response_on
+from feeddrive.tuning.criteria import Criteria, Limits
+from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point, response_on, smoothed
 from feeddrive.tuning.search import Search, least_quadratic
-from feeddrive.tuning.smoothing import smoothed
-from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import assess, tune_control
-from feeddrive.tuning.tuned import two_digits
-from feeddrive.tuning.tuner import Tuner
+from feeddrive.tuning.tune import Tuner, assess, law_tunables, tune_control, two_digits
 from random_drives import outcome
 from slow_share import all_but
 
@@ -129,7 +124,7 @@ def test_machine_code_of_the_model_has_the_bits_of_python(screw: fd.Loop, monkey
         x = np.array([float(tree.get(control, name)) for name in names])
         found: list[list[np.ndarray]] = []
         for calls in (10**9, 0):  # never machine code, and always
-            monkeypatch.setattr(traced_control, "PAYS_AFTER", calls)
+            monkeypatch.setattr(control_response, "PAYS_AFTER", calls)
             response = ControlResponse(control, 5e-5, names)
             answered = response.at(x, np.geomspace(1.0, 9e3, 20))
             found.append([answered.value, answered.slope])

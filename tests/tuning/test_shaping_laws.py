@@ -12,10 +12,9 @@ from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.stiffness import rope_snap
 from feeddrive.language.errors import UnstableError
 from feeddrive.tuning.candidates import Candidate, candidates
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, measured_point, with_table_force
-from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import tune_control
+from feeddrive.tuning.tune import law_tunables, tune_control
 from slow_share import all_but
 
 # rope snap in nm √s/N that each reaches here on the true axis, and a hundredth more: another noise may cost that

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, measured_point, with_table_force
-from feeddrive.tuning.tune import tune_control
-from feeddrive.tuning.tuned import Verdict
+from feeddrive.tuning.tune import Verdict, tune_control
 
 RUN = "run with friction, counts and limit"
 

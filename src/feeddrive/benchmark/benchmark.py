@@ -42,7 +42,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart
 from feeddrive.tuning.candidates import PLAIN, Candidate, candidates
 from feeddrive.tuning.recipes import RECIPES
-from feeddrive.tuning.tunables import own_tunables
+from feeddrive.tuning.tune import own_tunables
 
 ROBUST = f"{of_loops.SENSITIVITY_PEAK.key}_varied"
 FIGURES = (

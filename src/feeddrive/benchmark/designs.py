@@ -27,8 +27,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
-from feeddrive.tuning.tunables import own_tunables
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.tune import Tuned, own_tunables
 
 STALE = 1e-4  # of a figure: a design whose figures have moved by more belongs to another law, plant or rule
 _LARGEST = 1_000_000  # bytes of a file

@@ -27,8 +27,7 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
-from feeddrive.tuning.tunables import own_tunables
-from feeddrive.tuning.tuned import two_digits
+from feeddrive.tuning.tune import own_tunables, two_digits
 
 TODAY = "today's gains"
 FIXED = "it has nothing to tune and is judged as it is"

@@ -24,7 +24,7 @@ from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 from feeddrive.tuning.candidates import Candidate, Refusal
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.tune import Tuned
 
 _TRIALS = 6  # in which a compensator learns
 

@@ -20,10 +20,8 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
-from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import assess, tune_control
-from feeddrive.tuning.tuned import HeldBack, Tuned, goal_of
+from feeddrive.tuning.criteria import Limits
+from feeddrive.tuning.tune import HeldBack, Tuned, assess, goal_of, law_tunables, tune_control
 
 _ROOM = 1e-3  # of a bound, for what lines miss
 AGREE = 0.05  # of the goal: whole tunings this near the best agree with it

@@ -487,7 +487,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         "/* Numbers that depend on parameters only. */",
         *_designed_struct(f"{P}_design", layout),
         "/* State from sample to sample. */",
-        *_grouped(f"{P}_state", [(real, v.name, routine.said.get(v.path, "")) for v in routine.states]),
+        *_grouped(f"{P}_state", [(real, v.name, routine.meanings.get(v.path, "")) for v in routine.states]),
         f"/* All of a {held}: plain data, which may be copied. */",
         "typedef struct {",
         f"    {P}_design design;",
@@ -578,7 +578,7 @@ def _designed_struct(name: str, layout: Layout) -> list[str]:
     wide = max((len(field.name) for field in layout.design), default=0) + len(layout.precision) + 2
     for field in layout.design:
         kind, place = layout.leaves.get(field.node, ("", 0))
-        heading = layout.routine.said.get(prepared.get(field.node, ""), "") if kind == "" else ""
+        heading = layout.routine.meanings.get(prepared.get(field.node, ""), "") if kind == "" else ""
         if heading != group:
             group = heading
             lines += [f"    {line}".rstrip() for line in comment(heading)] if heading else [""]

@@ -375,7 +375,7 @@ def _readme(design: Design, core: Core) -> str:
         real=design.layout.precision,
         act=_act(design),
         off=" || ".join(f"outputs.{target_name(f'{port}enabled')} < 0.5f" for port in routine.origin.ports()),
-        given=_named(routine.inputs),
+        inputs=_named(routine.inputs),
         taken=_named(routine.outputs),
     )
 

@@ -268,7 +268,7 @@ class Printer:
             if v.path in self.parameters
         ]
         prepared = {node: path for path, node in self.layout.prepared if node not in self.layout.leaves}
-        meanings = self.routine.said
+        meanings = self.routine.meanings
         design = [
             (
                 Declared(self.design[f.name], self._kind(f), self._fixed_value(f)),

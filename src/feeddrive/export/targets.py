@@ -21,7 +21,7 @@ _HERE = __name__.rpartition(".")[0]
 
 @dataclass(frozen=True)
 class Proof:
-    """How `verify` runs an export: the function `prove` of a module, and the length of its trial.
+    """The function `prove` of a module, by which `verify` runs an export, and the length of its trial.
 
     samples    that take some seconds
     changes    live changes of parameters in the trial; 0 if the program cannot take them
@@ -160,7 +160,7 @@ def write_all(
     together: bool = False,
     **options: Any,
 ) -> list[tuple[Design, Path]]:
-    """As `write_export`; without an `axis` the controls of all axes of a machine file that has several.
+    """Write as `write_export`; without an `axis` the controls of all axes of a machine file that has several.
 
     With `together`, or if a coupling runs between the controls, they are one.  Else each has a directory of its own,
     `out`/AXIS, and with a `name` the prefix NAME_AXIS.  All are checked before
@@ -168,7 +168,7 @@ def write_all(
     """
     machine = read_machine(source)
     axes = list(machine.loops)
-    together = together or (axis is None and not plant and any(each.controls for each in machine.couplings))
+    together = together or (axis is None and not plant and any(coupling.controls for coupling in machine.couplings))
     if axis is not None or plant or together or len(axes) == 1:
         return [
             write_export(
@@ -216,24 +216,24 @@ def _planned(
     together: bool,
     options: Mapping[str, Any],
 ) -> tuple[Design, Path, Callable[[Design, Path], Path]]:
-    """A checked design, where it goes, and the function that writes it."""
+    """Return a checked design, its path, and the function that writes it."""
     chosen = _chosen(target)
-    given = {key: value for key, value in options.items() if value not in (None, False, ())}
-    for option in given:
+    chosen_options = {key: value for key, value in options.items() if value not in (None, False, ())}
+    for option in chosen_options:
         if option not in chosen.options:
-            raise ParameterError(f"{_said(option)} means nothing for the target {target}{_instead(option)}")
+            raise ParameterError(f"{_flag(option)} means nothing for the target {target}{_instead(option)}")
     for option, kind in (("joint", int), ("units", float), ("lead", float), ("gear", float)):
-        value = given.get(option)
+        value = chosen_options.get(option)
         if value is not None and (isinstance(value, bool) or not isinstance(value, int | kind)):
             wanted = "a whole number" if kind is int else "a number"
-            raise ParameterError(f"{_said(option)} = {value!r} must be {wanted}")
+            raise ParameterError(f"{_flag(option)} = {value!r} must be {wanted}")
     if plant and not chosen.plants:
-        fits = ", ".join(each for each, found in TARGETS.items() if found.plants)
+        fits = ", ".join(target_ for target_, entry in TARGETS.items() if entry.plants)
         raise ParameterError(f"--plant means nothing for the target {target}; an axis can be exported to {fits}")
     if together and (axis is not None or plant):
         raise ParameterError("--together is for the controls of all axes: leave out --axis and --plant")
     if together and not chosen.together:
-        fits = ", ".join(each for each, found in TARGETS.items() if found.together)
+        fits = ", ".join(target_ for target_, entry in TARGETS.items() if entry.together)
         raise ParameterError(
             f"--target = '{target}' holds the control of one axis; the controls of several axes as one, as a contour "
             f"control between them needs it, can be exported to {fits}"
@@ -245,7 +245,7 @@ def _planned(
         source, axis, name=name, what=what, precision=precision or chosen.precisions[0], together=together
     )
     if chosen.linear and any(loop.axis.rotary for loop in design.system.loops().values()):
-        fits = ", ".join(each for each, found in TARGETS.items() if not found.linear)
+        fits = ", ".join(target_ for target_, entry in TARGETS.items() if not entry.linear)
         raise ParameterError(
             f"--target = '{target}': axis {design.axis} turns, and this target is written for axes that move along, in "
             f"mm or with a lead; {fits} are in rad and N m"
@@ -253,10 +253,10 @@ def _planned(
     if not plant:
         with suppress(NoSlopeError):  # an export needs no slope; the remarks of the design say that nothing is proven
             require_stable(design.system)
-    stem, said = Path(design.machine.file.name).stem, "all" if design.together else design.axis
-    place = Path("results") / f"export_{stem}_{said}_{target}" if out is None else Path(out)
+    stem, part = Path(design.machine.file.name).stem, "all" if design.together else design.axis
+    place = Path("results") / f"export_{stem}_{part}_{target}" if out is None else Path(out)
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
-    return design, place, partial(write, **chosen.fixed, **given)
+    return design, place, partial(write, **chosen.fixed, **chosen_options)
 
 
 def _chosen(target: str) -> Target:
@@ -265,12 +265,12 @@ def _chosen(target: str) -> Target:
     return TARGETS[target]
 
 
-def _said(option: str) -> str:
-    """An option as the command line has it."""
+def _flag(option: str) -> str:
+    """Return an option as the command line has it."""
     flags = {"single_header": "--header-only", "makers": "--maker"}
     return flags.get(option, f"--{option}")
 
 
 def _instead(option: str) -> str:
-    fits = [name for name, found in TARGETS.items() if option in found.options]
+    fits = [name for name, entry in TARGETS.items() if option in entry.options]
     return f"; it belongs to {', '.join(fits)}" if fits else ""

@@ -31,7 +31,8 @@ _DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admiss
 def error_model(
     loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
 ) -> StateSpace | Lifted:
-    """Ĝ_d: from a force that the feedforward lacks, in N, to the following error, in m, at the loop's sample time.
+    """Return Ĝ_d: from a force that the feedforward lacks, in N, to the following error, in m, at the loop's sample
+    time.
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
@@ -56,7 +57,7 @@ def error_model(
         return _inverse(loop)
     if form == "axis_model":
         return true_error_model(loop)
-    block = next((each for each in loop.control.feedforward if isinstance(each, DisturbanceCompensator)), None)
+    block = next((block for block in loop.control.feedforward if isinstance(block, DisturbanceCompensator)), None)
     if plant is not None or block is None or block.mass is None or loop.control.law.encoders > 1:
         return _required(loop, plant)
     mass = max(block.mass, least_mass, _TINY * float(loop.axis.plant.rigid_mass()))
@@ -64,7 +65,7 @@ def error_model(
 
 
 def true_error_model(loop: Loop) -> StateSpace | Lifted:
-    """G_d of a simulated loop without friction and quantizers, as the reference for a Ĝ_d."""
+    """Return G_d of a simulated loop without friction and quantizers, as the reference for a Ĝ_d."""
     return _required(loop, None)
 
 
@@ -73,7 +74,8 @@ def _samples(model: StateSpace | Lifted) -> tuple[StateSpace, ...]:
 
 
 def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
-    """Columns, shape (n, columns), through a model with one input and one output; the first row is its first sample.
+    """Filter columns, shape (n, columns), through a model with one input and one output; the first row is its first
+    sample.
 
     Before the first row the columns are taken as 0, or, if the axis was `moving`, as those of the first row.
     """
@@ -82,47 +84,47 @@ def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = 
     state = np.zeros((n, columns.shape[1]))
     if moving and n:
         through, pushed = np.eye(n), state
-        for each in samples:
-            through, pushed = each.A @ through, each.A @ pushed + each.B[:, :1] @ columns[:1]
+        for sample in samples:
+            through, pushed = sample.A @ through, sample.A @ pushed + sample.B[:, :1] @ columns[:1]
         state = np.linalg.solve(np.eye(n) - through, pushed)
     states = np.empty((columns.shape[0], n, columns.shape[1]))
     for k, row in enumerate(columns):
         states[k] = state
         state = samples[k % N].A @ state + row * samples[k % N].B[:, :1]
-    found = np.empty(columns.shape)
-    for k, each in enumerate(samples):
-        output = (each.C[:1] @ states[k::N])[:, 0, :] + each.D[0, 0] * columns[k::N]
-        found[k::N] = output
-    return found
+    outputs = np.empty(columns.shape)
+    for k, sample in enumerate(samples):
+        output = (sample.C[:1] @ states[k::N])[:, 0, :] + sample.D[0, 0] * columns[k::N]
+        outputs[k::N] = output
+    return outputs
 
 
 def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
-    """Samples after which the slowest motion of a model has fallen to a share."""
+    """Return the samples after which the slowest motion of a model has fallen to a share."""
     slowest = _growth(model)
     turns = 1.0 if slowest <= 0.0 else np.log(share) / np.log(min(slowest, 1.0 - 1e-9))
     return max(1, len(_samples(model)) * int(np.ceil(turns)))
 
 
 def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """The model loop's G_d, if it is stable; without a plant that of the axis with its viscous friction."""
+    """Return the model loop's G_d, if it is stable; without a plant that of the axis with its viscous friction."""
     model = _closed(loop, plant)
     size = _growth(model)
     if size < _EDGE:
         return model
-    said = f"is not stable: |z| = {Quantity(size):.6f} must be < 1, it is {number(size - 1.0, 2)} too large"
+    reason = f"is not stable: |z| = {Quantity(size):.6f} must be < 1, it is {number(size - 1.0, 2)} too large"
     near = None if not isinstance(plant, Rigid) else _nearest(loop, plant)
     if near is None or not isinstance(plant, Rigid):
         what = "the axis" if plant is None else f"the plant '{plant.kind}'"
-        raise UnstableError(f"the model loop with {what} {said}: these gains are not those of a loop with this axis")
+        raise UnstableError(f"the model loop with {what} {reason}: these gains are not those of a loop with this axis")
     raise UnstableError(
-        f"the model loop with a mass of {Quantity(plant.mass, 'kg')} {said}; the nearest admissible mass is "
+        f"the model loop with a mass of {Quantity(plant.mass, 'kg')} {reason}; the nearest admissible mass is "
         f"{Quantity(near, 'kg')}: start from another mass, give the plant, or take form = 'model_free', which needs no "
         "mass"
     )
 
 
 def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """From a force behind the limit to the position, without all nonlinear parts."""
+    """Return the linear closed loop from a force behind the limit to the position, without all nonlinear parts."""
     control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
     ends: dict[str, Any] = {
         f"encoder_{end}": None if getattr(loop.axis, f"encoder_{end}") is None else Encoder() for end in _ENDS
@@ -135,12 +137,12 @@ def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
 
 
 def _growth(model: StateSpace | Lifted) -> float:
-    """|z| of the largest pole, over a period."""
+    """Return |z| of the largest pole, over a period."""
     return float(np.max(np.abs(model.poles()), initial=0.0))
 
 
 def _nearest(loop: Loop, plant: Rigid) -> float | None:
-    """The mass nearest to that of the plant, by ratio, with which the model loop is stable, to four digits."""
+    """Return the mass nearest to that of the plant, by ratio, with which the model loop is stable, to four digits."""
     mass = plant.mass
 
     def stable(log: float) -> bool:
@@ -159,35 +161,35 @@ def _nearest(loop: Loop, plant: Rigid) -> float | None:
 
 
 def _inverse(loop: Loop) -> StateSpace | Lifted:
-    """1/C, with C from both readings, moved together, to the force."""
+    """Return 1/C, with C from both readings, moved together, to the force."""
     control = dataclasses.replace(
         loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None, filters=()
     )
     bare = dataclasses.replace(loop, control=control)
     samples = _samples(linear_model(bare, ["cut", "reading_motor", "reading_load"], ["force"]))
-    push = [each.B[:, 1:2] + each.B[:, 2:3] for each in samples]
+    push = [sample.B[:, 1:2] + sample.B[:, 2:3] for sample in samples]
     n = push[0].shape[0]
-    reached = np.any([each != 0.0 for each in push], axis=(0, 2))
+    reached = np.any([column != 0.0 for column in push], axis=(0, 2))
     for _ in range(n):
-        reached = reached | np.any([each.A[:, reached] != 0.0 for each in samples], axis=(0, 2))
+        reached = reached | np.any([sample.A[:, reached] != 0.0 for sample in samples], axis=(0, 2))
     keep = np.flatnonzero(reached)
     names = tuple(samples[0].states[i] for i in keep)
-    passed = [float(each.D[0, 1] + each.D[0, 2]) for each in samples]
+    passed = [float(sample.D[0, 1] + sample.D[0, 2]) for sample in samples]
     inverse: list[StateSpace] = []
     # the force answers the reading by -C; solved for the reading it is the inverse, with the sign of G_d
-    for each, b, d in zip(samples, push, passed if all(passed) else [], strict=False):
-        back, seen = b[keep] / d, each.C[:, keep]
-        whole = each.A[np.ix_(keep, keep)] - b[keep] @ seen / d
-        rest = seen / d, np.array([[-1.0 / d]]), each.sample_time, names, ("added_force",), ("position_load",)
+    for sample, b, d in zip(samples, push, passed if all(passed) else [], strict=False):
+        back, seen = b[keep] / d, sample.C[:, keep]
+        whole = sample.A[np.ix_(keep, keep)] - b[keep] @ seen / d
+        rest = seen / d, np.array([[-1.0 / d]]), sample.sample_time, names, ("added_force",), ("position_load",)
         inverse.append(StateSpace(whole, back, *rest))
-    found = inverse[0] if len(inverse) == 1 else Lifted(tuple(inverse))
-    size = _growth(found) if inverse else np.inf
+    inverse_model = inverse[0] if len(inverse) == 1 else Lifted(tuple(inverse))
+    size = _growth(inverse_model) if inverse else np.inf
     if not size < _EDGE:
         raise UnstableError(
             f"the controller '{loop.control.law.kind}' has no stable inverse: |z| = {Quantity(size):.6f} of its zeros "
             "must be < 1: take form = 'model_based'"
         )
-    return found
+    return inverse_model
 
 
 LEAST_REVERSAL = 0.02  # share of the moving samples in each direction that separates friction from gravity
@@ -208,35 +210,35 @@ _ORDER = (
 def not_excited(
     names: Sequence[str], columns: np.ndarray, seen: np.ndarray, velocity: np.ndarray, dead_band: float
 ) -> dict[str, str]:
-    """Reasons, by name, why columns are to be frozen; shape of both matrices: (samples, columns).
+    """Return the reasons, by name, why columns must be held; shape of both matrices: (samples, columns).
 
     columns   φ, of the set motion Ψ, the same through Ĝ_d: their effect on the error
     velocity  m/s, of the set motion in the middle of the samples
     """
-    found = _without_reversal(names, velocity, dead_band)
+    reasons = _without_reversal(names, velocity, dead_band)
     for i, name in enumerate(names):
-        if name not in found and not np.any(columns[:, i]):
-            found[name] = "its column is 0 in the whole trial"
+        if name not in reasons and not np.any(columns[:, i]):
+            reasons[name] = "its column is 0 in the whole trial"
     sizes = np.linalg.norm(seen, axis=0)
     alike = (seen / np.where(sizes > 0.0, sizes, 1.0)).T @ (seen / np.where(sizes > 0.0, sizes, 1.0))
     kept: list[int] = []
-    for name in sorted((name for name in names if name not in found), key=_ORDER.index):
+    for name in sorted((name for name in names if name not in reasons), key=_ORDER.index):
         i = names.index(name)
         left = _own(alike, i, kept)
         if left < LEAST_OWN:
             nearest = names[max(kept, key=lambda k: abs(float(alike[i, k])))] if kept else "none"
-            found[name] = Text(
+            reasons[name] = Text(
                 f"only {Quantity(left, 'share'):2} of its column is not explained by "
                 f"{_listed([names[k] for k in kept])}, at least {Quantity(LEAST_OWN, 'share'):6} is needed; it is most "
                 f"like {nearest}: add a second speed, or more acceleration"
             )
         else:
             kept.append(i)
-    return found
+    return reasons
 
 
 def _own(alike: np.ndarray, i: int, others: list[int]) -> float:
-    """Size of the remainder of a column of size 1 without its part along others; `alike` holds their products."""
+    """Return the size of the remainder of a unit column without its part along others; `alike` holds their products."""
     if alike[i, i] <= 0.0:
         return 0.0
     across = alike[others, i]
@@ -268,12 +270,12 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def condition(seen: np.ndarray) -> float:
-    """Condition number of columns that are scaled to the same size; 1 for none."""
+    """Return the condition number of columns that are scaled to the same size; 1 for none."""
     if not seen.shape[1]:
         return 1.0
     return float(np.linalg.cond(seen / np.linalg.norm(seen, axis=0)))
 
 
 def reasons(frozen: Mapping[str, str]) -> str:
-    """The names as one text."""
+    """Return the names as one text."""
     return joined("; ", [f"{name}: {reason}" for name, reason in frozen.items()])

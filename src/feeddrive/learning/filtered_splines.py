@@ -1,4 +1,4 @@
-"""Filtered B-splines: a set path as a sum of splines, of which the loop's own answers are fitted to the wanted path."""
+"""Filtered B-splines: a set path as a sum of splines, whose simulated responses are fitted to the wanted path."""
 
 from __future__ import annotations
 
@@ -18,16 +18,18 @@ _RIDGE = 1e-6  # of the largest column: weight of the coefficients' own size in 
 
 
 def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
-    """A cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values; they add up to 1."""
+    """Return a cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values, which sum to
+    1.
+    """
     from scipy.interpolate import BSpline  # not for commands that only read
 
     t = np.arange((degree + 1) * spacing + 1) / spacing
-    found = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)(t)
-    return np.nan_to_num(found)
+    spline = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)(t)
+    return np.nan_to_num(spline)
 
 
 class _Columns:
-    """The answers of the table to splines that begin every `spacing` samples."""
+    """The table's responses to splines that begin every `spacing` samples."""
 
     def __init__(self, path: SetPath, degree: int, spacing: int) -> None:
         self.spline, self.spacing, self.period = cardinal_spline(degree, spacing), spacing, path.period
@@ -35,32 +37,34 @@ class _Columns:
         self.answers = {phase: self._answer(path, phase) for phase in phases}
 
     def _answer(self, path: SetPath, phase: int) -> np.ndarray:
-        """Until it has settled."""
+        """Return the table's response to the spline until it has settled."""
         rows = 2 * self.spline.size
         while True:
-            given = np.zeros((rows, 1))
-            given[: self.spline.size, 0] = self.spline
-            found = path.answers(given, phase)[:, 0]
-            above = np.flatnonzero(np.abs(found) > _SETTLED * np.max(np.abs(found)))
-            if not np.all(np.isfinite(found)) or (above[-1] >= rows - 2 and rows > _LONGEST):
+            positions = np.zeros((rows, 1))
+            positions[: self.spline.size, 0] = self.spline
+            answer = path.answers(positions, phase)[:, 0]
+            above = np.flatnonzero(np.abs(answer) > _SETTLED * np.max(np.abs(answer)))
+            if not np.all(np.isfinite(answer)) or (above[-1] >= rows - 2 and rows > _LONGEST):
                 raise ParameterError(
                     f"the answer of the table to one spline has not settled after {rows} samples: the loop is not "
                     f"stable, or hardly damped"
                 )
             if above[-1] < rows - 2:
-                return found[: above[-1] + 1]
+                return answer[: above[-1] + 1]
             rows *= 2
 
     def matrix(self, first: int, last: int, begin: int, end: int, *, answered: bool = True) -> np.ndarray:
-        """Rows begin .. end of the splines (or their answers) first .. last; spline i begins at row i · spacing."""
-        found = np.zeros((end - begin, last - first))
+        """Return rows begin .. end of the splines (or their responses) first .. last; spline i begins at row i ·
+        spacing.
+        """
+        columns = np.zeros((end - begin, last - first))
         for i in range(first, last):
             at = i * self.spacing
             column = self.answers[at % self.period] if answered else self.spline
             low, high = max(at, begin), min(at + column.size, end)
             if low < high:
-                found[low - begin : high - begin, i - first] = column[low - at : high - at]
-        return found
+                columns[low - begin : high - begin, i - first] = column[low - at : high - at]
+        return columns
 
 
 def filtered_splines(
@@ -72,7 +76,7 @@ def filtered_splines(
     window: int | None = None,
     kept: int | None = None,
 ) -> ChangedReference:
-    """Set positions of splines whose simulated answers fit a reference best: tracking without an inverse.
+    """Return set positions as splines whose simulated responses fit a reference best: tracking without an inverse.
 
         x_r' = Φ p,   p = argmin |x_r - Ψ p|²,   Ψ_i = answer of the table to the spline Φ_i (degree, knots)
 
@@ -108,14 +112,14 @@ def filtered_splines(
     else:
         p = _slid(columns, shifted, first, last, window, max(1, window // 4) if kept is None else kept)
     at = np.zeros(rows)
-    for i, each in enumerate(p, start=first):
+    for i, coefficient in enumerate(p, start=first):
         low, high = max(i * spacing, 0), min(i * spacing + columns.spline.size, rows)
-        at[low:high] += each * columns.spline[low - i * spacing : high - i * spacing]
+        at[low:high] += coefficient * columns.spline[low - i * spacing : high - i * spacing]
     return changed(wanted[0] + at, wanted, T, around)
 
 
 def _slid(columns: _Columns, wanted: np.ndarray, first: int, last: int, window: int, kept: int) -> np.ndarray:
-    """The coefficients by windows, each less what those before it have fixed."""
+    """Return the coefficients window by window, after subtracting what the windows before have fixed."""
     if window < 10 or not 1 <= kept <= window:
         raise ParameterError(
             f"window = {window} coefficients, {kept} of them kept: at least 10, of which 1 to all are kept; with "
@@ -139,16 +143,16 @@ def _slid(columns: _Columns, wanted: np.ndarray, first: int, last: int, window: 
 
 
 def _least(Psi: np.ndarray, right: np.ndarray, ridge: float) -> np.ndarray:
-    """argmin |right - Ψ p|² + (ridge · |Ψ|)² |p|² by QR of the stacked matrix; columns without rows give 0."""
+    """Return argmin |right - Ψ p|² + (ridge · |Ψ|)² |p|² by QR of the stacked matrix; columns without rows give 0."""
     from scipy.linalg import lstsq
 
     size = np.sqrt(np.sum(Psi**2, axis=0))
     there = size > _SETTLED * np.max(size)
-    found = np.zeros(Psi.shape[1])
+    coefficients = np.zeros(Psi.shape[1])
     rows = [Psi[:, there] / size[there]]
     if ridge > 0.0:
         rows.append(ridge * np.eye(int(there.sum())))
     full = np.concatenate([right, np.zeros(rows[-1].shape[0] if ridge > 0.0 else 0)])
     solved: Any = lstsq(np.vstack(rows), full, lapack_driver="gelsy")
-    found[there] = solved[0] / size[there]
-    return found
+    coefficients[there] = solved[0] / size[there]
+    return coefficients

@@ -36,21 +36,24 @@ COLUMNS = tuple(name for name in declarations(DisturbanceCompensator) if name no
 
 
 def compensator(loop: Loop) -> DisturbanceCompensator:
-    """The disturbance compensator of a loop. Raises StructureError if there is none, or more than one."""
-    found = [block for block in loop.control.feedforward if isinstance(block, DisturbanceCompensator)]
-    if len(found) != 1:
-        what = "none" if not found else f"{len(found)} of them"
+    """Return the disturbance compensator of a loop. Raises StructureError if there is none, or more than one."""
+    compensators = [block for block in loop.control.feedforward if isinstance(block, DisturbanceCompensator)]
+    if len(compensators) != 1:
+        what = "none" if not compensators else f"{len(compensators)} of them"
         raise StructureError(
             f"control.feedforward: iterative feedforward tunes the one disturbance_compensator of a control, and there "
             f"is {what}: add one with the parameters to tune, 0 for a start (`begin_compensation`)"
         )
-    return found[0]
+    return compensators[0]
 
 
 def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
-    """The loop with this compensator in place of its present one, or after its other feedforward."""
-    others = tuple(block if isinstance(each, DisturbanceCompensator) else each for each in loop.control.feedforward)
-    if not any(each is block for each in others):
+    """Return the loop with this compensator instead of its present one, or after its other feedforward."""
+    others = tuple(
+        block if isinstance(feedforward, DisturbanceCompensator) else feedforward
+        for feedforward in loop.control.feedforward
+    )
+    if not any(feedforward is block for feedforward in others):
         others = (*others, block)
     return dataclasses.replace(loop, control=dataclasses.replace(loop.control, feedforward=others))
 
@@ -58,7 +61,7 @@ def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
 def begin_compensation(
     loop: Loop, columns: Sequence[str] | None = None, *, stribeck_velocity: float | None = None
 ) -> Loop:
-    """The loop with a compensator to begin with: parameters at 0, or what the loop feeds forward now.
+    """Return the loop with an initial compensator: parameters at 0, or those that the loop feeds forward now.
 
     columns            names of its parameters; default: mass, viscous and both Coulomb levels, as far as the law does
                        not feed them forward itself
@@ -72,22 +75,24 @@ def begin_compensation(
         if name not in COLUMNS:
             raise ParameterError(f"columns: there is no '{name}'; there are {known}")
     chosen = _usual(loop) if columns is None else tuple(columns)
-    given: dict[str, float] = dict.fromkeys(chosen, 0.0)
+    parameters: dict[str, float] = dict.fromkeys(chosen, 0.0)
     kept = []
     for block in loop.control.feedforward:
         if isinstance(block, Inertia):
-            given |= {"mass": block.mass, "viscous": block.viscous}
+            parameters |= {"mass": block.mass, "viscous": block.viscous}
         elif isinstance(block, DisturbanceCompensator):
-            given |= block.parameters()
+            parameters |= block.parameters()
             stribeck_velocity = stribeck_velocity or block.stribeck_velocity
         else:
             kept.append(block)
-    if "stribeck" in given and stribeck_velocity is None:
+    if "stribeck" in parameters and stribeck_velocity is None:
         raise ParameterError(
             "columns: 'stribeck' needs the velocity at which the extra level has fallen to 1/e (stribeck_velocity in "
             "m/s > 0 m/s): some mm/s on most guideways"
         )
-    block = DisturbanceCompensator(**given, stribeck_velocity=stribeck_velocity if "stribeck" in given else None)
+    block = DisturbanceCompensator(
+        **parameters, stribeck_velocity=stribeck_velocity if "stribeck" in parameters else None
+    )
     control = dataclasses.replace(loop.control, feedforward=(*kept, block))
     return dataclasses.replace(loop, control=control)
 
@@ -128,7 +133,7 @@ class Iteration(Result):
 
     @property
     def predicted_rms(self) -> float:
-        """Of the next trial's following error along the same reference, m."""
+        """The RMS of the next trial's following error along the same reference, m."""
         return float(np.sqrt(np.mean(self.predicted**2)))
 
     def table(self) -> Table:
@@ -162,7 +167,7 @@ def next_iteration(
     saturation: str = "refused",
     skip: int = 0,
 ) -> Iteration:
-    """The feedforward parameters for the next trial, from the error of this one.
+    """Return the feedforward parameters for the next trial, from the error of this one.
 
         Ψ = Ĝ_d φ,   θ_next = θ + gamma (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e,   S scales the columns of Ψ to the same size
 
@@ -231,7 +236,7 @@ def next_iteration(
 def regressors(
     loop: Loop, block: DisturbanceCompensator, setpoint: Setpoint, columns: Sequence[str] | None = None
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names, φ of shape (n, columns), and the set velocity (m/s) in the middle of the samples.
+    """Return names, φ of shape (n, columns), and the set velocity (m/s) in the middle of the samples.
 
     They are computed by the code of the block, on the setpoint after the prefilter.
     """
@@ -246,13 +251,15 @@ def regressors(
     T = float(loop.sample_time)
     seen = _prefiltered(loop, setpoint)
     count = np.asarray(seen.position).size
-    found = block.regressors(seen, T)
-    phi = np.column_stack([np.broadcast_to(found[name], count) for name in names]) if names else np.zeros((count, 0))
+    regressors = block.regressors(seen, T)
+    phi = (
+        np.column_stack([np.broadcast_to(regressors[name], count) for name in names]) if names else np.zeros((count, 0))
+    )
     return names, phi.astype(np.float64), np.asarray(seen.shifted(0.5 * T).velocity, dtype=np.float64)
 
 
 def _prefiltered(loop: Loop, setpoint: Setpoint) -> Setpoint:
-    """The setpoint as law and feedforward see it."""
+    """Return the setpoint as law and feedforward see it."""
     prefilter = loop.control.prefilter
     if prefilter is None:
         return setpoint
@@ -278,7 +285,7 @@ def _check(loop: Loop, trial: Trial, gamma: float, mu: float, saturation: str) -
 
 
 def _rows(trial: Trial, after: int, saturation: str, skip: int) -> np.ndarray:
-    """Which samples count."""
+    """Return a mask of the samples that are used."""
     n = trial.following_error.size
     if not 0 <= skip < n:
         raise ParameterError(f"skip = {skip} samples must be >= 0 and < {n}, the length of the trial")
@@ -300,34 +307,34 @@ def _rows(trial: Trial, after: int, saturation: str, skip: int) -> np.ndarray:
 
 
 def _least(block: DisturbanceCompensator, name: str, least_mass: float) -> float:
-    """The lower bound of a parameter."""
+    """Return the lower bound of a parameter."""
     declared = tree.declaration(block, name).least
     least = -np.inf if declared is None else declared
     return max(least, least_mass) if name == "mass" else least
 
 
 def _remarks(loop: Loop) -> list[str]:
-    """Remarks on the control that concern the meaning of the parameters."""
-    law, said = loop.control.law, list[str]()
+    """Return remarks on the control that concern the meaning of the parameters."""
+    law, remarks = loop.control.law, list[str]()
     share = dict(tree.leaves(law)).get("velocity_feedforward")
     if share is not None and share != 1.0:
-        said.append(
+        remarks.append(
             f"the law feeds {number(share)} of the set velocity forward and not all of it, so that `viscous` and "
             "`mass` also compensate for the missing part: they are not properties of the axis, and are valid for "
             "these gains only"
         )
     if law.period() > 1:
-        said.append(
+        remarks.append(
             f"the slow part of the law runs every {law.period()} samples, so that its command comes late, and `mass` "
             f"and `viscous` also compensate for that: they are not properties of the axis, and are valid for these "
             f"gains and rates only"
         )
-    return said
+    return remarks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Convergence(Result):
-    """What a trial does to the error of the parameters: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
+    """The effect of a trial on the error of the parameters: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
 
     matrix     I - gamma Ψ̂⁺ Ψ, in parameters that are scaled so that all columns have the same size
     condition  condition number of the assumed columns
@@ -340,12 +347,12 @@ class Convergence(Result):
 
     @property
     def rate(self) -> float:
-        """ρ: the factor of the error of the parameters from trial to trial in the long run."""
+        """The factor ρ by which the error of the parameters changes from trial to trial in the long run."""
         return float(np.max(np.abs(np.linalg.eigvals(self.matrix)), initial=0.0))
 
     @property
     def converges(self) -> bool:
-        """Whether ρ < 1."""
+        """True if ρ < 1."""
         return self.rate < 1.0
 
     def table(self) -> Table:
@@ -367,7 +374,7 @@ def convergence(
     plant: Plant | None = None,
     least_mass: float = 0.0,
 ) -> Convergence:
-    """The rate at which `iterate` converges on a loop whose axis is known, with a tuner that assumes another axis.
+    """Return the rate at which `iterate` converges on a loop with a known axis, with a tuner that assumes another axis.
 
         Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the believed one,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
 

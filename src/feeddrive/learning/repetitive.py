@@ -53,7 +53,8 @@ def tune_repetitive(
     most_lead: int = 40,
     velocity: float = 0.05,
 ) -> RepetitiveDesign:
-    """The repetitive control of a loop for a motion that repeats every `period` s, with the lead that learns quickest.
+    """Return the repetitive control of a loop for a motion that repeats every `period` s, with the fastest-learning
+    lead.
 
         min over leads l of   max over f of   |q (1 - learning_gain T_r z^l)|
 
@@ -72,9 +73,11 @@ def tune_repetitive(
     if most_lead < 0:
         raise ParameterError(f"most_lead = {most_lead} must be >= 0 samples")
     control = loop.control
-    others = tuple(each for each in control.compensation if not isinstance(each, RepetitiveControl))
+    others = tuple(
+        compensation for compensation in control.compensation if not isinstance(compensation, RepetitiveControl)
+    )
     bare = replace(loop, control=replace(control, compensation=others))
-    made = RepetitiveControl(
+    control_block = RepetitiveControl(
         period_samples=count, passes=passes, weight=weight, learning_gain=learning_gain, most_shift=most_shift
     )
     f = np.geomspace(0.1 / period, 0.5 / T, _LINES)
@@ -84,7 +87,7 @@ def tune_repetitive(
     q = row[0] + 2.0 * np.cos(np.outer(2.0 * np.pi * f * T, np.arange(1, row.size))) @ row[1:]
     leads = range(min(most_lead, count // 2 - passes) + 1)
     left = [np.abs(q * (1.0 - learning_gain * Tr * z**lead)) for lead in leads]
-    factors = tuple(float(np.max(each)) for each in left)
+    factors = tuple(float(np.max(remainder)) for remainder in left)
     lead = int(np.argmin(factors))
     worst = float(f[int(np.argmax(left[lead]))])
     if factors[lead] >= 1.0:
@@ -93,11 +96,13 @@ def tune_repetitive(
             f"frequency, {Quantity(worst, 'Hz')}, is left from period to period; take more passes or a smaller "
             "learning_gain"
         )
-    return RepetitiveDesign(replace(made, lead_samples=lead), factors[lead], worst, factors)
+    return RepetitiveDesign(replace(control_block, lead_samples=lead), factors[lead], worst, factors)
 
 
 def shift_response(loop: Loop, frequency: np.ndarray, velocity: float = 0.05) -> np.ndarray:
-    """T_r at frequencies in Hz: load over a shift of the set position, whose difference goes into the set velocity."""
+    """Return T_r at frequencies in Hz: load over a shift of the set position, whose difference goes into the set
+    velocity.
+    """
     T = float(loop.sample_time)
     model = linearize(loop, ("set_position", "set_velocity"), ("position_load",), velocity=velocity)
     by_position, by_velocity = (

@@ -1,4 +1,4 @@
-"""How the table of an axis answers a table of set positions, for set points that are changed before they are run."""
+"""The response of an axis's table to set positions, for setpoints that are changed before they are run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ _INPUTS, _OUTPUTS = ("set_position", "set_velocity"), ("position_load",)
 
 @dataclass(frozen=True, eq=False)
 class SetPath:
-    """From set positions, with their backward difference as set velocity, to the position of the table, linearly.
+    """The linear model from set positions, with their backward difference as set velocity, to the position of the
+    table.
 
     samples  the linear model of each sample of a period; one for most loops
     """
@@ -27,29 +28,31 @@ class SetPath:
 
     @property
     def sample_time(self) -> float:
-        """T of one sample, s."""
+        """The time T of one sample, s."""
         return float(self.samples[0].sample_time)
 
     @property
     def period(self) -> int:
-        """Samples after which the loop repeats itself."""
+        """The samples after which the loop repeats itself."""
         return len(self.samples)
 
     def answers(self, positions: np.ndarray, phase: int = 0) -> np.ndarray:
-        """The table, m, shape (n, columns), for set positions of that shape, all 0 before; row 0 is sample `phase`."""
+        """Return the table position, m, shape (n, columns), for set positions of that shape, all 0 before; row 0 is
+        sample `phase`.
+        """
         velocity = np.diff(positions, axis=0, prepend=0.0) / self.sample_time
         x = np.zeros((self.samples[0].A.shape[0], positions.shape[1]))
-        found = np.empty(positions.shape)
+        table = np.empty(positions.shape)
         for k in range(positions.shape[0]):
-            each = self.samples[(phase + k) % self.period]
+            sample = self.samples[(phase + k) % self.period]
             u = np.stack([positions[k], velocity[k]])
-            found[k] = (each.C @ x + each.D @ u)[0]
-            x = each.A @ x + each.B @ u
-        return found
+            table[k] = (sample.C @ x + sample.D @ u)[0]
+            x = sample.A @ x + sample.B @ u
+        return table
 
 
 def set_path(loop: Loop, *, velocity: float = 0.05) -> SetPath:
-    """The linear model of a loop that moves with `velocity` (m/s), from its set positions to its table.
+    """Return the linear model of a loop that moves with `velocity` (m/s), from its set positions to its table.
 
     Feedforward of acceleration, jerk and snap acts on none of it: a table of positions states none of these.
     """
@@ -73,22 +76,22 @@ class ChangedReference:
 
     @property
     def shift(self) -> float:
-        """m: the largest distance of the changed set positions from the wanted ones."""
+        """The largest distance of the changed set positions from the wanted ones, m."""
         return float(np.max(np.abs(self.reference.position - self.wanted.position)))
 
 
 def sampled(reference: Reference, sample_time: float, before: int, after: int) -> np.ndarray:
-    """Set positions in m at kT, with so many rows at rest before the start and after the end."""
+    """Return set positions in m at kT, with the given rows at rest before the start and after the end."""
     rows = round(float(reference.duration) / sample_time) + 1
     return np.asarray(reference.at(np.arange(-before, rows + after) * sample_time).position, dtype=float)
 
 
 def changed(positions: np.ndarray, wanted: np.ndarray, sample_time: float, lead: int) -> ChangedReference:
-    """The result of a method, for rows `sample_time` apart.
+    """Return the changed reference, for rows `sample_time` apart.
 
     Raises ParameterError for positions that are not finite.
     """
     if not np.all(np.isfinite(positions)):
         raise ParameterError("the changed set positions are not finite: the model of the loop is not stable")
-    both = (Recorded(position=each, sample_time=sample_time) for each in (positions, wanted))
+    both = (Recorded(position=row, sample_time=sample_time) for row in (positions, wanted))
     return ChangedReference(*both, lead=lead * sample_time)

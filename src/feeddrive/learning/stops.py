@@ -19,7 +19,7 @@ _DURATION = 4.0  # s
 
 
 def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
-    """The loop with the stops that a simulated log of it shows, in place of its other friction feedforward.
+    """Return the loop with the stops identified from a simulated log of it, instead of its other friction feedforward.
 
     The axis swings for 4 s by 1 mm at 0.5 Hz, with smaller and faster swings on top, in the middle of its travel; its
     mass is told, viscous friction and offset are found with the stops and left to the other blocks.  `seed` is that of
@@ -27,7 +27,7 @@ def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
     """
     T = float(loop.sample_time)
     control = loop.control
-    others = tuple(each for each in control.feedforward if "friction" not in each.fed())
+    others = tuple(block for block in control.feedforward if "friction" not in block.fed())
     bare = replace(loop, control=replace(control, feedforward=others))
     run = simulate(bare, _swings(_center(loop), T), seed=seed, record=["reading_load", "force"], name="swings")
     log = MotionLog(
@@ -44,19 +44,19 @@ def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
         delay=HOLD + float(loop.axis.actuator.delay()) / T,
         reversals=True,
     )
-    found = learned_stops(log, mass=float(loop.axis.plant.rigid_mass()), how=how)
-    return replace(bare, control=replace(bare.control, feedforward=(*others, found.stops))), found
+    learned = learned_stops(log, mass=float(loop.axis.plant.rigid_mass()), how=how)
+    return replace(bare, control=replace(bare.control, feedforward=(*others, learned.stops))), learned
 
 
 def _center(loop: Loop) -> float:
-    """The middle of the travel, or 0 without limits."""
+    """Return the middle of the travel, or 0 without limits."""
     guard = loop.control.guard
     ends = () if guard is None else tuple(x for x in (guard.travel_least, guard.travel_most) if x is not None)
     return 0.5 * (ends[0] + ends[1]) if len(ends) == 2 else 0.0
 
 
 def _swings(center: float, T: float) -> Recorded:
-    """The sum of the swings with its derivatives."""
+    """Return the sum of the swings with its derivatives."""
     t = np.arange(round(_DURATION / T)) * T
     rows = [np.zeros(t.size) for _ in range(5)]
     for amplitude, frequency in _SWINGS:

@@ -50,7 +50,7 @@ class PrefilterFit(Result):
 
     @property
     def prefilter(self) -> TrajectoryPrefilter:
-        """The prefilter for the next run: that of this one and θ."""
+        """The prefilter for the next run: that of this one plus θ."""
         parts = {name: getattr(self.present, name) for name in _NAMES}
         for name, value in self.theta.items():
             parts[_NAMES[REGRESSORS.index(name)]] += value
@@ -58,7 +58,9 @@ class PrefilterFit(Result):
 
     @property
     def exact(self) -> TrajectoryPrefilter:
-        """The same where θ is not small: (1 + present) / (1 - θ(s)) as a series, cut off above the snap."""
+        """The prefilter for a θ that is not small: (1 + present) / (1 - θ(s)) as a series, cut off above the
+        snap.
+        """
         t1, t2, t3, t4 = (self.theta.get(name, 0.0) for name in REGRESSORS)
         inverse = (
             t1,
@@ -73,29 +75,29 @@ class PrefilterFit(Result):
 
     @property
     def predicted(self) -> np.ndarray:
-        """The error that the next run will leave, m: the remainder, and θ(s)² x up to the snap.
+        """The predicted error of the next run, m: the remainder, and θ(s)² x up to the snap.
 
-        As if the loop followed θ(s) x at once; it smooths the steps of a θ4 snap, and leaves less than this there.
+        The loop is assumed to follow θ(s) x at once.  It smooths the steps of θ4 times snap, so that less is left.
         """
         t1, t2, t3, _ = (self.theta.get(name, 0.0) for name in REGRESSORS)
         _, _, a, j, s = self.setpoint
         return self.error - self.explained + t1 * t1 * a + 2.0 * t1 * t2 * j + (2.0 * t1 * t3 + t2 * t2) * s
 
     def rms(self, error: np.ndarray) -> float:
-        """RMS of an error over the counted samples, m."""
+        """Return the RMS of an error over the counted samples, m."""
         return float(np.sqrt(np.mean(error[self.counted] ** 2)))
 
     def correlation(self, error: np.ndarray) -> dict[str, float]:
-        """Of an error with every derivative of the reference that is not zero, over the counted samples."""
-        found: dict[str, float] = {}
+        """Return the correlation of an error with each nonzero derivative of the reference over counted samples."""
+        correlations: dict[str, float] = {}
         for name in REGRESSORS:
             column = getattr(self.setpoint, name)[self.counted]
             if np.ptp(column) > 0.0 and np.ptp(error[self.counted]) > 0.0:
-                found[name] = float(np.corrcoef(error[self.counted], column)[0, 1])
-        return found
+                correlations[name] = float(np.corrcoef(error[self.counted], column)[0, 1])
+        return correlations
 
     def table(self) -> Table:
-        """One row a regressor; the last columns are correlations with the error, and with what is left of it."""
+        """Return one row per regressor; the last columns are correlations with the error, and with its remainder."""
         before, after = self.correlation(self.error), self.correlation(self.error - self.explained)
         rows = []
         for i, name in enumerate(REGRESSORS):
@@ -129,7 +131,7 @@ def fit_prefilter(
     regressors: Sequence[str] = REGRESSORS,
     present: TrajectoryPrefilter | None = None,
 ) -> PrefilterFit:
-    """The prefilter for a loop, from one run of it along a reference; iterate while it still falls.
+    """Fit a prefilter to one run of a loop along a reference; iterate while the error still falls.
 
         least ‖e - [v a j s] θ‖ over the samples in motion,  e = set position - reading,  v .. s exact, not filtered
 
@@ -161,7 +163,7 @@ def fit_prefilter_to_log(
     control: Loop | None = None,
     name: str = "the log",
 ) -> PrefilterFit:
-    """The same from a measured log: positions in m of the command, before any prefilter, and of the table.
+    """Fit a prefilter to a measured log: positions in m of the command, before any prefilter, and of the table.
 
     reference  the motion in closed form, for exact derivatives; it is laid over the set positions.  Without it the
                derivatives are central differences of the set positions as they were sampled
@@ -171,7 +173,7 @@ def fit_prefilter_to_log(
     Raises LogError also for a clock that is not the controller's, for a reference that is not that of the log, and for
     set positions that are rounded too coarsely for a derivative.
     """
-    time, set_position, position = (np.asarray(each, dtype=float) for each in (time, set_position, position))
+    time, set_position, position = (np.asarray(signal, dtype=float) for signal in (time, set_position, position))
     if control is not None:
         _check_clock(name, sample_time, float(control.sample_time))
         limit = control.control.force_limit
@@ -188,10 +190,10 @@ def fit_prefilter_to_log(
 def tune_prefilter(
     loop: Loop, reference: Reference, *, runs: int = 2, regressors: Sequence[str] = REGRESSORS, seed: int = 0
 ) -> tuple[PrefilterFit, ...]:
-    """Fit after fit, each from a simulated run with the prefilter of the one before; the last one's is the result."""
+    """Fit repeatedly, each time to a simulated run with the prefilter of the fit before; return the last one."""
     present = loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
-        raise ParameterError(f"control.prefilter is a {present.kind}: take it out, or tune a trajectory_prefilter")
+        raise ParameterError(f"control.prefilter is a {present.kind}: remove it, or tune a trajectory_prefilter")
     fits: list[PrefilterFit] = []
     record = ("following_error", "requested", "force")
     for k in range(runs):
@@ -220,11 +222,11 @@ def _check_limit(name: str, limited: np.ndarray, time: np.ndarray) -> None:
         )
 
 
-def _check_clock(name: str, found: float, wanted: float) -> None:
-    off = abs(found / wanted - 1.0)
+def _check_clock(name: str, actual: float, wanted: float) -> None:
+    off = abs(actual / wanted - 1.0)
     if off > LIMIT_CLOCK:
         raise LogError(
-            f"{name}: its sample time {Quantity(found, 's'):9 SI} is not the controller's, "
+            f"{name}: its sample time {Quantity(actual, 's'):9 SI} is not the controller's, "
             f"{Quantity(wanted, 's'):9 SI}: they differ by {Quantity(off, 'share'):3}, at most "
             f"{Quantity(LIMIT_CLOCK, 'share'):6} is admitted; record on the controller's clock, "
             f"{Quantity(wanted, 's'):9 SI}, or name the machine file of this controller"
@@ -232,7 +234,7 @@ def _check_clock(name: str, found: float, wanted: float) -> None:
 
 
 def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
-    """Refuse an error of half the travel: it means a dead encoder or a wrong unit."""
+    """Raise LogError for an error of half the travel: it means a dead encoder or a wrong unit."""
     travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
     if travel > 0.0 and not off < 0.5 * travel:
         raise LogError(
@@ -243,7 +245,7 @@ def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) ->
 
 
 def _laid_over(name: str, time: np.ndarray, set_position: np.ndarray, reference: Reference) -> Setpoint:
-    """The reference at the times of the log, shifted to where its set positions are half way for the first time."""
+    """Return the reference at the times of the log, shifted to where its set positions first pass half way."""
     travel = float(np.ptp(set_position))
     own = np.linspace(0.0, reference.duration, 200_001)
     shift = _half_way(time, set_position) - _half_way(own, np.asarray(reference.at(own).position))
@@ -276,14 +278,15 @@ def _fit(
     present: TrajectoryPrefilter | None,
 ) -> PrefilterFit:
     chosen = _known(regressors)
-    columns = np.column_stack([np.asarray(getattr(setpoint, each), dtype=float) for each in chosen])
+    columns = np.column_stack([np.asarray(getattr(setpoint, regressor), dtype=float) for regressor in chosen])
     largest = np.max(np.abs(columns), axis=0, initial=0.0)
-    for each, size in zip(chosen, largest, strict=True):
+    for regressor, size in zip(chosen, largest, strict=True):
         if size == 0.0:
             there = ", ".join(other for other, s in zip(chosen, largest, strict=True) if s > 0.0)
             raise LogError(
-                f"{name}: the reference has no {each} (0 {_si(each)}, > 0 is needed), so that its part cannot be "
-                f"identified: take a reference that has it, or only the regressors {there or 'of one that moves'}"
+                f"{name}: the reference has no {regressor} (0 {_si(regressor)}, > 0 is needed), so that its part "
+                f"cannot be identified: take a reference that has it, or only the regressors "
+                f"{there or 'of one that moves'}"
             )
     scaled = columns / largest
     counted = np.max(np.abs(scaled), axis=1) > REST
@@ -296,7 +299,7 @@ def _fit(
     rows, target = scaled[counted], error[counted]
     condition, weakest = _condition(rows)
     if not condition <= LARGEST_CONDITION:
-        together = [each for each, part in zip(chosen, weakest, strict=True) if abs(part) > 0.2]
+        together = [regressor for regressor, part in zip(chosen, weakest, strict=True) if abs(part) > 0.2]
         raise LogError(
             f"{name}: {' and '.join(together)} cannot be told apart in this motion (condition {number(condition, 3)}, "
             f"at most {number(LARGEST_CONDITION)} is admitted): leave one out, or take a move with dwells and plateaus"
@@ -318,13 +321,13 @@ def _fit(
 
 
 def _condition(rows: np.ndarray) -> tuple[float, np.ndarray]:
-    """Of columns scaled to equal RMS, and the combination of them that the motion shows least."""
+    """Return the condition number of columns scaled to equal RMS, and the combination that the motion excites least."""
     _, sizes, directions = np.linalg.svd(rows / np.sqrt(np.mean(rows**2, axis=0)), full_matrices=False)
     return float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else float("inf"), directions[-1]
 
 
 def _memory(remainder: np.ndarray) -> int:
-    """Samples until the correlation of the remainder with itself is gone twice over."""
+    """Return twice the samples after which the remainder's autocorrelation has vanished."""
     n = remainder.size
     correlation = np.fft.irfft(np.abs(np.fft.rfft(remainder, 2 * n)) ** 2)[:n]
     gone = np.flatnonzero(correlation <= 0.0)

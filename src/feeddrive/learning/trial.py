@@ -28,7 +28,7 @@ _WEIGHTS = {
 
 
 def differenced(name: str, position: np.ndarray, sample_time: float, needed: Sequence[str]) -> Setpoint:
-    """The setpoint of sampled positions in m; unneeded derivatives are 0, and so are two samples at each end.
+    """Return the setpoint of sampled positions in m; unneeded derivatives are 0, and so are two samples at each end.
 
     All are differences about the same sample, so that they belong together, and nothing is filtered.
     Raises LogError for fewer than six rows, and for positions whose rounding would be a large part of a derivative.
@@ -37,21 +37,21 @@ def differenced(name: str, position: np.ndarray, sample_time: float, needed: Seq
         raise LogError(f"{name}: {position.size} rows are too few for a fourth difference: at least 6 are needed")
     rounding = _rounding(position)
     rests = np.ptp(np.lib.stride_tricks.sliding_window_view(position, 5), axis=1) == 0.0
-    found: dict[str, np.ndarray] = {}
-    for each, (weights, order) in _WEIGHTS.items():
+    derivatives: dict[str, np.ndarray] = {}
+    for derivative, (weights, order) in _WEIGHTS.items():
         values = np.zeros(position.size)
-        if each in needed:
+        if derivative in needed:
             taken = np.convolve(position, weights[::-1], mode="valid") / sample_time**order
             values[2:-2] = np.where(rests, 0.0, taken)
-            _check_rounding(name, each, values, rounding, float(np.linalg.norm(weights)) / sample_time**order)
-        found[each] = values
-    return Setpoint(position, **found)  # type: ignore[arg-type]
+            _check_rounding(name, derivative, values, rounding, float(np.linalg.norm(weights)) / sample_time**order)
+        derivatives[derivative] = values
+    return Setpoint(position, **derivatives)  # type: ignore[arg-type]
 
 
 def _rounding(position: np.ndarray) -> float:
-    """RMS of the rounding of positions, m: what fifth differences show while the axis accelerates.
+    """Return the RMS of the rounding of positions, m, as fifth differences show it while the axis accelerates.
 
-    Those of a motion in pieces of constant snap are 0 but for a few samples, which the median leaves out; at constant
+    They are 0 but for a few samples in a motion in pieces of constant snap, which the median leaves out; at constant
     velocity rounding repeats itself and does not show.
     """
     second, fifth = np.abs(np.diff(position, 2)), np.abs(np.diff(position, 5))
@@ -98,28 +98,28 @@ class Trial(Result):
 
     @property
     def rms(self) -> float:
-        """Of the following error, m."""
+        """The RMS of the following error, m."""
         return float(np.sqrt(np.mean(self.following_error**2)))
 
     @property
     def peak(self) -> float:
-        """Of the following error, m."""
+        """The peak of the following error, m."""
         return float(np.max(np.abs(self.following_error)))
 
     @property
     def starts_moving(self) -> bool:
-        """Whether the first sample is faster than the largest acceleration could make it in two samples from rest."""
+        """True if the first sample is faster than the largest acceleration could make it in two samples from rest."""
         first = abs(float(np.asarray(self.setpoint.velocity)[0]))
         return first > 2.0 * self.sample_time * float(np.max(np.abs(self.setpoint.acceleration)))
 
     @property
     def time(self) -> np.ndarray:
-        """s, from 0."""
+        """The time of each sample in s, from 0."""
         return np.arange(self.following_error.size) * self.sample_time
 
     def table(self) -> Table:
         """Duration, travel, speed, acceleration and error."""
-        x, v, a = (np.asarray(each) for each in self.setpoint[:3])
+        x, v, a = (np.asarray(derivative) for derivative in self.setpoint[:3])
         largest = [float(np.ptp(x)), *(float(np.max(np.abs(values))) for values in (v, a))]
         columns = [
             "trial",
@@ -135,7 +135,7 @@ class Trial(Result):
 
 
 def simulated_trial(run: Run, reference: Reference) -> Trial:
-    """The trial of a simulated run along a reference, with its exact derivatives.
+    """Return the trial of a simulated run along a reference, with its exact derivatives.
 
     Raises LogError for a run whose guard tripped: its axis did not follow.
     """
@@ -164,7 +164,7 @@ def measured_trial(
     smoothing: int | None = None,
     name: str = "log",
 ) -> Trial:
-    """The trial of a log: set and actual position in m, and the force in N if it was logged, each of shape (n,).
+    """Return the trial of a log: set and actual position in m, and the force in N if it was logged, each of shape (n,).
 
     sample_time  s, the clock of the log; it must be that of the loop within 0.1 %
     smoothing    samples on each side over which the set position is averaged, twice; 0: none; default: as few as keep
@@ -230,12 +230,12 @@ def _checked(smoothing: int, rows: int) -> int:
 
 
 def _padded(x: np.ndarray, rows: int) -> np.ndarray:
-    """Some rows more on each side, along the straight line on which the record begins and ends."""
+    """Return the record with more rows on each side, along the straight line on which it begins and ends."""
     return np.pad(x, rows, mode="reflect", reflect_type="odd")
 
 
 def _smoothed(x: np.ndarray, width: int) -> np.ndarray:
-    """Averaged twice over 2 width + 1 samples."""
+    """Return the values averaged twice over 2 width + 1 samples."""
     if width == 0:
         return x
     box = np.full(2 * width + 1, 1.0 / (2 * width + 1))
@@ -244,7 +244,7 @@ def _smoothed(x: np.ndarray, width: int) -> np.ndarray:
 
 
 def _differenced(x: np.ndarray, T: float) -> Setpoint:
-    """The setpoint at kT whose Taylor series half a sample later holds the differences about the middle."""
+    """Return the setpoint at kT whose Taylor series half a sample later holds the differences about the middle."""
     n, wide = x.size, _padded(x, _ENDS)
 
     def at(k: int) -> np.ndarray:
@@ -261,7 +261,7 @@ def _differenced(x: np.ndarray, T: float) -> Setpoint:
 
 
 def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
-    """How many samples of smoothing a reference needs that was rounded to decimals when it was logged."""
+    """Return the samples of smoothing for a reference that was rounded to decimals when logged, and a remark."""
     step = _rounded_to(x) if np.ptp(x) > 0.0 else 0.0
     if step == 0.0:
         return 0, ()
@@ -272,10 +272,10 @@ def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
         pulse[pulse.size // 2] = step / np.sqrt(12.0)
         noise = float(np.linalg.norm(_acceleration(pulse, width, T)))
         if noise <= _NOISE * float(np.sqrt(np.mean(_acceleration(x, width, T) ** 2))):
-            said = Text(
+            remark = Text(
                 f"the set position was rounded to {Quantity(step, 'm'):6 SI} and is averaged over ±{2 * width} samples"
             )
-            return width, (said,) if width else ()
+            return width, (remark,) if width else ()
     raise LogError(
         f"the set position is rounded to {Quantity(step, 'm'):6 SI}, which hides its acceleration at a sample time of "
         f"{Quantity(T, 's'):6}: log it with more digits"
@@ -283,12 +283,12 @@ def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
 
 
 def _acceleration(x: np.ndarray, width: int, T: float) -> np.ndarray:
-    """In the middle of the samples."""
+    """Return the acceleration in the middle of the samples."""
     return np.asarray(_differenced(_smoothed(x, width), T).shifted(0.5 * T).acceleration)
 
 
 def _rounded_to(x: np.ndarray) -> float:
-    """The decimal step, in m, of which all positions are multiples; 0 if there is none above 1e-12 m."""
+    """Return the decimal step, in m, of which all positions are multiples; 0 if there is none above 1e-12 m."""
     for digits in range(3, 12):
         for part in (1.0, 0.5, 0.25, 0.2):
             step = part * 10.0**-digits

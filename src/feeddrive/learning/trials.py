@@ -68,17 +68,19 @@ class Trials(Result):
 
     @property
     def rms(self) -> np.ndarray:
-        """Of the following error of each trial, m."""
+        """The RMS of the following error of each trial, m."""
         return np.array([trial.rms for trial in self.trials])
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Values by name over the trials, SI."""
+        """Return the values by name over the trials, SI."""
         blocks = [iteration.before for iteration in self.iterations]
         blocks.append(self.iterations[-1].after)
         return {name: np.array([block.parameters()[name] for block in blocks]) for name in blocks[0].parameters()}
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Standard errors by name over the trials, SI; NaN where a parameter was not learned in the trial before."""
+        """Return the standard errors by name over the trials, SI; NaN where a parameter was not learned in the trial
+        before.
+        """
         names = self.iterations[0].before.parameters()
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
@@ -87,7 +89,12 @@ class Trials(Result):
         declared = self.iterations[0].before
         curves: list[tuple[str, str, str, Sequence[float | None]]] = [
             ("RMS", "m", "", [trial.rms for trial in self.trials]),
-            ("predicted", "m", "", [None, *(each.predicted_rms for each in self.iterations[: len(self.trials) - 1])]),
+            (
+                "predicted",
+                "m",
+                "",
+                [None, *(iteration.predicted_rms for iteration in self.iterations[: len(self.trials) - 1])],
+            ),
             ("peak", "m", "", [trial.peak for trial in self.trials]),
         ]
         for name, values in self.parameters().items():
@@ -145,7 +152,7 @@ def iterate_trials(
         if j == trials - 1:
             break
         tuner = loop if believed is None else compensated(believed, compensator(loop))
-        found = next_iteration(
+        iteration = next_iteration(
             tuner,
             shown[-1],
             form=form,
@@ -156,8 +163,8 @@ def iterate_trials(
             least_mass=least_mass,
             saturation=saturation,
         )
-        learned.append(found)
-        loop = compensated(loop, found.after)
+        learned.append(iteration)
+        loop = compensated(loop, iteration.after)
         loops.append(loop)
     return Trials(tuple(shown), tuple(learned), tuple(loops))
 
@@ -181,7 +188,7 @@ class SignalTrials(Result):
 
     @property
     def rms(self) -> np.ndarray:
-        """Of the following error of each trial, m."""
+        """The RMS of the following error of each trial, m."""
         return np.array([trial.rms for trial in self.trials])
 
     def table(self) -> Table:
@@ -248,8 +255,8 @@ def learn_signal(
 
 
 def _played(loop: Loop, force: np.ndarray) -> Loop:
-    """The loop that adds the force; it ends with 0."""
-    others = tuple(each for each in loop.control.compensation if not isinstance(each, LearnedForce))
+    """Return the loop that adds the force, which ends with 0."""
+    others = tuple(block for block in loop.control.compensation if not isinstance(block, LearnedForce))
     block = LearnedForce(force=np.append(force, 0.0))
     return dataclasses.replace(loop, control=dataclasses.replace(loop.control, compensation=(*others, block)))
 
@@ -259,7 +266,7 @@ def _lines(model: StateSpace | Lifted, size: int) -> np.ndarray:
 
 
 def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
-    """From 0 Hz on, where an FRF has no line; with two rates the answer at the frequency itself."""
+    """Return the response from 0 Hz on, where an FRF has no line; with two rates the answer at the frequency itself."""
     if isinstance(model, Lifted):
         A, B, C, D = model.stacked(model.inputs, model.outputs)
         held = np.ones(B.shape[1])
@@ -271,7 +278,7 @@ def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
 
 
 def _correction(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
-    """L at the frequencies."""
+    """Return L at the frequencies."""
     g = _response(model, frequency)
     return g.conj() / (np.abs(g) ** 2 + (_REGULAR * np.max(np.abs(g))) ** 2)
 
@@ -341,7 +348,8 @@ def iterate_machine(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> MachineTrials:
-    """Feedforward parameters of all axes that move, from run to run (`next_iteration` has the law and its arguments).
+    """Learn the feedforward parameters of all moving axes from run to run (`next_iteration` has the law and its
+    arguments).
 
     Each axis learns from its own error; what couples it with others is seen as a disturbance that repeats.  An axis
     whose run teaches nothing keeps what it has, with a remark.
@@ -350,8 +358,8 @@ def iterate_machine(
 
     def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
         trial = simulated_trial(run, reference)
-        found = next_iteration(loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass)
-        return compensated(loop, found.after), found.after
+        iteration = next_iteration(loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass)
+        return compensated(loop, iteration.after), iteration.after
 
     def begun(loop: Loop) -> Loop:
         return begin_compensation(loop, columns)
@@ -368,7 +376,7 @@ def tune_prefilters(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> MachineTrials:
-    """Trajectory prefilters of all axes that move, from run to run (`fit_prefilter` has the law).
+    """Tune the trajectory prefilters of all moving axes from run to run (`fit_prefilter` has the law).
 
     Raises ParameterError for fewer than two runs and for a prefilter of another kind, and as `simulate`.
     """
@@ -377,13 +385,13 @@ def tune_prefilters(
         held = loop.control.prefilter
         if held is not None and not isinstance(held, TrajectoryPrefilter):
             raise ParameterError(
-                f"axis.{loop.name}.control.prefilter is a {held.kind}: take it out, or tune a trajectory_prefilter"
+                f"axis.{loop.name}.control.prefilter is a {held.kind}: remove it, or tune a trajectory_prefilter"
             )
         return held
 
     def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
-        found = fit_prefilter(run, reference, regressors=regressors, present=present(loop)).prefilter
-        return dataclasses.replace(loop, control=dataclasses.replace(loop.control, prefilter=found)), found
+        prefilter = fit_prefilter(run, reference, regressors=regressors, present=present(loop)).prefilter
+        return dataclasses.replace(loop, control=dataclasses.replace(loop.control, prefilter=prefilter)), prefilter
 
     def begun(loop: Loop) -> Loop:
         present(loop)
@@ -402,17 +410,17 @@ def _repeated(
     seed: int,
     progress: Progress | None,
 ) -> MachineTrials:
-    """Run after run, with what each axis learned from the one before."""
+    """Simulate run after run, with what each axis learned from the one before."""
     if runs < 2:
         raise ParameterError(f"runs = {runs} must be >= 2: the first shows the error, the second what was learned")
-    moving = [name for name, each in references.items() if _moves(each, float(machine.sample_time))]
+    moving = [name for name, reference in references.items() if _moves(reference, float(machine.sample_time))]
     if not moving:
         raise ParameterError("references: no axis moves, so that there is nothing to learn")
     machine = machine.with_loops({name: begun(machine.loop(name)) for name in moving})
     along = [name for name in moving if not machine.axes()[name].axis.rotary]
     there = set(machine.signals())
-    record = [f"{name}.{each}" for name in machine.axes() for each in _RECORDED]
-    record += [each for each in ("tool.x", "tool.y", "tool.z") if each in there]
+    record = [f"{name}.{signal}" for name in machine.axes() for signal in _RECORDED]
+    record += [signal for signal in ("tool.x", "tool.y", "tool.z") if signal in there]
     error: dict[str, list[float]] = {name: [] for name in moving}
     contour: list[tuple[float, float]] = []
     remarks: dict[str, str] = {}
@@ -423,8 +431,8 @@ def _repeated(
         for name in moving:
             error[name].append(float(np.sqrt(np.mean(run[f"{name}.following_error"] ** 2))))
         if 2 <= len(along) <= 3:
-            found = contour_error(run, axes=tuple(along), signal="position_load")
-            contour.append((float(found.largest), float(found.rms)))
+            deviation = contour_error(run, axes=tuple(along), signal="position_load")
+            contour.append((float(deviation.largest), float(deviation.rms)))
         if j == runs - 1:
             break
         loops: dict[str, Loop] = {}
@@ -438,7 +446,7 @@ def _repeated(
     return MachineTrials(
         {name: np.array(row) for name, row in error.items()},
         tuple(contour),
-        {name: each for name, each in blocks.items() if each is not None},
+        {name: block for name, block in blocks.items() if block is not None},
         machine,
         tuple(remarks.values()),
     )

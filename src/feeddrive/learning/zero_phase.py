@@ -32,16 +32,16 @@ class InversePath:
 
     @property
     def preview(self) -> int:
-        """Samples r + s that the set path must be known ahead, s = deg B⁻."""
+        """The samples r + s that the set path must be known ahead, s = deg B⁻."""
         return self.delay + self.kept.size - 1
 
     def gain(self, frequency: np.ndarray, sample_time: float) -> np.ndarray:
-        """|B⁻(e^jω)|² / B⁻(1)²: what is left of T_r times the filter; its phase is 0."""
+        """Return |B⁻(e^jω)|² / B⁻(1)²: the product of T_r and the filter, whose phase is 0."""
         z = np.exp(-2j * np.pi * frequency * sample_time)
         return np.abs(np.polyval(self.kept[::-1], z)) ** 2 / np.sum(self.kept) ** 2
 
     def filtered(self, wanted: np.ndarray) -> np.ndarray:
-        """x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r), for a wanted path at rest at both ends."""
+        """Return x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r), for a wanted path at rest at both ends."""
         from scipy.signal import lfilter  # not for commands that only read
 
         s = self.kept.size - 1
@@ -51,7 +51,7 @@ class InversePath:
 
 
 def inverse_path(loop: Loop | SetPath) -> InversePath:
-    """The closed loop as polynomials: A from its poles, B from its Markov parameters, which loses no digits.
+    """Return the closed loop as polynomials: A from its poles, B from its Markov parameters, which loses no digits.
 
     Raises UnstableError for a loop that is not stable, and ParameterError for one with a slow part.
     """
@@ -78,7 +78,8 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
 
 
 def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
-    """Set positions with which the table follows a reference without phase error, by the linear model of the loop.
+    """Return set positions with which the table follows a reference without phase error, by the linear model of the
+    loop.
 
         T_r = q^r B⁺ B⁻ / A,    x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r)
 
@@ -91,17 +92,17 @@ def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
     model, T = set_path(loop), float(loop.sample_time)
     path = inverse_path(model)
     wanted = sampled(reference, T, path.preview, round(_SETTLING / T))
-    given = path.filtered(wanted)
-    before, after = (_left(model, each, wanted) for each in (wanted, given))
+    filtered = path.filtered(wanted)
+    before, after = (_left(model, positions, wanted) for positions in (wanted, filtered))
     if not after < before:
         raise ParameterError(
             f"the model of the loop itself is {Quantity(after, 'm')} off the path with this inverse, and "
             f"{Quantity(before, 'm')} without: polynomials of degree {path.A.size - 1} have lost their digits; take "
             "filtered splines"
         )
-    return changed(given, wanted, T, path.preview)
+    return changed(filtered, wanted, T, path.preview)
 
 
-def _left(model: SetPath, given: np.ndarray, wanted: np.ndarray) -> float:
-    """m: largest distance of the model's table from the wanted path."""
-    return float(np.max(np.abs(model.answers((given - wanted[0])[:, None])[:, 0] - (wanted - wanted[0]))))
+def _left(model: SetPath, positions: np.ndarray, wanted: np.ndarray) -> float:
+    """Return the largest distance of the model's table from the wanted path, m."""
+    return float(np.max(np.abs(model.answers((positions - wanted[0])[:, None])[:, 0] - (wanted - wanted[0]))))

@@ -63,7 +63,9 @@ class Axis(Block):
         drive: Number
 
     def check(self) -> None:
-        """A rigid plant has one body, which takes one friction; forces may need a certain plant."""
+        """Check that a rigid plant, which has one body, has one friction, and that each force finds the plant that it
+        needs.
+        """
         of_screw = "lead" in declarations(type(self.plant)) or (
             self.actuator.motor is not None and "lead" in declarations(type(self.actuator.motor))
         )
@@ -80,14 +82,14 @@ class Axis(Block):
             force.fits(self.plant, self.forces[:i] + self.forces[i + 1 :])
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """The exact hold of a substep can be computed, and forces can run at it."""
+        """Yield the conditions that the exact hold of a substep can be computed and that forces can run at it."""
         h = T / self.substeps
         yield from slow_enough(self.mechanics(), self.actuator.current_loop, h)
         for force in self.forces:
             yield from force.substep_rules(h)
 
     def timing(self, T: float) -> Timing:
-        """How many whole samples of dead time there are, and whether a part is left. All lanes must agree."""
+        """Return the whole samples of dead time, and whether a part is left. All lanes must agree."""
         samples = samples_of(self.actuator.dead_time, T)
         whole = ops.floor(samples)
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
@@ -105,7 +107,7 @@ class Axis(Block):
         return Timing(int(most), ops.most(samples - whole, 0.0) > 0.0)
 
     def mechanics(self) -> Mechanics:
-        """The plant with the viscous part of its friction."""
+        """Return the plant with the viscous part of its friction."""
         plain = self.plant.mechanics()
         damping: Any = plain.damping
         for friction, body in ((self.friction_motor, plain.motor), (self.friction_load, plain.load)):
@@ -114,11 +116,11 @@ class Axis(Block):
         return plain._replace(damping=damping)
 
     def viscous(self, friction: Friction, row: Row) -> Matrix:
-        """What the viscous part of a friction on the body x = row · q adds to the damping matrix, N s/m."""
+        """Return the viscous part of a friction on the body x = row · q in the damping matrix, N s/m."""
         return matrix.multiply([[x] for x in matrix.scale(friction.linear(), (row,))[0]], (row,))
 
     def prepare(self, T: Number, timing: Timing) -> Hold:
-        """The exact hold of the linear core."""
+        """Compute the exact hold of the linear core."""
         mechanics = self.mechanics()
         shape = mechanics.shape
         rows = Rows(shape[mechanics.drive], shape[mechanics.motor], shape[mechanics.load])
@@ -126,13 +128,15 @@ class Axis(Block):
         return Hold(joint.change, *joint.axes[0])
 
     def port(self, rows: Rows, timing: Timing) -> Port:
-        """Where its forces enter the mechanics, with lag and dead time of its drive."""
+        """Return where the axis's forces enter the mechanics, with lag and dead time of its drive."""
         bandwidth = self.actuator.current_loop
         lag = None if bandwidth is None else 2.0 * ops.pi * bandwidth
         return Port(rows, lag, self.actuator.dead_time, timing)
 
     def start(self, position: Number, velocity: Number, timing: Timing) -> State:
-        """Moving as a rigid body with `velocity` (m/s), the load at `position` (m), springs relaxed, no force."""
+        """Return the state of a rigid motion with `velocity` (m/s), the load at `position` (m), springs relaxed, no
+        force.
+        """
         along = self.plant.mechanics().rigid_motion()
         rigid = Motion(position, position, velocity, velocity)
         return self.State(
@@ -148,7 +152,7 @@ class Axis(Block):
         )
 
     def motion(self, state: State) -> Motion:
-        """True position and velocity of the motor's and the load's body."""
+        """Return the true position and velocity of the motor's and the load's body."""
         mechanics = self.plant.mechanics()
         motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
         return Motion(
@@ -159,7 +163,7 @@ class Axis(Block):
         )
 
     def read(self, state: State, motion: Motion, noise: Noise, T: Number) -> tuple[State, Number, Number]:
-        """The readings of the motor's and the load's encoder at kT; a single encoder gives both."""
+        """Return the readings of the motor's and the load's encoder at kT; a single encoder gives both."""
         state_motor, motor = state.encoder_motor, motion.position_motor
         state_load, load = state.encoder_load, motion.position_load
         if self.encoder_motor is not None:
@@ -171,22 +175,22 @@ class Axis(Block):
         return state._replace(encoder_motor=state_motor, encoder_load=state_load), *self._readings(motor, load)
 
     def still(self, position: Number) -> tuple[Number, Number]:
-        """The readings of the motor's and the load's encoder at standstill at `position`, without noise."""
+        """Return the readings of the motor's and the load's encoder at standstill at `position`, without noise."""
         motor = position if self.encoder_motor is None else self.encoder_motor.still(position)
         load = position if self.encoder_load is None else self.encoder_load.still(position)
         return self._readings(motor, load)
 
     def encoders(self) -> int:
-        """How many positions the controller reads: 1 if there is one body or one encoder."""
+        """Return the number of positions that the controller reads: 1 if there is one body or one encoder."""
         shape = self.plant.mechanics()
         return 1 if self.one_encoder() or shape.motor == shape.load else 2
 
     def one_encoder(self) -> bool:
-        """Whether a single encoder gives both readings, with the same noise in both."""
+        """True if a single encoder gives both readings, with the same noise in both."""
         return (self.encoder_motor is None) != (self.encoder_load is None)
 
     def _readings(self, motor: Number, load: Number) -> tuple[Number, Number]:
-        """A single encoder gives both readings."""
+        """Return both readings; a single encoder gives both."""
         if self.encoder_motor is None and self.encoder_load is not None:
             return load, load
         if self.encoder_load is None and self.encoder_motor is not None:
@@ -195,7 +199,7 @@ class Axis(Block):
 
 
 def _part(share: Any, x: Any) -> Any:
-    """share · x, with a zero of the type of x."""
+    """Return share · x, with a zero of the type of x."""
     return ops.zero(x) if matrix.is_zero(share) else x if matrix.is_one(share) else share * x
 
 
@@ -207,7 +211,9 @@ MOST_TURN, MOST_DECAY = 1000.0, 100.0
 def slow_enough(
     mechanics: Mechanics, current_loop: Number | None, h: Number, what: str = "axis.plant"
 ) -> Iterator[Rule]:
-    """Current loop (Hz), damping and modes are slow enough for substeps of h s; `what` has them."""
+    """Yield the conditions that current loop (Hz), damping and modes are slow enough for substeps of h s; `what` names
+    them.
+    """
     whose = "the axis" if what == "axis.plant" else what
     if current_loop is not None:
         yield Rule(

@@ -1,4 +1,4 @@
-"""What a run begins with: the numbers that a loop prepares and its first state, by Python or by machine code.
+"""The start of a run: the numbers that a loop prepares and its first state, by Python or by machine code.
 
 Both come from the same source, `prepare` and `start` of the blocks.  The first runs of a structure compute them in
 Python, which is quicker than to compile what runs once; later ones run the traced graph, to the same bits.
@@ -33,7 +33,7 @@ class Trees(NamedTuple):
     """A system with numpy numbers as leaves, what it prepared, and its first state."""
 
     plain: Any
-    made: Any
+    prepared: Any
     begun: Any
 
 
@@ -54,22 +54,22 @@ class Beginning:
 
     @cached_property
     def trees(self) -> Trees:
-        """The same as trees, which only a trace or a live change needs."""
+        """The same numbers as trees, which only a trace or a live change needs."""
         return self._trees()
 
     @cached_property
     def varying(self) -> frozenset[str]:
-        """Names of numbers and first states that are arrays over lanes."""
+        """The names of numbers and first states that are arrays over lanes."""
         both = {**self.numbers, **self.first}
         return frozenset(name for name, value in both.items() if isinstance(value, np.ndarray))
 
 
 class _Structure:
-    """How often a structure began with new numbers, and its machine code when that is often enough."""
+    """The count of starts of a structure with new numbers, and its machine code once there were enough."""
 
     def __init__(self) -> None:
         self.begun = 0
-        self.made: NativeBeginning | None = None
+        self.code: NativeBeginning | None = None
 
 
 _holds: Recent[Hold] = Recent(256)
@@ -78,7 +78,8 @@ _structures: Recent[_Structure] = Recent(64)
 
 
 def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str]) -> Beginning:
-    """What a system begins with at a first setpoint; `start` is (position, velocity), None for those of the setpoint.
+    """Return the start of a system at a first setpoint; `start` is (position, velocity), None for those of the
+    setpoint.
 
     Kept for the next run of a loop with the same numbers; nothing is kept of machines, tables and variants in lanes.
     """
@@ -98,25 +99,25 @@ def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str
     # whether a number is a float or a numpy number matters to a trace
     key = shape, tuple(map(type, setpoint)), frozenset(partial)
 
-    def made() -> Beginning:
+    def built() -> Beginning:
         timing = system.timing(partial)
         seen = _structures.get((*key, timing), _Structure)
         seen.begun += 1
         if seen.begun <= PAYS_AFTER:
             return by_python()
-        if seen.made is None:
-            seen.made = NativeBeginning(system, timing, row)
-        found = seen.made.run(row)
-        if found is None:
-            seen.made = NativeBeginning(system, timing, None)
-            found = cast(tuple[dict[str, Any], dict[str, Any]], seen.made.run(row))
-        return Beginning(timing, *found, {}, shape, lambda: by_python().trees)
+        if seen.code is None:
+            seen.code = NativeBeginning(system, timing, row)
+        trees = seen.code.run(row)
+        if trees is None:
+            seen.code = NativeBeginning(system, timing, None)
+            trees = cast(tuple[dict[str, Any], dict[str, Any]], seen.code.run(row))
+        return Beginning(timing, *trees, {}, shape, lambda: by_python().trees)
 
-    return _beginnings.get((key, row.tobytes()), made)
+    return _beginnings.get((key, row.tobytes()), built)
 
 
 def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial: Collection[str]) -> Beginning:
-    """What a loop or machine prepares, and its first state."""
+    """Return the prepared numbers and the first state of a loop or machine, computed in Python."""
     timing = system.timing(partial)
     plain = concrete(system)
     with np.errstate(all="ignore"):
@@ -130,7 +131,7 @@ def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial
 
 
 def _prepared(plain: Any, timing: Any) -> Any:
-    """What a loop or machine prepares; the hold of an axis that did not change since is kept."""
+    """Return the prepared numbers of a loop or machine; the hold of an unchanged axis is reused."""
     if not isinstance(plain, Loop):
         return plain.prepare(timing)
     axis, T = plain.axis, plain.sample_time
@@ -143,27 +144,29 @@ def _prepared(plain: Any, timing: Any) -> Any:
 
 
 def key(held: Any) -> Hashable:
-    """Structure of blocks and all bits of their numbers; None with tables or lanes, of which nothing is kept."""
+    """Return the structure of blocks and all bits of their numbers; None with tables or lanes, which are not cached."""
     structure, values = tree.structure_and_values(held)
     row = _bits(values)
     return None if row is None else (structure, row.tobytes())
 
 
 def _bits(values: Sequence[Any]) -> np.ndarray | None:
-    """Numbers as a row; None with tables or lanes."""
+    """Return numbers as a row of floats; None with tables or lanes."""
     if np.ndarray in map(type, values):
         return None
     return np.array(values, dtype=np.float64)
 
 
 def typed(value: Any) -> Any:
-    """A number or the numbers of lanes as numpy has them."""
+    """Return a number, or the numbers of lanes, as numpy types."""
     return np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else np.float64(value)
 
 
-def each_axis(function: Callable[[Any], Any], given: Any) -> Any:
-    """A function of what a loop is given, or for each axis of what a machine is given."""
-    return {name: function(one) for name, one in given.items()} if isinstance(given, Mapping) else function(given)
+def each_axis(function: Callable[[Any], Any], argument: Any) -> Any:
+    """Apply a function to the argument of a loop, or to the argument of each axis of a machine."""
+    return (
+        {name: function(one) for name, one in argument.items()} if isinstance(argument, Mapping) else function(argument)
+    )
 
 
 class TracedBeginning(NamedTuple):
@@ -182,7 +185,7 @@ STARTS = tuple(f"start.{name}" for name in ("position", "velocity", *SETPOINT))
 
 
 def traced_beginning(system: System, timing: Any, counted: Callable[[Symbol], float] | None = None) -> TracedBeginning:
-    """`prepare` and `start` of a system on symbols; `counted` as in `Graph`."""
+    """Trace `prepare` and `start` of a system on symbols; `counted` as in `Graph`."""
     graph = Graph(counted)
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(system)}
     leaves = (graph.input(name) for name, _ in tree.leaves(system))
@@ -208,15 +211,17 @@ class NativeBeginning:
     """`prepare` and `start` of one structure of a loop as machine code."""
 
     def __init__(self, loop: Loop, timing: Any, row: np.ndarray | None) -> None:
-        """`row` holds the numbers of a run: loops of a fixed count go no further than it needs; None: all the way."""
+        """Compile. `row` holds the numbers of a run: loops of a fixed count go no further than it needs; None: all the
+        way.
+        """
         self._leaves = [name for name, _ in tree.leaves(loop)]
         names = [*self._leaves, *STARTS]
         counts: dict[int, float] = {}
 
         def counted(symbol: Symbol) -> float:
             assert row is not None
-            (found,) = evaluate(symbol.graph, [symbol.index], dict(zip(names, row, strict=True)))
-            return counts.setdefault(symbol.index, float(found))
+            (count,) = evaluate(symbol.graph, [symbol.index], dict(zip(names, row, strict=True)))
+            return counts.setdefault(symbol.index, float(count))
 
         graph, constants, states = traced_beginning(loop, timing, None if row is None else counted)
         self._constants, self._states, self._counts = list(constants), list(states), np.array([*counts.values()])
@@ -233,7 +238,7 @@ class NativeBeginning:
         self._native: Native = native(plan(program), flush=False, quick=True)
 
     def run(self, row: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]] | None:
-        """Numbers and first states by name; None if a loop of a fixed count must go further than it was traced."""
+        """Return numbers and first states by name; None if a loop of a fixed count must go further than traced."""
         outputs = np.empty((1, len(self._native.plan.outputs)))
         self._native.run(1, 0, row, np.empty((1, 0)), np.empty(0), outputs, ())
         counts, prepared = len(self._counts), len(self._counts) + len(self._constants)

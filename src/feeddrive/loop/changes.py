@@ -28,7 +28,7 @@ _CONTROL = re.compile(r"(axis\.\w+\.)?control\.")
 
 
 def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tuple[int, System]]:
-    """(sample, loop from it on) of every change in a run of `count` samples, in order of time.
+    """Return (sample, loop from it on) of every change in a run of `count` samples, in order of time.
 
     A change acts between two samples: sample k is the first one that runs with the new values.  A time is taken up to
     the first sample at or after it.  Values by name change the control that is active then.
@@ -72,7 +72,7 @@ def _shown(key: int | float) -> str:
 
 
 def _changed(loop: System, change: Any) -> System:
-    """The loop with another control, or with other values in it."""
+    """Return the loop with another control, or with other values in it."""
     if isinstance(change, Control):
         if not isinstance(loop, Loop):
             raise ParameterError("a machine changes by names such as axis.x.control.law.Kv, not by a whole Control")
@@ -100,7 +100,7 @@ def _changed(loop: System, change: Any) -> System:
 
 
 def _on_controller(loop: System, name: str) -> bool:
-    """Whether a parameter is one of a control, or of what runs between the controls of a machine."""
+    """True if a parameter belongs to a control, or to a coupling between the controls of a machine."""
     first, _, rest = name.partition(".")
     if first == "couplings" and isinstance(loop, Machine):
         return loop.couplings[int(rest.partition(".")[0])].controls
@@ -108,21 +108,23 @@ def _on_controller(loop: System, name: str) -> bool:
 
 
 class Course:
-    """A run that is continued in pieces and changes its control at given samples."""
+    """A run in pieces that changes its control at given samples."""
 
     def __init__(self, prepared: Prepared, later: list[tuple[int, Prepared]]) -> None:
-        """`later` holds the sample from which on each of the changed loops runs, in order."""
+        """Begin a run. `later` holds the sample from which on each of the changed loops runs, in order."""
         self._now, self._later = prepared, list(later)
 
-    def advance(self, made: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
-        """Samples first .. first + count - 1 from `states` on, which move on; recorded signals (count, signals)."""
+    def advance(self, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
+        """Compute samples first .. first + count - 1 from `states`, which are updated; return the recorded signals
+        (count, signals).
+        """
         work.sample(first, count)
         pieces, at, end = [], first, first + count
         while at < end:
             while self._later and self._later[0][0] == at:
                 old, self._now = self._now, self._later.pop(0)[1]
-                self._now.retune(old, made, states)
+                self._now.retune(old, code, states)
             until = min(end, self._later[0][0]) if self._later else end
-            pieces.append(recorded(self._now, made, work, states, at, until - at))
+            pieces.append(recorded(self._now, code, work, states, at, until - at))
             at = until
         return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)

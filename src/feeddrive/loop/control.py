@@ -50,7 +50,7 @@ class Control(Block):
     guard: Guard | None = part("enable, trips and broken readings", default=None)
 
     class Prepared(NamedTuple):
-        """What the parts prepared."""
+        """The prepared numbers of the parts."""
 
         law: Any
         compensation: tuple[Any, ...]
@@ -95,7 +95,7 @@ class Control(Block):
         running: Number
 
     def rules(self) -> Iterator[Rule]:
-        """The safe force is within the limit."""
+        """Yield the condition that the safe force is within the limit."""
         limit, held = self.force_limit, None if self.guard is None else self.guard.safe_force
         if limit is not None and held is not None:
             yield Rule(
@@ -109,7 +109,7 @@ class Control(Block):
             )
 
     def check(self) -> None:
-        """Nothing of the set motion may be fed forward twice; compensations suit the law."""
+        """Reject duplicate feedforward terms and compensations that this law does not support."""
         for block in self.compensation:
             block.suits(self.law)
         if self.feedback_delay is not None and self.law.feeds:
@@ -119,7 +119,7 @@ class Control(Block):
             )
         fed = dict.fromkeys(self.law.feeds, self.law.kind)
         for i, block in enumerate(self.feedforward):
-            for name in (each for each in FEEDS if each in block.fed()):
+            for name in (name for name in FEEDS if name in block.fed()):
                 if name in fed:
                     raise StructureError(
                         f"control.feedforward.{i}: {block.kind} feeds the {name} forward, which {fed[name]} does "
@@ -128,7 +128,7 @@ class Control(Block):
                 fed[name] = block.kind
 
     def prepare(self, T: Number) -> Prepared:
-        """The prepared numbers of every part."""
+        """Prepare the numbers of every part."""
         return self.Prepared(
             self.law.prepare(T),
             tuple(part.prepare(T) for part in self.compensation),
@@ -139,7 +139,7 @@ class Control(Block):
     def start(
         self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number = 0.0
     ) -> State:
-        """Where the axis is one sample before the first step, moving with `velocity` (m/s).
+        """Return the state one sample before the first step, at the position of the axis, moving with `velocity` (m/s).
 
         The force that acts then is the guard's safe force; without a guard there is none.
         """
@@ -160,9 +160,9 @@ class Control(Block):
         force = reduce(_less, (part.carries(reading) for part in self.compensation), reading.applied)
         return self.Memory(
             Nothing() if self.prefilter is None else self.prefilter.start(setpoint),
-            tuple(part.start(made, setpoint, reading) for part, made in compensation),
+            tuple(part.start(coefficients, setpoint, reading) for part, coefficients in compensation),
             self.law.start(prepared.law, setpoint, reading._replace(applied=force)),
-            tuple(part.start(made, force) for part, made in filters),
+            tuple(part.start(coefficients, force) for part, coefficients in filters),
             tuple(part.start(setpoint) for part in self.feedforward),
         )
 
@@ -176,13 +176,13 @@ class Control(Block):
         enable: Number,
         T: Number,
     ) -> tuple[State, Command]:
-        """One sample, from the readings of the two encoders in m to the commanded force in N."""
+        """Compute one sample, from the readings of the two encoders in m to the commanded force in N."""
         return self.answer(prepared, state, self.judge(prepared, state, setpoint, motor, load, enable), T)
 
     def judge(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
     ) -> Judged:
-        """The first half of a sample: the guard has looked at setpoint and readings."""
+        """Compute the first half of a sample: the guard's verdict on setpoint and readings."""
         if self.guard is None:
             return self.Judged(setpoint, motor, load, state.guard)
         guard, verdict = self.guard.step(prepared.guard, state.guard, setpoint, motor, load, enable)
@@ -191,7 +191,9 @@ class Control(Block):
     def answer(
         self, prepared: Prepared, state: State, judged: Judged, T: Number, added: Number | None = None
     ) -> tuple[State, Command]:
-        """The second half: `added` is a velocity in m/s on top of what the law commands (`Law.position_gain`)."""
+        """Compute the second half of a sample; `added` is a velocity in m/s on top of what the law commands
+        (`Law.position_gain`).
+        """
         reading = self._reading(state, judged.motor, judged.load)
         verdict = judged.verdict
         if self.guard is None:
@@ -209,10 +211,12 @@ class Control(Block):
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def moved(self, state: State) -> Number:
-        """What compensation last added to the set position for the sake of the reading alone, m; the rest is motion."""
+        """Return what compensation last added to the set position on account of the reading alone, m; the rest is
+        motion.
+        """
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
-        shifts = [each.moved(held) for each, held in pairs]
-        shifts = [each for each in shifts if not matrix.is_zero(each)]
+        shifts = [block.moved(held) for block, held in pairs]
+        shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
         return reduce(add, shifts) if shifts else 0.0
 
     def check_live(self, old: Control, place: str = "control") -> None:
@@ -224,7 +228,7 @@ class Control(Block):
             )
 
     def retune(self, state: State, old: Control, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The state after a live change from `old` to this control, between two samples, without a bump.
+        """Return the state after a live change from `old` to this control, between two samples, without a bump.
 
         Only numbers may differ: raises StructureError where a block, a choice or the presence of a parameter does.
         """
@@ -257,16 +261,16 @@ class Control(Block):
     def _run(
         self, prepared: Prepared, memory: Any, setpoint: Setpoint, reading: Reading, T: Number, velocity: Number | None
     ) -> tuple[Memory, Command]:
-        """The parts in the order of the signal."""
+        """Run the parts in the order of the signal."""
         prefilter = memory.prefilter
         if self.prefilter is not None:
             prefilter, setpoint = self.prefilter.step(prefilter, setpoint, T)
         compensation: list[Any] = []
         added: Any = 0.0
-        for i, (block, made, held) in enumerate(
+        for i, (block, coefficients, held) in enumerate(
             zip(self.compensation, prepared.compensation, memory.compensation, strict=True)
         ):
-            held, setpoint, force = block.step(made, held, setpoint, reading, T)
+            held, setpoint, force = block.step(coefficients, held, setpoint, reading, T)
             compensation.append(held)
             added = force if i == 0 else added + force
         target = setpoint if self.feedback_delay is None else setpoint.shifted(-self.feedback_delay)
@@ -274,8 +278,8 @@ class Control(Block):
             target = target._replace(position=target.position + velocity / self.law.position_gain())
         law, feedback = _answered(self.law, memory.law, self.law.step(prepared.law, memory.law, target, reading, T))
         filters: list[Any] = []
-        for filter_, made, held in zip(self.filters, prepared.filters, memory.filters, strict=True):
-            held, feedback = filter_.step(made, held, feedback)
+        for filter_, coefficients, held in zip(self.filters, prepared.filters, memory.filters, strict=True):
+            held, feedback = filter_.step(coefficients, held, feedback)
             filters.append(held)
         forward: Any = 0.0
         fed: list[Any] = []
@@ -297,15 +301,16 @@ def _less(force: Any, carried: Any) -> Any:
 
 
 def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
-    """What a law returned, a state and a force; in a trace the state must have the parts that it had before.
+    """Return the state and the force that a law returned; in a trace the state must have the same parts as before.
 
-    Raises StructureError, with what is there.
+    Raises StructureError, naming what the law returned instead.
     """
+    # exported code calls the second part `found_1`: a local name of traced code is a name in the export (`Names`)
     if not isinstance(found, tuple) or len(found) != 2:  # type: ignore[arg-type]
         raise StructureError(f"{law.kind}: step must return (state, force), not {type(found).__name__}")
     state, force = found
     if isinstance(force, Symbol):
-        had, has = ([name for name, _ in tree.leaves(each)] for each in (before, state))
+        had, has = ([name for name, _ in tree.leaves(memory)] for memory in (before, state))
         if had != has:
             raise StructureError(
                 f"{law.kind}: step returns a state with the numbers {', '.join(has) or 'none'}; start gave one with "
@@ -323,8 +328,8 @@ def _check_forgetful(memory: Any, path: str) -> None:
         )
     if isinstance(memory, tuple) and not isinstance(memory, History | Track):
         names = getattr(memory, "_fields", None) or range(len(memory))
-        for name, each in zip(names, memory, strict=True):
-            _check_forgetful(each, f"{path}.{name}")
+        for name, part in zip(names, memory, strict=True):
+            _check_forgetful(part, f"{path}.{name}")
 
 
 def _retuned(block: Any, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:

@@ -15,7 +15,7 @@ from feeddrive.loop.loop import SETPOINT, Loop
 
 
 class Given(NamedTuple):
-    """What a control is given in a sample: setpoint, the readings of motor and load in m, and enable."""
+    """The inputs of a control in a sample: setpoint, the readings of motor and load in m, and enable."""
 
     setpoint: Setpoint
     motor: Number
@@ -35,7 +35,7 @@ class Controls:
         self.controls, self.couplings = dict(controls), tuple(coupling for coupling in couplings if coupling.controls)
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> tuple[Any, ...]:
-        """The state of what runs between the controls."""
+        """Return the state of what runs between the controls."""
         return tuple(coupling.listen(_of(coupling, setpoints)) for coupling in self.couplings)
 
     def step(
@@ -43,38 +43,38 @@ class Controls:
         prepared: Sequence[Any],
         states: Mapping[str, Any],
         between: tuple[Any, ...],
-        given: Mapping[str, Given],
+        readings: Mapping[str, Given],
         T: Number,
     ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:
-        """One sample: the states of the controls and of what runs between them, and the commands by axis."""
+        """Compute one sample: the states of the controls and of what runs between them, and the commands by axis."""
         judged = {
-            name: each.judge(made, states[name], *given[name])
-            for (name, each), made in zip(self.controls.items(), prepared, strict=True)
+            name: control.judge(coefficients, states[name], *readings[name])
+            for (name, control), coefficients in zip(self.controls.items(), prepared, strict=True)
         }
-        moved = {name: each.moved(states[name]) for name, each in self.controls.items()} if self.couplings else {}
+        moved = {name: control.moved(states[name]) for name, control in self.controls.items()} if self.couplings else {}
         between, added = self._corrected(between, judged, moved)
         after: dict[str, Any] = {}
         commands: dict[str, Control.Command] = {}
-        for (name, each), made in zip(self.controls.items(), prepared, strict=True):
-            after[name], commands[name] = each.answer(made, states[name], judged[name], T, added.get(name))
+        for (name, control), coefficients in zip(self.controls.items(), prepared, strict=True):
+            after[name], commands[name] = control.answer(coefficients, states[name], judged[name], T, added.get(name))
         return after, between, commands
 
     def _corrected(
         self, between: tuple[Any, ...], judged: Mapping[str, Control.Judged], moved: Mapping[str, Any]
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """What is added to the velocities; while an axis of a coupling does not run, nothing to the others.
+        """Return the velocities that couplings add; while an axis of a coupling does not run, its others get none.
 
         `moved` is what compensation added to the set positions for the sake of the readings: no contour error.
         """
-        setpoints = {name: each.setpoint for name, each in judged.items()}
-        positions = {name: each.load - moved[name] if moved else each.load for name, each in judged.items()}
+        setpoints = {name: judgment.setpoint for name, judgment in judged.items()}
+        positions = {name: judgment.load - moved[name] if moved else judgment.load for name, judgment in judged.items()}
         added: dict[str, Any] = {}
         remembered: list[Any] = []
         for coupling, held in zip(self.couplings, between, strict=True):
-            after, found = coupling.correct(held, _of(coupling, setpoints), _of(coupling, positions))
+            after, corrections = coupling.correct(held, _of(coupling, setpoints), _of(coupling, positions))
             verdicts = [judged[name].verdict for name in coupling.axes() if judged[name].verdict is not None]
-            runs = reduce(ops.both, (each.usual for each in verdicts)) if verdicts else None
-            for name, velocity in found.items():
+            runs = reduce(ops.both, (verdict.usual for verdict in verdicts)) if verdicts else None
+            for name, velocity in corrections.items():
                 used = velocity if runs is None else ops.where(runs, velocity, 0.0)
                 added[name] = added[name] + used if name in added else used
             remembered.append(after)
@@ -82,7 +82,7 @@ class Controls:
 
 
 def _of(coupling: Coupling, values: Mapping[str, Any]) -> dict[str, Any]:
-    """What belongs to the axes of a coupling."""
+    """Return the entries of the axes of a coupling."""
     return {name: values[name] for name in coupling.axes()}
 
 
@@ -95,29 +95,29 @@ class Controller(Block):
     name: str = label("name of the axis", default="x")
 
     def place_of(self, field: str) -> str:
-        """As in the loop from which it comes."""
+        """Return the place in the loop from which it comes."""
         own = f"axis.{self.name}"
         return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
 
     def inputs(self) -> tuple[str, ...]:
-        """Names of what it is given in each sample."""
+        """Return the names of the inputs of a sample."""
         return (*SETPOINT, *_readings(self.encoders), "enable")
 
     def prepare(self, T: Number) -> Any:
-        """What depends on parameters only."""
+        """Compute everything that depends on parameters only."""
         return self.control.prepare(T)
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> Any:
-        """Where the axis is."""
+        """Return the state at the position of the axis."""
         return self.control.start(prepared, *_given(inputs, "")[:3])
 
     def step(self, prepared: Any, state: Any, inputs: Mapping[str, Any], T: Number) -> tuple[Any, dict[str, Any]]:
-        """One sample: the state, and the outputs by name."""
+        """Compute one sample: the state, and the outputs by name."""
         answer = self.control.step(prepared, state, *_given(inputs, ""), T)
         return answer[0], _outputs(answer[1], self.motor, "")
 
     def retune(self, state: Any, old: Controller, old_prepared: Any, prepared: Any) -> Any:
-        """The state after a live change."""
+        """Return the state after a live change."""
         return self.control.retune(state, old.control, old_prepared, prepared)
 
     def check_live(self, old: Controller) -> None:
@@ -148,54 +148,59 @@ class Controllers(Block):
     )
 
     class State(NamedTuple):
-        """Of the controls by axis, and of what runs between them."""
+        """The states of the controls by axis, and of what runs between them."""
 
         axis: Any
         couplings: tuple[Any, ...]
 
     def controls(self) -> Controls:
-        """As the machine runs them."""
-        there = [each for each in self.couplings if each is not None]
-        return Controls({name: each.control for name, each in self.axis._asdict().items()}, there)
+        """Return the controls as the machine runs them."""
+        there = [coupling for coupling in self.couplings if coupling is not None]
+        return Controls({name: axis.control for name, axis in self.axis._asdict().items()}, there)
 
     def inputs(self) -> tuple[str, ...]:
-        """Names of what they are given in each sample, with the axis before them."""
+        """Return the names of the inputs of a sample, prefixed by their axis."""
         axes: dict[str, Controlled] = self.axis._asdict()
         return tuple(
-            f"{name}.{each}" for name, axis in axes.items() for each in (*SETPOINT, *_readings(axis.encoders), "enable")
+            f"{name}.{signal}"
+            for name, axis in axes.items()
+            for signal in (*SETPOINT, *_readings(axis.encoders), "enable")
         )
 
     def prepare(self, T: Number) -> Any:
-        """What depends on parameters only, by axis."""
+        """Compute everything that depends on parameters only, by axis."""
         return type(self.axis)(*(axis.control.prepare(T) for axis in self.axis))
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> State:
-        """Where the axes are."""
-        given = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
+        """Return the state at the positions of the axes."""
+        readings = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
         begun = (
-            each.control.start(made, *given[name][:3])
-            for name, each, made in zip(self.axis._fields, self.axis, prepared, strict=True)
+            axis.control.start(coefficients, *readings[name][:3])
+            for name, axis, coefficients in zip(self.axis._fields, self.axis, prepared, strict=True)
         )
-        setpoints = {name: each.setpoint for name, each in given.items()}
+        setpoints = {name: reading.setpoint for name, reading in readings.items()}
         return self.State(type(self.axis)(*begun), self.controls().listen(setpoints))
 
     def step(self, prepared: Any, state: State, inputs: Mapping[str, Any], T: Number) -> tuple[State, dict[str, Any]]:
-        """One sample: the state, and the outputs by name."""
-        given = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
-        answer = self.controls().step(prepared, state.axis._asdict(), state.couplings, given, T)
-        found = {
+        """Compute one sample: the state, and the outputs by name."""
+        readings = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
+        answer = self.controls().step(prepared, state.axis._asdict(), state.couplings, readings, T)
+        outputs = {
             key: value
-            for name, each in self.axis._asdict().items()
-            for key, value in _outputs(answer[2][name], each.actuator.motor, f"{name}.").items()
+            for name, axis in self.axis._asdict().items()
+            for key, value in _outputs(answer[2][name], axis.actuator.motor, f"{name}.").items()
         }
-        return self.State(type(self.axis)(**answer[0]), answer[1]), found
+        return self.State(type(self.axis)(**answer[0]), answer[1]), outputs
 
     def retune(self, state: State, old: Controllers, old_prepared: Any, prepared: Any) -> State:
-        """The states after a live change; what runs between the controls keeps its own."""
+        """Return the states after a live change; what runs between the controls keeps its own."""
         rows = zip(self.axis, state.axis, old.axis, old_prepared, prepared, strict=True)
         return state._replace(
             axis=type(self.axis)(
-                *(new.control.retune(held, before.control, was, made) for new, held, before, was, made in rows)
+                *(
+                    new.control.retune(held, before.control, was, coefficients)
+                    for new, held, before, was, coefficients in rows
+                )
             )
         )
 
@@ -210,10 +215,10 @@ def _readings(encoders: int) -> tuple[str, ...]:
 
 
 def _given(inputs: Mapping[str, Any], port: str) -> Given:
-    """Of inputs with a prefix; a single encoder gives both readings."""
-    setpoint = Setpoint(*(inputs[f"{port}{each}"] for each in SETPOINT))
+    """Return the inputs of one control, by prefix; a single encoder gives both readings."""
+    setpoint = Setpoint(*(inputs[f"{port}{field}"] for field in SETPOINT))
     single = inputs.get(f"{port}reading")
-    motor, load = (inputs[f"{port}{each}"] for each in _readings(2)) if single is None else (single, single)
+    motor, load = (inputs[f"{port}{field}"] for field in _readings(2)) if single is None else (single, single)
     return Given(setpoint, motor, load, inputs[f"{port}enable"])
 
 
@@ -224,14 +229,14 @@ def _outputs(command: Control.Command, motor: Any, port: str) -> dict[str, Any]:
 
 
 def controller_of(loop: Loop) -> Controller:
-    """The part of a loop that runs on a target."""
+    """Return the part of a loop that runs on a target."""
     motor = loop.axis.actuator.motor
     return Controller(control=loop.control, motor=motor, encoders=loop.axis.encoders(), name=loop.name)
 
 
 def motors(block: Controller | Controllers) -> Iterator[tuple[str, Any]]:
-    """The prefix of the outputs of each axis, and its motor or None."""
+    """Yield the prefix of the outputs of each axis, and its motor or None."""
     if isinstance(block, Controller):
         yield "", block.motor
     else:
-        yield from ((f"{name}.", each.actuator.motor) for name, each in block.axis._asdict().items())
+        yield from ((f"{name}.", axis.actuator.motor) for name, axis in block.axis._asdict().items())

@@ -66,17 +66,17 @@ class Core:
         self._own = sum(map(len, self._places.values()))
 
     def prepare(self, T: Number, timings: Mapping[str, Timing]) -> JointHold:
-        """The exact hold of the linear core."""
+        """Compute the exact hold of the linear core."""
         joint = self.mechanics()
         ports = [axis.port(self._rows(name), timings[name]) for name, axis in self.axes.items()]
         return hold(joint, ports, T, self.substeps())
 
     def substeps(self) -> int:
-        """Number of substeps, the same for every axis."""
+        """Return the number of substeps, the same for every axis."""
         return next(iter(self.axes.values())).substeps
 
     def mechanics(self) -> Mechanics:
-        """The joint matrices with the viscous part of all frictions; the shape is left out."""
+        """Return the joint matrices with the viscous part of all frictions; the shape is left out."""
         size = self._own + len(self.modes)
         mass, damping, stiffness = (matrix.zeros(size, size) for _ in range(3))
         for name, plain in self._plain.items():
@@ -101,15 +101,15 @@ class Core:
         return Mechanics(tuple(map(tuple, mass)), total, stiff, ())
 
     def _stretch(self, spring: SharedSpring) -> Row:
-        """The stretch of a spring over all coordinates."""
+        """Return the stretch of a spring over all coordinates."""
         rows = [matrix.scale(share, (self._rows(name).load,)) for name, share in spring.shares.items()]
         first, *rest = rows
-        for each in rest:
-            first = matrix.add(first, each)
+        for row in rest:
+            first = matrix.add(first, row)
         return first[0]
 
     def _rows(self, name: str) -> Rows:
-        """Where the drive, the motor's and the load's body of an axis are, over all coordinates.
+        """Return the rows of the drive, the motor's and the load's body of an axis over all coordinates.
 
         The drive and the motor's body show a mode by its shape at the motor, the load's body by that at the load, also
         where the two are one body.
@@ -125,7 +125,7 @@ class Core:
         )
 
     def motion(self, name: str, states: Mapping[str, Axis.State], shared: Shared) -> Motion:
-        """True position and velocity of the motor's and the load's body of an axis."""
+        """Return the true position and velocity of the motor's and the load's body of an axis."""
         _, motor, load = self._rows(name)
         position, velocity = self._joined(states, shared)
         return Motion(
@@ -136,7 +136,7 @@ class Core:
         )
 
     def middle(self, name: str, states: Mapping[str, Axis.State], shared: Shared, h: Number) -> Motion:
-        """The motion as it will be in the middle of a substep, x + v h/2."""
+        """Return the predicted motion in the middle of a substep, x + v h/2."""
         motion, half = self.motion(name, states, shared), 0.5 * h
         return motion._replace(
             position_motor=motion.position_motor + half * motion.velocity_motor,
@@ -159,7 +159,8 @@ class Core:
         time: Number,
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """One substep of h seconds from `time` on: linear core exact, forces at its middle, friction at its end.
+        """Compute one substep of h seconds from `time` on: linear core exact, forces at its middle, friction at its
+        end.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
         """
@@ -176,8 +177,8 @@ class Core:
             if axis.forces:
                 motion, remembered = self.middle(name, states, shared, h), list[Any]()
                 for force, memory in zip(axis.forces, states[name].forces, strict=True):
-                    memory, *given = force.step(memory, axis.plant, motion, drives[name], time + 0.5 * h, h)
-                    push = push + tuple(given)
+                    memory, *terms = force.step(memory, axis.plant, motion, drives[name], time + 0.5 * h, h)
+                    push = push + tuple(terms)
                     remembered.append(memory)
                 held[name] = held[name]._replace(forces=tuple(remembered))
             total[name] = push + pushes[name] if name in pushes else push
@@ -194,7 +195,7 @@ class Core:
         columns: Mapping[str, Columns],
         index: int,
     ) -> Row:
-        """The end of the substep without friction."""
+        """Return the end of the substep without friction."""
         position, velocity = self._joined(states, shared)
         before = (*position, *velocity, *(x for name in self.axes for x in states[name].drive))
         free: list[Any] = []
@@ -219,7 +220,7 @@ class Core:
         drives: Mapping[str, Number],
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """The end of the substep with the friction forces that fit its velocities."""
+        """Return the end of the substep with the friction forces that are consistent with its velocities."""
         contacts: list[Contact] = []
         owners: list[tuple[str, str]] = []
         for name, axis in self.axes.items():
@@ -252,22 +253,22 @@ class Core:
 
 
 def _outer(factor: Number, row: Row) -> matrix.Matrix:
-    """factor · rowᵀ row."""
+    """Return factor · rowᵀ row."""
     return matrix.multiply([[x] for x in matrix.scale(factor, (row,))[0]], (row,))
 
 
 def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Number | None) -> tuple[Acting, Any]:
-    """What acts over the sample in which a command in N is given, and the state that remembers the command."""
+    """Return the forces over the sample in which a command in N is given, and the state that remembers the command."""
     commands = (command, *state.pending)
     partial = len(columns.old) > 0
-    found = Acting(commands[-2] if partial else commands[-1], commands[-1] if partial else None, load)
-    return found, state._replace(pending=commands[: len(state.pending)])
+    forces = Acting(commands[-2] if partial else commands[-1], commands[-1] if partial else None, load)
+    return forces, state._replace(pending=commands[: len(state.pending)])
 
 
 def advance(
     axis: Axis, prepared: Hold, state: Axis.State, command: Number, load: Number | None, time: Number, T: Number
 ) -> tuple[Axis.State, Axis.Step]:
-    """A single axis from kT to (k+1)T under a command in N and a load force in N that is held (None: none)."""
+    """Advance a single axis from kT to (k+1)T under a command in N and a held load force in N (None: none)."""
     core, joint = Core({_ALONE: axis}), JointHold(prepared.change, (prepared.columns(),))
     at, after = acting(prepared, state, command, load)
     h = T / axis.substeps
@@ -279,14 +280,14 @@ def advance(
 
 
 def _sum(a: Any, b: Any) -> Any:
-    """a + b, without absent terms."""
+    """Return a + b, without absent terms."""
     if a is None or matrix.is_zero(a):
         return b
     return a if b is None or matrix.is_zero(b) else a + b
 
 
 def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag: int, index: int, at: Acting) -> Number:
-    """The drive force in N in the mean over a substep, while a command takes over from the one before.
+    """Return the mean drive force in N over a substep, while a command takes over from the one before.
 
     `lag` is the place of the drive force among the states, if it lags.
     """
@@ -308,7 +309,7 @@ class Contact(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Of a contact: its new state, the force in N, and whether the body is stuck."""
+    """The result of a contact: its new state, the force in N, and whether the body is stuck."""
 
     state: Any
     force: Any
@@ -323,7 +324,7 @@ def settle(
     h: Number,
     sweeps: int,
 ) -> tuple[list[Any], list[Answer]]:
-    """The end of a substep h, from the coordinates at its start and the end `free` that it would have without friction.
+    """Return the end of a substep h, from its start and the end `free` that it would have without friction.
 
     Each contact is solved in turn with the latest forces of the others (Gauss-Seidel), `sweeps` times.
     """
@@ -349,14 +350,14 @@ def settle(
 
 
 def plus(x: Any, column: Any, force: Any) -> Any:
-    """x + column · force, without absent terms."""
+    """Return x + column · force, without absent terms."""
     if force is None or matrix.is_zero(column) or matrix.is_zero(force):
         return x
     return column * force if matrix.is_zero(x) else x + column * force
 
 
 def share_mass(mechanics: Mechanics) -> bool:
-    """Whether a force on the motor's body accelerates the load's body directly: by a full mass matrix, or in a modal
+    """True if a force on the motor's body accelerates the load's body directly: by a full mass matrix, or in a modal
     model.
     """
     n = len(mechanics.mass)

@@ -19,13 +19,13 @@ _DISC = float(np.sqrt(-np.log(0.05)))  # radius of a disc that holds 95 % of a c
 
 
 def coherence_of(response: np.ndarray, variance: np.ndarray, freedom: np.ndarray | float) -> np.ndarray:
-    """γ² = 1/(1 + ν var(G)/|G|²): the ordinary coherence of ν + 1 averages that would have given this variance."""
+    """Return γ² = 1/(1 + ν var(G)/|G|²): the ordinary coherence of ν + 1 averages that would give this variance."""
     power = np.abs(response) ** 2
     return power / (power + freedom * variance)
 
 
 def variance_of(response: np.ndarray, coherence: np.ndarray, averages: float = AVERAGES) -> np.ndarray:
-    """var(G) = |G|² (1 - γ²)/(γ² averages) of each line, from the ordinary coherence γ²; in the unit of |G|².
+    """Return var(G) = |G|² (1 - γ²)/(γ² averages) of each line, from the ordinary coherence γ²; in the unit of |G|².
 
     A coherence below 0.001 counts as 0.001.  Source: Bendat & Piersol, Random Data, section 9.2.
     """
@@ -130,7 +130,7 @@ class FRF(Result):
         return None if self.variance is None else _DISC * np.sqrt(self.variance)
 
     def known_variance(self, averages: float = AVERAGES) -> np.ndarray | None:
-        """The variance; without one that from the coherence of so many averages (`variance_of`), without both None."""
+        """Return the variance, or that from the coherence of so many averages (`variance_of`), or None."""
         if self.variance is None and self.coherence is not None:
             return variance_of(self.response, self.coherence, averages)
         return self.variance
@@ -139,7 +139,7 @@ class FRF(Result):
         return replace(self, response=response, coherence=None, variance=variance)
 
     def _known(self, other: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """The variance of a combination of both; None if both have one."""
+        """Return the variance of a combination of both; None if both have one."""
         theirs = other.variance if isinstance(other, FRF) else None
         return (self.variance, theirs) if self.variance is None or theirs is None else (None, None)
 
@@ -170,7 +170,7 @@ class FRF(Result):
         return self._with(-self.response, self.variance)
 
     def inverse(self) -> FRF:
-        """From output to input."""
+        """Return the inverse response, from output to input."""
         parts = self.unit.split("/")
         unit = "/".join(reversed(parts)) if len(parts) == 2 else ""
         variance = None if self.variance is None else self.variance / self.magnitude**4
@@ -185,11 +185,11 @@ class FRF(Result):
         )
 
     def delayed(self, time: float) -> FRF:
-        """The response with an exact dead time τ in s added, G e^(-j2πfτ); any τ, independent of the sample time."""
+        """Return the response with an exact dead time τ in s, G e^(-j2πfτ); any τ, independent of the sample time."""
         return self * np.exp(-2j * np.pi * self.frequency * time)
 
     def to_control(self) -> Any:
-        """The same as a python-control FRD over rad/s, with names and sample time, without coherence and variance.
+        """Return a python-control FRD over rad/s, with names and sample time, without coherence and variance.
 
         Raises MissingExtraError without python-control.
         """

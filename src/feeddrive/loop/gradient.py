@@ -34,7 +34,7 @@ COST = "gradient.cost"
 
 
 def squared_error(signals: Any) -> Any:
-    """The default objective: the square of the tracking error, m²; of a machine the sum over its axes."""
+    """Return the default objective: the squared tracking error, m²; for a machine the sum over its axes."""
     if isinstance(signals, Signals):
         return signals.tracking_error * signals.tracking_error
     total: Any = None
@@ -77,7 +77,8 @@ def gradient(
     seed: int = 0,
     arithmetic: str = "exact",
 ) -> Gradient:
-    """The mean of `objective(signals)` over a run and its derivatives to parameters by path (axis.x.control.law.Kv).
+    """Return the mean of `objective(signals)` over a run and its derivatives to parameters by path
+    (axis.x.control.law.Kv).
 
     Forward mode: eight tangents are computed in one vector with the run.  `objective` is plain arithmetic on the
     `Signals` of one sample; for a machine on a mapping of them by axis.  Quantizers count as straight lines; friction
@@ -136,14 +137,14 @@ def gradient(
 
 
 def _dead_times(loop: System) -> dict[str, str]:
-    """The name of the dead time of each axis."""
+    """Return the name of the dead time of each axis."""
     if isinstance(loop, Loop):
         return {loop.name: "axis.actuator.dead_time"}
     return {axis: f"axis.{axis}.actuator.dead_time" for axis in loop.axes()}
 
 
 def _signals(loop: System, program: Program) -> Any:
-    """The signals of a sample on symbols; of a machine by axis."""
+    """Return the signals of a sample on symbols; for a machine by axis."""
 
     def row(port: str) -> Signals:
         symbols = (Symbol(program.graph, program.outputs[f"{port}{name}"]) for name in Signals._fields)
@@ -157,7 +158,7 @@ def _signals(loop: System, program: Program) -> Any:
 def _augmented(
     loop: System, program: Program, objective: Callable[[Any], Any], seeded: frozenset[str], started: frozenset[str]
 ) -> Program:
-    """The program with the summed cost and the tangents of everything that depends on the parameters."""
+    """Return the program with the summed cost and the tangents of everything that depends on the parameters."""
     graph = program.graph
     summed = graph.input(f"state.{COST}") + objective(_signals(loop, program))
     states = [*program.states, Carried(COST, graph.input(f"state.{COST}").index, summed.index)]
@@ -183,7 +184,7 @@ def _augmented(
 
 
 def _tangent(graph: Graph, state: Carried) -> Any:
-    """The tangent of a state at its read."""
+    """Return the tangent of a state where it is read."""
     size = lengths(graph, state.before)
     name = f"state.d.{state.name}"
     return graph.input(name) if size is None else Ring(size, graph.ring(name, size))
@@ -200,7 +201,8 @@ _traced: Recent[TracedBeginning] = Recent(64)
 def _seeds(
     loop: System, prepared: Prepared, setpoint: Any, start: Any, parameters: tuple[str, ...]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Derivatives of constants and of first states to the parameters: rows of shape (parameters,), zero rows left out.
+    """Return derivatives of constants and first states to the parameters: rows of shape (parameters,), without zero
+    rows.
 
     Found from the trace of `prepare` and `start`, which happen once before the run.
     """
@@ -220,10 +222,10 @@ def _seeds(
     seeds = {node: eye[i] for i, node in enumerate(inputs.values()) if node in values}
     with np.errstate(all="ignore"):
         pushed = dict(zip(ends, push(graph, list(ends.values()), values, seeds), strict=True))
-    found = {name: eye[i] for i, name in enumerate(parameters)}
-    found |= {name: _row(pushed[name], eye) for name in constants if pushed.get(name) is not None}
+    tangents = {name: eye[i] for i, name in enumerate(parameters)}
+    tangents |= {name: _row(pushed[name], eye) for name in constants if pushed.get(name) is not None}
     first = {name: _row(pushed[name], eye) for name in states if pushed.get(name) is not None}
-    return found, {name: row for name, row in first.items() if np.any(row)}
+    return tangents, {name: row for name, row in first.items() if np.any(row)}
 
 
 def _row(tangent: Any, eye: np.ndarray) -> np.ndarray:
@@ -231,16 +233,16 @@ def _row(tangent: Any, eye: np.ndarray) -> np.ndarray:
 
 
 def _dependent(graph: Graph, leaves: set[int]) -> set[int]:
-    """The nodes that depend on some leaves."""
+    """Return the nodes that depend on some leaves."""
     dependent = set(leaves)
-    for index, each in enumerate(graph.nodes):
-        if any(i in dependent for i in arguments(each)):
+    for index, operation in enumerate(graph.nodes):
+        if any(i in dependent for i in arguments(operation)):
             dependent.add(index)
     return dependent
 
 
 def _starts(setpoint: Any, start: Any) -> dict[str, Any]:
-    """The numbers of the first setpoint and of the start by name; of a machine with the axis before them."""
+    """Return the numbers of the first setpoint and of the start by name; for a machine prefixed by the axis."""
     if isinstance(setpoint, Mapping):
         rows = {axis: _starts(one, start[axis]) for axis, one in setpoint.items()}
         return {f"{axis}.{name}": value for axis, row in rows.items() for name, value in row.items()}

@@ -23,15 +23,15 @@ _fastest: Recent[int] = Recent(64)  # by the source of the narrowest machine cod
 class Groups:
     """The variants of a prepared loop, dealt out to groups of lanes; a last group repeats its last variant."""
 
-    def __init__(self, prepared: Prepared, made: Native, variants: int) -> None:
-        self.made, self.variants, self.lanes = made, variants, made.plan.lanes
-        self.constants = _dealt([name for name, _ in made.plan.constants], prepared.numbers, self.lanes, variants)
-        first = prepared.first_states(made)
+    def __init__(self, prepared: Prepared, code: Native, variants: int) -> None:
+        self.code, self.variants, self.lanes = code, variants, code.plan.lanes
+        self.constants = _dealt([name for name, _ in code.plan.constants], prepared.numbers, self.lanes, variants)
+        first = prepared.first_states(code)
         self.states = _dealt(list(first), first, self.lanes, variants)
-        self.rows = prepared.rows(made)
+        self.rows = prepared.rows(code)
 
     def advance(self, pool: Executor, first: int, inputs: np.ndarray) -> Iterator[int]:
-        """All groups over the same stretch of samples; yields the number of variants of each group that is done."""
+        """Advance all groups over the same stretch of samples; yield the number of finished variants of each group."""
 
         def one(group: int) -> int:
             self._run(group, first, inputs, self.states[group])
@@ -40,15 +40,15 @@ class Groups:
         yield from pool.map(one, range(len(self.states)))
 
     def _run(self, group: int, first: int, inputs: np.ndarray, states: np.ndarray) -> None:
-        self.made.run(len(inputs), first, self.constants[group], inputs, states, None, self.rows)
+        self.code.run(len(inputs), first, self.constants[group], inputs, states, None, self.rows)
 
     def ends(self) -> dict[str, np.ndarray]:
-        """The states by name, each of shape (variants,)."""
+        """Return the states by name, each of shape (variants,)."""
         flat = np.moveaxis(self.states, 0, 1).reshape(self.states.shape[1], -1)[:, : self.variants]
-        return {state.name: row for state, row in zip(self.made.plan.states, flat, strict=False)}
+        return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
 
     def trial(self, inputs: np.ndarray) -> float:
-        """Seconds for one variant over a short stretch, the least of three; the states are not changed."""
+        """Return the seconds for one variant over a short stretch, the least of three; the states are not changed."""
         spans: list[float] = []
         for _ in range(3):
             states = self.states[0].copy()
@@ -65,7 +65,7 @@ def grouped(
     samples: int,
     inputs: Callable[[Native], np.ndarray],
 ) -> Groups:
-    """The variants in groups of `lanes`; None takes the width that is fastest here, which changes no bit.
+    """Return the variants in groups of `lanes`; None takes the fastest width on this computer, which changes no bit.
 
     `native(lanes)` makes the machine code and `inputs(native)` the first samples; a trial is run only for work that is
     long enough to earn it, once for each structure.
@@ -89,7 +89,7 @@ def grouped(
 
 
 def _dealt(names: Sequence[str], values: Mapping[str, Any], lanes: int, variants: int) -> np.ndarray:
-    """Numbers by name for all groups, shape (groups, names, lanes)."""
+    """Return numbers by name for all groups, shape (groups, names, lanes)."""
     groups = -(-variants // lanes)
     out = np.empty((groups, len(names), lanes))
     for i, name in enumerate(names):

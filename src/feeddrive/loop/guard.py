@@ -144,19 +144,21 @@ class Guard(Block):
         running: Number
 
     def rules(self) -> Iterator[Rule]:
-        """The travel has a length."""
+        """Yield the conditions of the travel."""
         yield from travel_rules("guard", self.travel_least, self.travel_most)
 
     def left_out(self) -> dict[str, str]:
-        """What is `false`, and what then happens."""
+        """Return what happens where a bound is set to `false`, in words."""
         return {name: then for name, then in LEFT_OUT.items() if not getattr(self, name)}
 
     def prepare(self, T: Number) -> Prepared:
-        """The bound of the velocity as one of the motion in a sample."""
+        """Return the bound of the velocity as one of the motion in a sample."""
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
     def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
-        """Reading and setpoint for a start: a broken reading counts as 0, a broken setpoint as the present position."""
+        """Return reading and setpoint for a start: an invalid reading counts as 0, an invalid setpoint as the present
+        position.
+        """
         one = motor is load
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
         motor = load if one else ops.where(ops.absolute(motor) <= self.reading_limit, motor, 0.0)
@@ -168,14 +170,16 @@ class Guard(Block):
         return setpoint, motor, load
 
     def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number) -> State:
-        """Disabled, without a trip, at the readings of one sample before the first step."""
+        """Return the state: disabled, without a trip, at the readings of one sample before the first step."""
         travel = velocity * prepared.T
         return self.State(ops.zero(motor), motor, load, motor - load, travel, setpoint.position)
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
     ) -> tuple[State, Verdict]:
-        """Before the law: broken numbers, following error, velocity, travel, in this order of precedence."""
+        """Judge a sample before the law: invalid numbers, following error, velocity, travel, in this order of
+        precedence.
+        """
         one = motor is load  # one encoder: nothing to align
         ran, enabled = state.mode > 0.5, enable > 0.5
         # written so that NaN, which compares as false, is bad
@@ -223,11 +227,11 @@ class Guard(Block):
         return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, before_load, velocity)
 
     def _went_on(self, last: Number, state: State) -> Number:
-        """Where a position that is broken in this sample went on to, or its last one where nothing is held."""
+        """Return the extrapolated position if it is invalid in this sample, or its last one if nothing is held."""
         return last + state.travel if self.holds else last
 
     def _set_on(self, prepared: Prepared, state: State, load: Number) -> tuple[Number, ...]:
-        """Where a setpoint that is broken in this sample went on to, or the present position where nothing is held."""
+        """Return the extrapolated setpoint if it is invalid, or the present position if nothing is held."""
         if not self.holds:
             return load, 0.0, 0.0, 0.0, 0.0
         return state.set_position + state.travel, state.travel / prepared.T, 0.0, 0.0, 0.0
@@ -235,7 +239,7 @@ class Guard(Block):
     def _within_bounds(
         self, prepared: Prepared, setpoint: Setpoint, load: Number, moved: Number, mode: Number, usual: object
     ) -> tuple[Number, object]:
-        """Mode and `usual` after the bounds that are given; each has a name of its own, which exported code has too."""
+        """Return mode and `usual` after all stated bounds; each has its own local name, which exports have too."""
         if self.following_error_limit is not None:
             following_error = setpoint.position - load
             lags = ops.absolute(following_error) > self.following_error_limit
@@ -256,13 +260,13 @@ class Guard(Block):
         return mode, usual
 
     def live(self, verdict: Verdict, memory: Memory, fresh: Memory) -> Memory:
-        """The state with which the law continues: a new one if the loop did not run."""
+        """Return the state with which the law continues: a new one if the loop did not run."""
         return cases((verdict.usual, memory), (verdict.ran, memory), otherwise=fresh)
 
     def command(
         self, after: State, verdict: Verdict, last: Number, applied: Number, requested: Number
     ) -> tuple[State, Outcome]:
-        """After the law, whose command of the last sample was `last` in N: the force, and the last kind of trip."""
+        """Return force and trip after the law, whose command of the last sample was `last` in N."""
         sound = ops.absolute(requested) <= COMMAND_LIMIT
         usual_command = ops.both(verdict.usual, sound)
         next_mode = cases(
@@ -281,18 +285,20 @@ class Guard(Block):
 
 
 def _tripped(code: float, beyond: object, mode: Number, usual: object) -> tuple[Number, object]:
-    """Mode and `usual` of a loop that trips with a code if it runs beyond a bound."""
+    """Return mode and `usual` of a loop that trips with a code if it runs beyond a bound."""
     return ops.where(ops.both(mode > 0.5, beyond), -code, mode), ops.both(usual, ops.no(beyond))
 
 
 def _size(setpoint: Setpoint) -> Number:
-    """The sum of the sizes: NaN or too large if one of the five numbers is."""
-    size_x, size_v, size_a, size_j, size_s = (ops.absolute(each) for each in setpoint)
+    """Return the sum of the magnitudes: NaN or too large if one of the five numbers is."""
+    size_x, size_v, size_a, size_j, size_s = (ops.absolute(component) for component in setpoint)
     return size_x + size_v + size_a + size_j + size_s
 
 
 def travel_rules(of: str, least: Number | None, most: Number | None) -> Iterator[Rule]:
-    """The ends of a travel, m, as parameters of a guard or of limits, leave a way between them."""
+    """Yield the conditions that the ends of a travel in m, parameters of a guard or of limits, leave a range between
+    them.
+    """
     if least is not None and most is not None:
         yield Rule(
             least < most,

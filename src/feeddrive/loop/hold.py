@@ -12,29 +12,29 @@ from feeddrive.language.matrix import Matrix, Row
 
 
 class Timing(NamedTuple):
-    """What the dead time leaves to the structure of a loop."""
+    """The part of the dead time that determines the structure of a loop."""
 
     whole: int  # samples of dead time
     partial: bool  # whether a part of a sample is left over
 
     def memory(self) -> int:
-        """How many past commands the axis must remember."""
+        """Return the number of past commands that the axis must remember."""
         return self.whole + (1 if self.partial else 0)
 
     def unchanged(self, dead_time: Number, T: Number) -> Any:
-        """Whether another dead time leaves the same structure."""
+        """True if another dead time leaves the same structure."""
         samples = samples_of(dead_time, T)
         whole = ops.floor(samples)
         partial = samples > whole
         return ops.both(ops.equal(whole, float(self.whole)), partial if self.partial else ops.no(partial))
 
-    def said(self) -> str:
-        """In words."""
+    def sentence(self) -> str:
+        """Return the delay structure in words."""
         return f"{self.whole} whole samples and {'a part of one' if self.partial else 'no part of one'}"
 
 
 def samples_of(dead_time: Number, T: Number) -> Number:
-    """A dead time in samples; what misses a whole number by rounding only is one."""
+    """Return a dead time in samples, rounded if it misses a whole number by rounding errors only."""
     samples = dead_time / T
     near = ops.floor(samples + 0.5)
     return ops.where(ops.absolute(samples - near) < 1e-9 * (1.0 + near), near, samples)
@@ -49,7 +49,7 @@ class Rows(NamedTuple):
 
 
 class Port(NamedTuple):
-    """Where the forces of one axis enter the joint mechanics, with lag and dead time of its drive."""
+    """The entry of one axis's forces into the joint mechanics, with lag and dead time of its drive."""
 
     rows: Rows
     lag: Number | None  # bandwidth of the current loop, rad/s; None without one
@@ -85,7 +85,7 @@ class Hold(NamedTuple):
     share: Row = ()
 
     def columns(self) -> Columns:
-        """Without Φ - 1."""
+        """Return the columns without Φ - 1."""
         return Columns(self.new, self.old, self.forces, self.share)
 
 
@@ -97,7 +97,7 @@ class JointHold(NamedTuple):
 
 
 def hold(mechanics: Mechanics, ports: Sequence[Port], T: Number, substeps: int) -> JointHold:
-    """The hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, from matrix exponentials in plain arithmetic.
+    """Return the hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, from matrix exponentials in plain arithmetic.
 
     With velocities in units of a position per substep the matrix has entries of the size of (ωh)² and h/τ, so the
     series needs few squarings.
@@ -125,7 +125,7 @@ def _of_port(
     T: Number,
     substeps: int,
 ) -> Columns:
-    """The columns of one axis, of which that of the drive is `drive` in the matrix of all states and inputs."""
+    """Return the columns of one axis; `drive` is the place of its drive in the matrix of all states and inputs."""
     count, timing = len(full) - 3 * len(ports), ports[place].timing
     states = range(count)
     forces = tuple(tuple(full[i][drive + column] for i in states) for column in (1, 2))
@@ -157,7 +157,7 @@ def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:
 
 
 def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:
-    """d x / d t of the linear core, times `span`, with velocities in units of a position per h.
+    """Return dx/dt of the linear core, times `span`, with velocities in units of a position per h.
 
     Rows and columns: q (n), q' (n), the drive forces that lag, then three inputs of each axis: the drive's command and
     the forces on the motor's and the load's body.  With h = span = 1.0 it is in SI.
@@ -167,28 +167,28 @@ def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -
     first = 2 * n + len(lagging)  # input
     size = first + 3 * len(ports)
     inverse = matrix.solve(mechanics.mass, _joined(mechanics, ports))
-    made = matrix.zeros(size, size)
+    rows = matrix.zeros(size, size)
     share = span / h
     for i in range(n):
-        made[i][n + i] = share
+        rows[i][n + i] = share
         for j in range(n):
-            made[n + i][j] = _times(-(h * span), inverse[i][j])
-            made[n + i][n + j] = _times(-span, inverse[i][n + j])
+            rows[n + i][j] = _times(-(h * span), inverse[i][j])
+            rows[n + i][n + j] = _times(-span, inverse[i][n + j])
         for place in range(len(ports)):
             drive, motor, load = range(first + 3 * place, first + 3 * place + 3)
             acting = 2 * n + lagging.index(place) if place in lagging else drive
             for column, row in zip((acting, motor, load), inverse[i][2 * n + 3 * place :], strict=False):
-                made[n + i][column] = _times(h * span, row)
+                rows[n + i][column] = _times(h * span, row)
     for state, place in enumerate(lagging, 2 * n):
         lag = ports[place].lag
         assert lag is not None
-        made[state][state] = -(lag * span)
-        made[state][first + 3 * place] = lag * span
-    return tuple(tuple(row) for row in made)
+        rows[state][state] = -(lag * span)
+        rows[state][first + 3 * place] = lag * span
+    return tuple(tuple(row) for row in rows)
 
 
 def _columns(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:
-    """Φ - 1 and the columns of drive, motor body and load body of each axis over `span`, with velocities in m/s."""
+    """Return Φ - 1 and the columns of drive, motor body and load body of each axis over `span`, velocities in m/s."""
     moved = matrix.expm1(rate(mechanics, ports, h, span))
     n = len(mechanics.mass)
     velocity = range(n, 2 * n)
@@ -198,7 +198,7 @@ def _columns(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Numbe
 
 
 def _joined(mechanics: Mechanics, ports: Sequence[Port]) -> Matrix:
-    """[K  C  S_driveᵀ  S_motorᵀ  S_loadᵀ of each axis], all of which are divided by M."""
+    """Return [K  C  S_driveᵀ  S_motorᵀ  S_loadᵀ of each axis], still to be divided by M."""
     rows = [row for port in ports for row in port.rows]
     return tuple(
         (*mechanics.stiffness[i], *mechanics.damping[i], *(row[i] for row in rows)) for i in range(len(mechanics.mass))
@@ -210,7 +210,7 @@ def _times(a: Any, b: Any) -> Any:
 
 
 def _unscaled(x: Any, h: Number, row_is_velocity: bool, column_is_velocity: bool) -> Any:
-    """An entry of the matrix for velocities in m/s, from that for positions per substep."""
+    """Return an entry of the matrix for velocities in m/s, from that for positions per substep."""
     if matrix.is_zero(x) or row_is_velocity == column_is_velocity:
         return x
     return x / h if row_is_velocity else x * h

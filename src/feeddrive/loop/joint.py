@@ -25,13 +25,13 @@ class Joint:
     """
 
     class Prepared(NamedTuple):
-        """What the linear cores and the couplings prepared."""
+        """The prepared numbers of the linear cores and the couplings."""
 
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """Of the axes by name, of the modes of each core, and of the couplings."""
+        """The states of the axes by name, of the modes of each core, and of the couplings."""
 
         axis: Any
         shared: tuple[Shared, ...]
@@ -43,7 +43,7 @@ class Joint:
         self._where = {name: place for place, core in enumerate(self.cores) for name in core.axes}
 
     def _cores(self) -> list[Core]:
-        """Groups of axes that share modes or springs, in the order of the axes."""
+        """Return groups of axes that share modes or springs, in the order of the axes."""
         groups: list[tuple[list[str], list[Any], list[Any]]] = [([name], [], []) for name in self.axes]
         for coupling in self.couplings:
             modes, springs = coupling.modes(), coupling.springs()
@@ -60,11 +60,11 @@ class Joint:
         return [Core(own, modes, springs) for own, (_, modes, springs) in zip(axes, groups, strict=True)]
 
     def substeps(self) -> int:
-        """Of every axis: they are the same."""
+        """Return the number of substeps, which is the same for every axis."""
         return self.cores[0].substeps()
 
     def rules(self, T: Number) -> Iterator[Rule]:
-        """What couplings and shared modes ask for at the substeps."""
+        """Yield the conditions of couplings and shared modes at the substeps."""
         h = T / self.substeps()
         for core in self.cores:
             if core.modes or core.springs:
@@ -78,36 +78,41 @@ class Joint:
             yield from coupling.substep_rules(h)
 
     def prepare(self, T: Number, timings: Mapping[str, Timing]) -> Prepared:
-        """All work that depends on parameters only."""
+        """Compute everything that depends on parameters only."""
         h = T / self.substeps()
         holds = tuple(core.prepare(T, timings) for core in self.cores)
         return self.Prepared(holds, tuple(coupling.prepare(h) for coupling in self.couplings))
 
     def start(self, prepared: Prepared, states: Mapping[str, Axis.State], motions: Mapping[str, Motion]) -> State:
-        """The axes as they begin, moving like this, with modes at rest."""
+        """Return the state of the axes with these motions, and modes at rest."""
         zero = ops.zero(next(iter(motions.values())).position_load)
         shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores)
         couplings = zip(self.couplings, prepared.couplings, strict=True)
-        begun = tuple(each.start(made, {name: motions[name] for name in each.axes()}) for each, made in couplings)
+        begun = tuple(
+            coupling.start(coefficients, {name: motions[name] for name in coupling.axes()})
+            for coupling, coefficients in couplings
+        )
         return self.State(named(states), shared, begun)
 
     def motion(self, name: str, state: State) -> Motion:
-        """True position and velocity of the two bodies of an axis."""
+        """Return the true position and velocity of the two bodies of an axis."""
         place = self._where[name]
         return self.cores[place].motion(name, state.axis._asdict(), state.shared[place])
 
     def columns(self, prepared: Prepared) -> dict[str, Columns]:
-        """What the forces of each axis do."""
+        """Return the columns of the forces of each axis."""
         return {
             name: axis
-            for core, made in zip(self.cores, prepared.cores, strict=True)
-            for name, axis in zip(core.axes, made.axes, strict=True)
+            for core, core_prepared in zip(self.cores, prepared.cores, strict=True)
+            for name, axis in zip(core.axes, core_prepared.axes, strict=True)
         }
 
     def advance(
         self, prepared: Prepared, state: State, at: Mapping[str, Acting], time: Number, T: Number
     ) -> tuple[State, dict[str, Axis.Step], dict[str, Number | None]]:
-        """All axes from kT to (k+1)T; what each leaves behind for the record, and the mean force on its table."""
+        """Advance all axes from kT to (k+1)T; return the state, each axis's forces for the record, and the mean force
+        on its table.
+        """
         moved: dict[str, Axis.State] = state.axis._asdict()
         shared, remembered = list(state.shared), list(state.couplings)
         loads: dict[str, list[Any]] = {name: [] for name in self.axes}
@@ -126,7 +131,7 @@ class Joint:
                 )
                 moved.update(after)
                 done.update(steps)
-        mean = {name: _mean(at[name].load, each) for name, each in loads.items()}
+        mean = {name: _mean(at[name].load, coupled) for name, coupled in loads.items()}
         return self.State(named(moved), tuple(shared), tuple(remembered)), done, mean
 
     def _coupled(
@@ -138,23 +143,23 @@ class Joint:
         middle: Number,
         h: Number,
     ) -> dict[str, Push]:
-        """The forces of all couplings by axis over a substep, whose middle is given; their states move on."""
+        """Return the forces of all couplings by axis over a substep with the given middle; their states are updated."""
         motions: dict[str, Motion] = {}
-        found: dict[str, Push] = {}
-        for i, (coupling, made) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
+        pushes: dict[str, Push] = {}
+        for i, (coupling, coefficients) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
             for name in coupling.axes():
                 if name not in motions:
                     core = self.cores[self._where[name]]
                     motions[name] = core.middle(name, states, shared[self._where[name]], h)
             own = {name: motions[name] for name in coupling.axes()}
-            remembered[i], forces = coupling.step(made, remembered[i], own, middle, h)
+            remembered[i], forces = coupling.step(coefficients, remembered[i], own, middle, h)
             for name, pair in forces.items():
-                found[name] = found.get(name, Push()) + pair
-        return found
+                pushes[name] = pushes.get(name, Push()) + pair
+        return pushes
 
 
 def named(values: Mapping[str, Any]) -> Any:
-    """A named tuple of values by axis."""
+    """Return a named tuple of values by axis."""
     return _type(tuple(values))(*values.values())
 
 
@@ -170,9 +175,9 @@ def _type(names: tuple[str, ...]) -> Any:
 
 
 def _mean(held: Any, coupled: list[Any]) -> Any:
-    """The mean force on a table over the sample; None where there is none."""
+    """Return the mean force on a table over the sample; None if there is none."""
     total: Any = None
-    for each in coupled:
-        total = each if total is None else total + each
+    for force in coupled:
+        total = force if total is None else total + force
     mean = None if total is None else total / float(len(coupled)) if len(coupled) > 1 else total
     return mean if held is None else held if mean is None else held + mean

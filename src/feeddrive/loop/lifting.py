@@ -1,4 +1,4 @@
-"""Lifting of loops whose law repeats itself only after several samples, and responses of every loop over frequency."""
+"""Lifting of loops whose law repeats itself after several samples, and the frequency responses of every loop."""
 
 from __future__ import annotations
 
@@ -42,45 +42,45 @@ class Lifted:
 
     @property
     def sample_time(self) -> float:
-        """T of one sample, s."""
+        """The time T of one sample, s."""
         return self.samples[0].sample_time
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names, with their units as in `linearize`."""
+        """The names of the inputs, with their units as in `linearize`."""
         return self.samples[0].inputs
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of signals."""
+        """The names of the recorded signals."""
         return self.samples[0].outputs
 
     def poles(self) -> np.ndarray:
-        """Eigenvalues over a period, the largest first."""
+        """Return the eigenvalues over a period, the largest first."""
         product = np.eye(self.samples[0].A.shape[0])
-        for each in self.samples:
-            product = each.A @ product
+        for sample in self.samples:
+            product = sample.A @ product
         poles = np.linalg.eigvals(product)
         return poles[np.argsort(-np.abs(poles))]
 
     def stacked(self, inputs: Sequence[str], outputs: Sequence[str]) -> tuple[np.ndarray, ...]:
-        """A, B, C, D from period to period; of each input and output all samples follow each other."""
+        """Return A, B, C, D from period to period; the samples of each input and output follow each other."""
         N, n = len(self.samples), self.samples[0].A.shape[0]
         columns = [self.inputs.index(name) for name in inputs]
         rows = [self.outputs.index(name) for name in outputs]
         through = np.hstack([np.eye(n), np.zeros((n, N * len(columns)))])
         seen = np.zeros((len(rows), N, through.shape[1]))
-        for k, each in enumerate(self.samples):
+        for k, sample in enumerate(self.samples):
             places = n + k + N * np.arange(len(columns))
-            seen[:, k] = each.C[rows] @ through
-            seen[:, k, places] += each.D[np.ix_(rows, columns)]
-            through = each.A @ through
-            through[:, places] += each.B[:, columns]
+            seen[:, k] = sample.C[rows] @ through
+            seen[:, k, places] += sample.D[np.ix_(rows, columns)]
+            through = sample.A @ through
+            through[:, places] += sample.B[:, columns]
         wide = seen.reshape(-1, through.shape[1])
         return through[:, :n], through[:, n:], wide[:, :n], wide[:, n:]
 
     def harmonics(self, frequency: np.ndarray, output: str, input: str) -> np.ndarray:  # noqa: A002
-        """H of shape (lines, N, N): from a sine at f + k/(NT) in column k to that at f + m/(NT) in row m."""
+        """Return H of shape (lines, N, N): from a sine at f + k/(NT) in column k to that at f + m/(NT) in row m."""
         A, B, C, D = self.stacked([input], [output])
         N, n = len(self.samples), A.shape[0]
         turns = images_turn(frequency, N, self.sample_time)
@@ -89,7 +89,7 @@ class Lifted:
         return np.conj(turns).transpose(0, 2, 1) @ (C @ inner + D) @ turns / N
 
     def response(self, frequency: np.ndarray, output: str, input: str) -> FRF:  # noqa: A002
-        """The answer at f itself to a sine at f in Hz, up to Nyquist of one sample."""
+        """Return the answer at f itself to a sine at f in Hz, up to Nyquist of one sample."""
         A, B, C, D = self.stacked([input], [output])
         N, n = len(self.samples), A.shape[0]
         frequency = np.asarray(frequency, dtype=float)
@@ -104,14 +104,14 @@ class Lifted:
 
 
 def images_turn(frequency: np.ndarray, period: int, sample_time: float) -> np.ndarray:
-    """e^(j 2π (f + m/(NT)) i T) of shape (lines, samples i, images m)."""
+    """Return e^(j 2π (f + m/(NT)) i T) of shape (lines, samples i, images m)."""
     i = np.arange(period)
     turns = np.exp(2j * np.pi * frequency[:, None] * i * sample_time)
     return turns[:, :, None] * np.exp(2j * np.pi * np.outer(i, i) / period)
 
 
 def images_closed(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The loop gain that a sine meets while its images run round the closed loop, and det(1 + L) of the images alone.
+    """Return the loop gain that a sine meets while its images are closed, and det(1 + L) of the images alone.
 
         L(f) = L₀₀ - L₀ᵢ (1 + Lᵢᵢ)⁻¹ Lᵢ₀,    1/(1 + L(f)) = [(1 + L)⁻¹]₀₀,    det(1 + L) = (1 + L(f)) det(1 + Lᵢᵢ)
 
@@ -123,8 +123,8 @@ def images_closed(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def period_of(loop: System) -> int:
-    """Samples after which a loop or machine repeats itself: the least common multiple of its laws' periods."""
-    return int(np.lcm.reduce([each.control.law.period() for each in loop.loops().values()]))
+    """Return the period of a loop or machine in samples: the least common multiple of its laws' periods."""
+    return int(np.lcm.reduce([axis_loop.control.law.period() for axis_loop in loop.loops().values()]))
 
 
 def lifted(
@@ -135,7 +135,7 @@ def lifted(
     velocity: float | Mapping[str, float] = 0.05,
     stored: Callable[[str, float], float] | None = None,
 ) -> Lifted:
-    """The linear models of all samples of a period, from any inputs to any signals, as in `linearize`.
+    """Return the linear models of all samples of a period, from any inputs to any signals, as in `linearize`.
 
     Raises what `linearize` raises.
     """
@@ -147,22 +147,23 @@ def lifted(
     return Lifted(
         tuple(
             StateSpace(
-                each[np.ix_(keep, keep)],
-                each[keep, n:],
-                each[n:, keep],
-                each[n:, n:],
+                jacobian[np.ix_(keep, keep)],
+                jacobian[keep, n:],
+                jacobian[n:, keep],
+                jacobian[n:, n:],
                 samples.sample_time,
                 names,
                 tuple(inputs),
                 tuple(outputs),
             )
-            for each in samples.jacobians
+            for jacobian in samples.jacobians
         )
     )
 
 
 def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: str = "cut") -> tuple[FRF, np.ndarray]:  # noqa: A002
-    """L of a loop opened from `output` to `input`, images closed, and det(1 + L) of the images (`images_closed`).
+    """Return L of a loop opened from `output` to `input`, images closed, and det(1 + L) of the images
+    (`images_closed`).
 
     Raises ParameterError for a period of more than 64 samples.
     """
@@ -179,9 +180,10 @@ def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: 
 
 
 def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of stability.
+    """Return L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of
+    stability.
 
-    Of a machine it is that of an `axis`, with the loops of all others closed.  Of a law that repeats itself only after
+    For a machine it is that of an `axis`, with the loops of all others closed.  For a law that repeats itself after
     several samples it is the gain that a sine meets while its images run round the closed loop: 1/(1 + L) is what is
     left of a sine added to the force (`images_closed`).
     """
@@ -193,9 +195,9 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
 
 
 def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Table position over set position, with the set velocity ... snap as exact derivatives: Σ Hₙ (j2πf)ⁿ.
+    """Return table position over set position, with the set velocity ... snap as exact derivatives: Σ Hₙ (j2πf)ⁿ.
 
-    Of a law that repeats itself only after several samples the part at the frequency itself, as of `compliance`.
+    For a law that repeats itself after several samples it is the part at the frequency itself, as of `compliance`.
     """
     port, _ = _port(loop, axis)
     model = linear_model(loop, [f"{port}{name}" for name in SETPOINT], [f"{port}position_load"], velocity)
@@ -207,9 +209,9 @@ def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axi
 
 
 def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Table position over force on the table, closed loop, m/N: the inverse of the dynamic stiffness.
+    """Return table position over force on the table, closed loop, m/N: the inverse of the dynamic stiffness.
 
-    Of a law that repeats itself only after several samples the part at the frequency itself, samples as fast as the
+    For a law that repeats itself after several samples it is the part at the frequency itself, samples as fast as the
     loop.
     """
     port, _ = _port(loop, axis)
@@ -220,12 +222,12 @@ def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, a
 def linear_model(
     loop: System, inputs: Sequence[str], outputs: Sequence[str], velocity: float = 0.05
 ) -> StateSpace | Lifted:
-    """The linear model of a loop, with that of each sample of a period if it has several."""
+    """Return the linear model of a loop, or those of all samples of a period if it has several."""
     return (lifted if period_of(loop) > 1 else linearize)(loop, inputs, outputs, velocity=velocity)
 
 
 def _port(loop: System, axis: str | None) -> tuple[str, Loop]:
-    """The prefix of the signals of an axis, which a machine needs the name of, and its loop alone."""
+    """Return the signal prefix of an axis, which must be named for a machine, and its loop alone."""
     check_system(loop)
     ports = dict(zip(loop.loops(), loop.ports(), strict=True))
     name = next(iter(ports)) if axis is None and len(ports) == 1 else axis

@@ -57,22 +57,23 @@ class StateSpace(Result):
     outputs: tuple[str, ...]
 
     def poles(self) -> np.ndarray:
-        """Eigenvalues of A, the largest first."""
+        """Return the eigenvalues of A, the largest first."""
         poles = np.linalg.eigvals(self.A)
         return poles[np.argsort(-np.abs(poles))]
 
     def zeros(self, output: str | None = None, input: str | None = None) -> np.ndarray:  # noqa: A002
-        """Finite zeros in z of the response from one input to one output (default: the first), see `zeros`."""
+        """Return the finite zeros in z from one input to one output (default: the first), see `zeros`."""
         row = 0 if output is None else _place(self.outputs, output, "output")
         column = 0 if input is None else _place(self.inputs, input, "input")
         return zeros(self.A, self.B[:, column], self.C[row], float(self.D[row, column]))
 
     def is_stable(self) -> bool:
-        """Whether all poles lie inside the unit circle."""
+        """True if all poles lie inside the unit circle."""
         return bool(np.all(np.abs(self.poles()) < 1.0))
 
     def response(self, frequency: np.ndarray, output: str | None = None, input: str | None = None) -> FRF:  # noqa: A002
-        """C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to Nyquist.
+        """Return C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to
+        Nyquist.
 
         By solving for each frequency, of many states by `transfer`: neither polynomials nor eigenvectors, which are
         wrong for double poles.
@@ -95,7 +96,7 @@ class StateSpace(Result):
         return FRF(frequency, values, names[0], names[1], unit, self.sample_time)
 
     def to_control(self) -> Any:
-        """The same as a python-control StateSpace, with names. Raises MissingExtraError without python-control."""
+        """Return a python-control StateSpace, with names. Raises MissingExtraError without python-control."""
         try:
             import control
         except ImportError as error:
@@ -112,7 +113,7 @@ class StateSpace(Result):
         )
 
     def to_scipy(self) -> Any:
-        """The same as a `scipy.signal.StateSpace` with `dt`; it has no names."""
+        """Return a `scipy.signal.StateSpace` with `dt`, which has no names."""
         from scipy.signal import StateSpace as Theirs
 
         return Theirs(self.A, self.B, self.C, self.D, dt=self.sample_time)
@@ -172,13 +173,13 @@ def samples_of_a_period(
     settle: int = 0,
     stored: Callable[[str, float], float] | None = None,
 ) -> Samples:
-    """Each sample of a period, linearized as in `linearize`, one after the other along constant velocity."""
+    """Linearize each sample of a period as in `linearize`, one after the other along constant velocity."""
     check_system(loop)
-    unlimited = {axis: _unlimited(each) for axis, each in loop.loops().items()}
-    if any(unlimited[axis] is not each for axis, each in loop.loops().items()) or isinstance(loop, Machine):
+    unlimited = {axis: _unlimited(axis_loop) for axis, axis_loop in loop.loops().items()}
+    if any(unlimited[axis] is not axis_loop for axis, axis_loop in loop.loops().items()) or isinstance(loop, Machine):
         loop = loop.with_loops(unlimited) if isinstance(loop, Machine) else unlimited[loop.name]
     for name in inputs:
-        _place([f"{port}{each}" for port in loop.ports() for each in INPUT_UNITS], name, "input")
+        _place([f"{port}{signal}" for port in loop.ports() for signal in INPUT_UNITS], name, "input")
     if len(set(inputs)) < len(inputs):
         raise ParameterError(f"an input is named twice in {', '.join(inputs)}: name each once")
     for name in outputs:
@@ -199,7 +200,7 @@ def samples_of_a_period(
     ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]
     sizes = [lengths(program.graph, state.before) for state in program.states]
     n, m = sum(size or 1 for size in sizes), len(inputs)
-    period = math.lcm(*(each.control.law.period() for each in loop.loops().values()))
+    period = math.lcm(*(axis_loop.control.law.period() for axis_loop in loop.loops().values()))
     eye, places = np.eye(n + m), list[str]()
     for state, size in zip(program.states, sizes, strict=True):
         places += [state.name] if size is None else [f"{state.name}[{i}]" for i in range(size)]
@@ -232,7 +233,7 @@ def samples_of_a_period(
         if program.graph.lines:
             reached = _reached([jacobian], n)
             moving = {node: seed for node, seed in seeds.items() if np.any(_cells(seed)[..., reached])}
-            laws = {each.control.law.kind for each in loop.loops().values()}
+            laws = {axis_loop.control.law.kind for axis_loop in loop.loops().values()}
             require_slopes(program.graph, ends, values, seeds, moving, laws)
         if not np.all(np.isfinite(jacobian)):
             raise ParameterError(
@@ -254,7 +255,7 @@ def linearize(
     settle: int = 0,
     stored: Callable[[str, float], float] | None = None,
 ) -> StateSpace:
-    """The linear model of a loop from any inputs to any signals, exact: the Jacobian of the step that is simulated.
+    """Return the exact linear model of a loop from any inputs to any signals: the Jacobian of the simulated step.
 
     inputs    of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
               `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
@@ -289,7 +290,7 @@ def linearize(
 
 
 def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
-    """Of each cell of a ring the place in the linear model.
+    """Return the index in the linear model of each cell of a ring.
 
     In a history or a track that is the age of the cell, since the newest one is another cell in each sample.
     """
@@ -305,17 +306,17 @@ def _row(tangent: Any, width: int) -> np.ndarray:
 
 
 def _after(tangent: Any, state: Mapping[str, Any], name: str, size: int | None, width: int) -> np.ndarray:
-    """The rows of the model that give a state after a sample."""
+    """Return the rows of the model that give a state after a sample."""
     if size is None:
         return _row(tangent, width)
-    found = np.zeros((size, width))
+    rows = np.zeros((size, width))
     if tangent is not None and tangent.cells is not None:
-        found[_ages(state, name, size)] = tangent.cells
-    return found
+        rows[_ages(state, name, size)] = tangent.cells
+    return rows
 
 
 def _unlimited(loop: Loop) -> Loop:
-    """The loop without guard and force limit, with parts that blend in after the start fully active."""
+    """Return the loop without guard and force limit, with parts that blend in after the start fully active."""
     held = loop.control
     law, compensation = held.law.settled(), tuple(part.settled() for part in held.compensation)
     there = any(new is not old for new, old in zip((law, *compensation), (held.law, *held.compensation), strict=True))
@@ -326,22 +327,22 @@ def _unlimited(loop: Loop) -> Loop:
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
-    """Position and velocity of each axis, from one number for all or numbers by axis."""
+    """Return position and velocity of each axis, from one number for all or numbers by axis."""
     values = {}
     for axis in loop.loops():
-        at, speed = (each.get(axis, 0.0) if isinstance(each, Mapping) else each for each in (position, velocity))
+        at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))
         values[axis] = float(at), float(speed)
     return values
 
 
 def _setpoints(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> Any:
-    """Along constant velocities; of a machine by axis."""
+    """Return the setpoints along constant velocities; for a machine by axis."""
     setpoints = {axis: Setpoint(*map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))) for axis, (x, v) in at.items()}
     return setpoints if isinstance(loop, Machine) else setpoints[loop.name]
 
 
 def _inputs(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> dict[str, Any]:
-    """All inputs by name along constant velocities."""
+    """Return all inputs by name along constant velocities."""
     inputs_: dict[str, Any] = {}
     for port, (x, v) in zip(loop.ports(), at.values(), strict=True):
         setpoint = map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))
@@ -351,7 +352,7 @@ def _inputs(loop: System, at: Mapping[str, tuple[float, float]], time: float) ->
 
 
 def _settled(loop: System, prepared: Prepared, at: Mapping[str, tuple[float, float]], count: int) -> dict[str, Any]:
-    """The states after `count` samples along constant velocity."""
+    """Return the states after `count` samples along constant velocity."""
     program = prepared.program(load=False, enable=False)
     compiled = prepared.native(program, record=())
     rows = np.zeros((count, len(compiled.plan.inputs)))
@@ -378,14 +379,14 @@ def _settled(loop: System, prepared: Prepared, at: Mapping[str, tuple[float, flo
 def _trimmed(
     jacobian: np.ndarray, n: int, names: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, ...], T: float
 ) -> StateSpace:
-    """Without states that no input reaches or no output sees."""
+    """Return the model without states that no input reaches or no output sees."""
     A, B, C, D = jacobian[:n, :n], jacobian[:n, n:], jacobian[n:, :n], jacobian[n:, n:]
     keep = kept_states([jacobian], n)
     return StateSpace(A[np.ix_(keep, keep)], B[keep], C[:, keep], D, T, tuple(names[i] for i in keep), inputs, outputs)
 
 
 def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
-    """Of n states those that an input reaches and an output sees, in any of the samples."""
+    """Return the indices of the n states that an input reaches and an output sees, in any of the samples."""
     there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
     links, seen = there[:n, :n], np.any(there[n:, :n], axis=0)
     for _ in range(n):
@@ -394,7 +395,7 @@ def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
 
 
 def _reached(jacobians: Sequence[np.ndarray], n: int) -> np.ndarray:
-    """Of n states and all inputs those that an input moves, in any of the samples."""
+    """Return the indices of the n states that an input moves, in any of the samples."""
     there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
     links, reached = there[:n, :n], np.any(there[:n, n:], axis=1)
     for _ in range(n):

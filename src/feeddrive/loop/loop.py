@@ -18,7 +18,9 @@ from feeddrive.loop.hold import Hold, Timing
 
 
 class Signals(NamedTuple):
-    """What can be recorded; row k holds the values at t = kT, forces those commanded at kT or acting from it on."""
+    """The signals that can be recorded; row k holds the values at t = kT, forces those commanded at kT or acting from
+    it on.
+    """
 
     set_position: Annotated[Number, Unit("m")]
     set_velocity: Annotated[Number, Unit("m/s")]
@@ -44,7 +46,7 @@ class Signals(NamedTuple):
 
 
 class ToolPoint(NamedTuple):
-    """What a machine with geometry errors adds: where the tool is, as `tool.x`."""
+    """The signals that a machine with geometry errors adds: the position of the tool, as `tool.x`."""
 
     x: Annotated[Number, Unit("m")]
     y: Annotated[Number, Unit("m")]
@@ -60,12 +62,12 @@ class Probe(NamedTuple):
     reading_load: Annotated[Number | None, Unit("m")] = None  # added to the reading of the load's encoder
 
     def read(self, motor: Number, load: Number) -> tuple[Number, Number]:
-        """The readings of both encoders as the control gets them."""
+        """Return the readings of both encoders as the control gets them."""
         motor = motor if self.reading_motor is None else motor + self.reading_motor
         return motor, load if self.reading_load is None else load + self.reading_load
 
     def acting(self, command: Number) -> Number:
-        """The command that reaches the axis."""
+        """Return the command that reaches the axis."""
         acting = command if self.cut is None else self.cut
         return acting if self.added_force is None else acting + self.added_force
 
@@ -75,12 +77,12 @@ SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 
 
 def quantity(signal: str) -> str:
-    """The name of a signal without the axis of a machine: `force` for `x.force`."""
+    """Return the name of a signal without the axis of a machine: `force` for `x.force`."""
     return signal.rpartition(".")[2]
 
 
 def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> str:
-    """The SI unit of a signal, or `unit`; `turning` are the prefixes of the signals of axes that turn, as `c.`."""
+    """Return the SI unit of a signal, or `unit`; `turning` are the prefixes of signals of axes that turn, as `c.`."""
     name = quantity(signal)
     unit = UNITS[name] if unit is None else unit
     return turned(unit) if signal.removesuffix(name) in turning else unit
@@ -99,33 +101,33 @@ class Loop(Block):
     name: str = label("name of the axis", default="x")
 
     class Prepared(NamedTuple):
-        """What control and axis prepared."""
+        """The prepared numbers of control and axis."""
 
         control: Any
         axis: Hold
 
     class State(NamedTuple):
-        """Of control and axis."""
+        """The states of control and axis."""
 
         control: Any
         axis: Any
 
     def place_of(self, field: str) -> str:
-        """As in a machine file: the physics of axis x under `axis.x`, its control under `axis.x.control`."""
+        """Return the place as in a machine file: the physics of axis x under `axis.x`, its control under
+        `axis.x.control`.
+        """
         own = f"axis.{self.name}"
         return {"axis": own, "control": f"{own}.control"}.get(field, field)
 
     def require(self) -> None:
-        """The check of every block; control and axis do not know the name of their axis, so it is put into their errors
-        here.
-        """
+        """Check the block; errors of control and axis, which do not know the name of their axis, are completed here."""
         try:
             super().require()
         except (ParameterError, StructureError) as error:
             raise type(error)(tree.in_paths(self, str(error))) from None
 
     def check(self) -> None:
-        """The law finds the encoders that it needs; the dead time can be simulated."""
+        """Check that the law finds the encoders that it needs, and that the dead time can be simulated."""
         if self.control.law.positions() > self.axis.encoders():
             raise StructureError(
                 f"control.law: {self.control.law.kind} needs the position of the motor and that of the load, but the "
@@ -135,25 +137,26 @@ class Loop(Block):
             self.timing()
 
     def rules(self) -> Iterator[Rule]:
-        """The rules of all parts at this sample time."""
+        """Return the rules of all parts at this sample time."""
         return tree.sampled_rules(self, self.sample_time)
 
     def timing(self, partial: Collection[str] = ()) -> Timing:
-        """The delay structure of the dead time; with a fraction of a sample if the axis is in `partial`."""
+        """Return the delay structure of the dead time; with a fraction of a sample if the axis is in `partial`."""
         if not isinstance(self.sample_time, float):
             raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")
         timing = self.axis.timing(self.sample_time)
         return timing._replace(partial=True) if self.name in partial else timing
 
     def prepare(self, timing: Timing) -> Prepared:
-        """All work that depends on parameters only."""
+        """Compute everything that depends on parameters only."""
         T = self.sample_time
         return self.Prepared(self.control.prepare(T), self.axis.prepare(T, timing))
 
     def start(
         self, prepared: Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """The axis at `position` (m), moving with `velocity` (m/s), under a control that was just switched on.
+        """Return the state with the axis at `position` (m), moving with `velocity` (m/s), under a control just switched
+        on.
 
         The control has read the position one sample before, so that its first velocity is right.
         """
@@ -162,7 +165,7 @@ class Loop(Block):
     def started(
         self, prepared: Control.Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """The same from the prepared numbers."""
+        """Return the same state from the prepared numbers."""
         axis = self.axis.start(position, velocity, timing)
         motor, load = self.axis.still(position - velocity * self.sample_time)
         return self.State(self.control.start(prepared, setpoint, motor, load, velocity), axis)
@@ -178,7 +181,7 @@ class Loop(Block):
         time: Number,
         probe: Probe | None = None,
     ) -> tuple[State, Signals]:
-        """One sample. `load` is a force in N on the table (None: none); `probe` is for analysis only."""
+        """Compute one sample. `load` is a force in N on the table (None: none); `probe` is for analysis only."""
         T = self.sample_time
         probe = probe or Probe()
         motion = self.axis.motion(state.axis)
@@ -189,28 +192,30 @@ class Loop(Block):
         return self.State(control, axis), reported(setpoint, motion, motor, reading, command, done, load)
 
     def ports(self) -> tuple[str, ...]:
-        """The prefix of the names of inputs and signals of each axis: empty, since there is one axis."""
+        """Return the signal prefix of each axis: empty, since there is one axis."""
         return ("",)
 
     def signals(self) -> list[str]:
-        """The names of its signals."""
+        """Return the names of its signals."""
         return list(Signals._fields)
 
     def loops(self) -> dict[str, Loop]:
-        """The loop itself by the name of its axis."""
+        """Return the loop itself by the name of its axis."""
         return {self.name: self}
 
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
     ) -> tuple[State, dict[str, Number]]:
-        """One sample from named inputs (`set_position` ... `set_snap`, `load_force`, `enable`, those of `Probe`)."""
+        """Compute one sample from named inputs (`set_position` ... `set_snap`, `load_force`, `enable`, those of
+        `Probe`).
+        """
         setpoint, load, enable, probe = inputs_of(inputs, "")
         after, signals = self.step(prepared, state, setpoint, load, noise, enable, time, probe)
         return after, signals._asdict()
 
 
 def inputs_of(inputs: Mapping[str, Number], port: str) -> tuple[Setpoint, Number | None, Number, Probe]:
-    """Setpoint, load force, enable and probe of the axis whose names begin with `port`; missing ones are None."""
+    """Return setpoint, load force, enable and probe of the axis whose names begin with `port`; None if missing."""
     setpoint = Setpoint(*(inputs[f"{port}{name}"] for name in SETPOINT))
     probe = Probe(**{name: inputs.get(f"{port}{name}") for name in Probe._fields})
     return setpoint, inputs.get(f"{port}load_force"), inputs.get(f"{port}enable", 1.0), probe
@@ -225,7 +230,7 @@ def reported(
     done: Axis.Step,
     load: Number | None,
 ) -> Signals:
-    """The signals of an axis in a sample."""
+    """Return the signals of an axis in a sample."""
     return Signals(
         set_position=setpoint.position,
         set_velocity=setpoint.velocity,

@@ -47,14 +47,14 @@ class Machine(Block):
     sample_time: Number = parameter("s", "time from sample to sample", above=0)
 
     class Prepared(NamedTuple):
-        """What the controls, the linear cores and the couplings prepared."""
+        """The prepared numbers of the controls, the linear cores and the couplings."""
 
         control: Any
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """Of the axes by name, of the modes of each core, of the couplings, and of those on the controller."""
+        """States of the axes by name, of the modes of each core, of the couplings, and of those on the controller."""
 
         axis: Any
         shared: tuple[Shared, ...]
@@ -71,7 +71,7 @@ class Machine(Block):
     def of(
         cls, loops: Mapping[str, Loop], couplings: tuple[Coupling, ...] = (), geometry: Geometry | None = None
     ) -> Machine:
-        """The machine of some loops. Raises ParameterError if their sample times differ."""
+        """Return the machine of some loops. Raises ParameterError if their sample times differ."""
         times = {name: float(loop.sample_time) for name, loop in loops.items()}
         if len(set(times.values())) != 1:
             shown = joined(", ", (f"{name}: {Quantity(time, 's'):6 SI}" for name, time in times.items()))
@@ -80,26 +80,28 @@ class Machine(Block):
         return cls(axis=named(axes), couplings=couplings, geometry=geometry, sample_time=next(iter(times.values())))
 
     def axes(self) -> dict[str, DrivenAxis]:
-        """The axes by name."""
+        """Return the axes by name."""
         return dict(zip(self.axis._fields, self.axis, strict=True))
 
     def loop(self, name: str) -> Loop:
-        """One axis alone, without couplings. Raises ParameterError for a name that does not exist."""
+        """Return one axis alone, without couplings. Raises ParameterError for a name that does not exist."""
         axes = self.axes()
         if name not in axes:
             raise ParameterError(f"the machine has no axis '{name}'; it has {', '.join(axes)}")
         return Loop(control=axes[name].control, axis=axes[name].axis, sample_time=self.sample_time, name=name)
 
     def loops(self) -> dict[str, Loop]:
-        """The loop of each axis alone."""
+        """Return the loop of each axis alone."""
         return {name: self.loop(name) for name in self.axes()}
 
     def with_loops(self, loops: Mapping[str, Loop]) -> Machine:
-        """The same machine with other loops on its axes."""
+        """Return the same machine with other loops on its axes."""
         return Machine.of({**self.loops(), **loops}, self.couplings, self.geometry)
 
     def check(self) -> None:
-        """Couplings name axes that are there; substeps are common; each axis runs as a loop of its own."""
+        """Check that couplings name existing axes, that substeps are common, and that each axis runs as a loop of its
+        own.
+        """
         axes = self.axes()
         if not axes:
             raise StructureError("a machine needs at least one axis")
@@ -136,82 +138,84 @@ class Machine(Block):
             raise StructureError(f"an axis cannot be named '{_TOOL}': signals of the tool point are {_TOOL}.x ...")
 
     def rules(self) -> Iterator[Rule]:
-        """What couplings and shared modes ask for; the rules of the axes are those of their loops."""
+        """Yield the conditions of couplings and shared modes; the rules of the axes are those of their loops."""
         yield from self.joint().rules(self.sample_time)
 
     def joint(self) -> Joint:
-        """The physics of all axes."""
+        """Return the physics of all axes."""
         return Joint({name: axis.axis for name, axis in self.axes().items()}, self.couplings)
 
     def ports(self) -> tuple[str, ...]:
-        """The prefix of the names of inputs and signals of each axis."""
+        """Return the signal prefix of each axis."""
         return tuple(f"{name}." for name in self.axes())
 
     def signals(self) -> list[str]:
-        """The names of its signals: those of each axis, and with a geometry those of the tool point."""
+        """Return the names of its signals: those of each axis, and with a geometry those of the tool point."""
         there = [f"{port}{name}" for port in self.ports() for name in Signals._fields]
         return there if self.geometry is None else [*there, *(f"{_TOOL}.{way}" for way in self.geometry.axes())]
 
     def timing(self, partial: Collection[str] = ()) -> Any:
-        """The delay structure of the dead time of each axis, with a fraction of a sample for those named."""
+        """Return the delay structure of the dead time of each axis, with a fraction of a sample for those named."""
         if not isinstance(self.sample_time, float):
             raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
         return named({name: loop.timing(partial) for name, loop in self.loops().items()})
 
     def prepare(self, timing: Any) -> Prepared:
-        """All work that depends on parameters only."""
+        """Compute everything that depends on parameters only."""
         T, axes = self.sample_time, self.axes()
         controls = named({name: axis.control.prepare(T) for name, axis in axes.items()})
         return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
-        """Each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All are by axis."""
-        found: dict[str, Loop.State] = {}
+        """Return the state with each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All
+        are by axis.
+        """
+        started: dict[str, Loop.State] = {}
         motions: dict[str, Motion] = {}
-        for name, made, held in zip(self.axes(), prepared.control, timing, strict=True):
+        for name, coefficients, held in zip(self.axes(), prepared.control, timing, strict=True):
             at, speed = position[name], velocity[name]
-            found[name] = self.loop(name).started(made, held, setpoint[name], at, speed)
+            started[name] = self.loop(name).started(coefficients, held, setpoint[name], at, speed)
             motions[name] = Motion(at, at, speed, speed)
-        states = {name: each.axis for name, each in found.items()}
+        states = {name: begun_loop.axis for name, begun_loop in started.items()}
         begun = self.joint().start(Joint.Prepared(prepared.cores, prepared.couplings), states, motions)
-        return self.State(named(found), begun.shared, begun.couplings, self.controls().listen(setpoint))
+        return self.State(named(started), begun.shared, begun.couplings, self.controls().listen(setpoint))
 
     def controls(self) -> Controls:
-        """The controls of all axes and what runs between them."""
+        """Return the controls of all axes and what runs between them."""
         return Controls({name: axis.control for name, axis in self.axes().items()}, self.couplings)
 
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
     ) -> tuple[State, dict[str, Number]]:
-        """One sample from named inputs such as `x.set_position`; signals by name."""
+        """Compute one sample from named inputs such as `x.set_position`; signals by name."""
         T, axes, joint = self.sample_time, self.axes(), self.joint()
         states = dict(zip(axes, state.axis, strict=True))
-        made = Joint.Prepared(prepared.cores, prepared.couplings)
-        columns = joint.columns(made)
+        joint_prepared = Joint.Prepared(prepared.cores, prepared.couplings)
+        columns = joint.columns(joint_prepared)
         moved: dict[str, Axis.State] = {name: held.axis for name, held in states.items()}
         before = Joint.State(named(moved), state.shared, state.couplings)
-        found: dict[str, Any] = {}
-        given: dict[str, Given] = {}
+        read: dict[str, Any] = {}
+        readings: dict[str, Given] = {}
         at: dict[str, Acting] = {}
-        for i, (name, each) in enumerate(axes.items()):
+        for i, (name, axis) in enumerate(axes.items()):
             setpoint, load, enable, probe = inputs_of(inputs, f"{name}.")
             motion = joint.motion(name, before)
-            moved[name], motor, reading = each.axis.read(moved[name], motion, noise_of(noise, i), T)
+            moved[name], motor, reading = axis.axis.read(moved[name], motion, noise_of(noise, i), T)
             motor, reading = probe.read(motor, reading)
-            given[name] = Given(setpoint, motor, reading, enable)
-            found[name] = setpoint, motion, motor, reading, probe, load
-        held = {name: each.control for name, each in states.items()}
-        controls, between, commands = self.controls().step(prepared.control, held, state.coordination, given, T)
-        for name, (*_, probe, load) in found.items():
+            readings[name] = Given(setpoint, motor, reading, enable)
+            read[name] = setpoint, motion, motor, reading, probe, load
+        held = {name: loop.control for name, loop in states.items()}
+        controls, between, commands = self.controls().step(prepared.control, held, state.coordination, readings, T)
+        for name, (*_, probe, load) in read.items():
             force = probe.acting(commands[name].applied)
             at[name], moved[name] = acting(columns[name], moved[name], force, load)
-        after, done, loads = joint.advance(made, before._replace(axis=named(moved)), at, time, T)
+        after, done, loads = joint.advance(joint_prepared, before._replace(axis=named(moved)), at, time, T)
         signals: dict[str, Number] = {}
-        for name, (setpoint, motion, motor, reading, *_) in found.items():
+        for name, (setpoint, motion, motor, reading, *_) in read.items():
             row = reported(setpoint, motion, motor, reading, commands[name], done[name], loads[name])
             signals |= {f"{name}.{signal}": value for signal, value in zip(Signals._fields, row, strict=True)}
         if self.geometry is not None:
-            position = {name: row[1].position_load for name, row in found.items()}
+            position = {name: row[1].position_load for name, row in read.items()}
             signals |= {f"{_TOOL}.{way}": at for way, at in self.geometry.tool(position).items()}
         held = {name: Loop.State(controls[name], axis) for name, axis in zip(axes, after.axis, strict=True)}
         return self.State(named(held), after.shared, after.couplings, between), signals
@@ -221,23 +225,23 @@ System: TypeAlias = Loop | Machine  # what is traced to a program
 
 
 def each_controlled(coupling: Coupling) -> tuple[str, ...]:
-    """The axes whose controls a coupling corrects."""
+    """Return the axes whose controls a coupling corrects."""
     return coupling.axes() if coupling.controls else ()
 
 
 def noise_of(noise: Noise, place: int) -> Noise:
-    """The noise of the axis at a place among all."""
+    """Return the noise of the axis at an index among all axes."""
     return noise if place == 0 else Noise(noise.seed + place * _SEEDS, noise.sample)
 
 
 def turning_ports(system: System) -> frozenset[str]:
-    """The prefixes of the signals of those axes that turn."""
+    """Return the prefixes of the signals of axes that turn."""
     pairs = zip(system.loops().values(), system.ports(), strict=True)
     return frozenset(port for loop, port in pairs if loop.axis.rotary)
 
 
 def check_system(system: Any) -> None:
-    """Raise ParameterError, with what to give, for what is no loop and no machine."""
+    """Raise ParameterError, stating what to give, for anything but a loop or a machine."""
     if not isinstance(system, Loop | Machine):
         remedy = getattr(system, "instead", "") or "a loop or a machine comes first, then what it follows or is asked"
         raise ParameterError(f"a Loop or a Machine is needed here, not a {type(system).__name__}: {remedy}")

@@ -17,14 +17,16 @@ class Natural(NamedTuple):
 
 
 def continuous(z: np.ndarray, sample_time: float) -> np.ndarray:
-    """s = ln(z)/T in 1/s: the continuous pole that a sampled one stands for; -∞ for z = 0."""
+    """Return s = ln(z)/T in 1/s: the continuous pole that a sampled one stands for; -∞ for z = 0."""
     z = np.asarray(z, complex)
     with np.errstate(divide="ignore"):
         return np.where(z == 0.0, complex(-np.inf), np.log(np.where(z == 0.0, 1.0, z)) / sample_time)
 
 
 def natural(z: np.ndarray, sample_time: float) -> Natural:
-    """|s|/2π and -Re s/|s| of s = ln(z)/T; damping 1 for z = 0 and for z = 1, an integrator, which has no frequency."""
+    """Return |s|/2π and -Re s/|s| of s = ln(z)/T; damping 1 for z = 0 and for an integrator, z = 1, which has no
+    frequency.
+    """
     s = continuous(z, sample_time)
     size = np.abs(s)
     there = (size > 0.0) & np.isfinite(size)
@@ -32,7 +34,7 @@ def natural(z: np.ndarray, sample_time: float) -> Natural:
 
 
 def zeros(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> np.ndarray:
-    """The finite zeros z of c (z - A)⁻¹ b + d, b and c of shape (n,): where [A - z, b; c, d] loses its rank.
+    """Return the finite zeros z of c (z - A)⁻¹ b + d, b and c of shape (n,): where [A - z, b; c, d] loses its rank.
 
     Generalized eigenvalues by the QZ algorithm; those beyond 10⁶ count as infinite.
     Source: Emami-Naeini & Van Dooren 1982 (the pencil).
@@ -41,7 +43,7 @@ def zeros(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> np.ndarray:
 
     n = A.shape[0]
     scale = max(float(np.linalg.norm(A)), 1.0)  # zeros do not depend on the sizes of input and output
-    wide, tall = (scale / max(float(np.linalg.norm(each)), 1e-300) for each in (b, c))
+    wide, tall = (scale / max(float(np.linalg.norm(vector)), 1e-300) for vector in (b, c))
     pencil = np.block([[A, wide * b[:, None]], [tall * c[None, :], np.array([[wide * tall * d]])]])
     mass = np.zeros((n + 1, n + 1))
     mass[:n, :n] = np.eye(n)

@@ -48,7 +48,9 @@ MEANINGS = {
 
 
 def meaning_of(name: str, turning: Collection[str]) -> tuple[str, str]:
-    """Unit and meaning of an input or output; `turning` are the prefixes of the names of axes that turn, as `c.`."""
+    """Return unit and meaning of an input or output; `turning` are the prefixes of the names of axes that turn, as
+    `c.`.
+    """
     unit, meaning = MEANINGS[quantity(name)]
     return unit_of(name, turning, unit), meaning
 
@@ -66,7 +68,7 @@ class Variable(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """What must be true of the parameters, by a truth node, and the sentence that says so.
+    """A condition on the parameters: its truth node, and the sentence that states it.
 
     Its code is its place among all conditions, from 1 on; 0 says that none is broken.
     """
@@ -76,7 +78,7 @@ class Condition(NamedTuple):
 
 
 class Function(NamedTuple):
-    """Nodes of what a function of a routine gives back, in the order of `states` and `outputs`."""
+    """The nodes of the results of a function of a routine, in the order of `states` and `outputs`."""
 
     states: tuple[int, ...]
     outputs: tuple[int, ...] = ()
@@ -94,7 +96,7 @@ class Retune(NamedTuple):
     makers: dict[int, str]
 
     def keeping(self, live: Sequence[int]) -> Retune:
-        """With these states only; none of the others is read for them."""
+        """Return the live change of these states only; none of the others is read for them."""
         places = {old: new for new, old in enumerate(live)}
         states = tuple(self.states[i] for i in live)
         read = set(reachable(self.graph, states))
@@ -141,28 +143,28 @@ class Routine:
     names: dict[int, Name]
     makers: dict[int, str]
     memory: str
-    said: dict[str, str]
+    meanings: dict[str, str]
     blocks: tuple[tuple[str, Block], ...]
 
     @property
     def sentences(self) -> dict[int, str]:
-        """What each code of a refusal says: the condition that is broken."""
+        """The condition that each code of a refusal stands for."""
         return {code: condition.sentence for code, condition in enumerate(self.conditions, 1)}
 
     @property
     def loop(self) -> Loop:
-        """The origin of a control, or of one axis."""
+        """The loop from which a control, or one axis, was traced."""
         assert isinstance(self.origin, Loop)
         return self.origin
 
     @property
     def sample_time(self) -> float:
-        """s."""
+        """The sample time in s."""
         return float(self.origin.sample_time)
 
 
 def off_outputs(routine: Routine) -> dict[str, float]:
-    """The outputs of a control that has no parameters to run with: the safe force of the machine file, switched off."""
+    """Return the outputs of a control without valid parameters: the safe force of the machine file, switched off."""
     outputs: dict[str, float] = {}
     for loop, port in zip(routine.origin.loops().values(), routine.origin.ports(), strict=True):
         guard, motor = loop.control.guard, loop.axis.actuator.motor
@@ -174,6 +176,6 @@ def off_outputs(routine: Routine) -> dict[str, float]:
 
 
 def target_name(path: str) -> str:
-    """`control.law.Kv` -> `law_Kv`: the name of a number on a target."""
+    """Return the name of a number on a target: `control.law.Kv` -> `law_Kv`."""
     words = [word for word in path.split(".") if word not in ("control", "memory", "prepared")]
     return "_".join(words)

@@ -29,7 +29,7 @@ class ControllerRun:
     """The control of a routine as the simulator runs it, from a reset on; `step` may be called again and again."""
 
     def __init__(self, routine: Routine, first: np.ndarray) -> None:
-        """`first` are the inputs with which it is reset, shape (inputs,)."""
+        """Reset the control with the inputs `first`, shape (inputs,)."""
         if routine.memory != "controller":
             raise ParameterError(f"{routine.name} is an axis; its answers are those of `simulate`")
         self.routine = routine
@@ -38,40 +38,40 @@ class ControllerRun:
         self._prepare()
         first_inputs = dict(zip((v.path for v in routine.inputs), map(np.float64, first), strict=True))
         with np.errstate(all="ignore"):
-            self.state = self._plain.start(self._made, first_inputs)
+            self.state = self._plain.start(self._prepared, first_inputs)
         self._native = self._compiled()
         self._load()
 
     def _prepare(self) -> None:
         self._plain = concrete(self._both)
         with np.errstate(all="ignore"):
-            self._made = self._plain.prepare(self.T)
-        self._numbers = {**dict(tree.leaves(self._plain)), **dict(numbers(self._made, "prepared")), "T": self.T}
+            self._prepared = self._plain.prepare(self.T)
+        self._numbers = {**dict(tree.leaves(self._plain)), **dict(numbers(self._prepared, "prepared")), "T": self.T}
 
     def _compiled(self) -> Native:
-        """One sample as machine code."""
+        """Return one sample as machine code."""
         graph = Graph()
         constants: dict[str, int] = {}
         inputs: dict[str, int] = {}
 
-        def symbol(name: str, found: dict[str, int]) -> Any:
-            made = graph.input(name)
-            found[name] = made.index
-            return made
+        def symbol(name: str, nodes: dict[str, int]) -> Any:
+            node = graph.input(name)
+            nodes[name] = node.index
+            return node
 
         rows = {name: graph.table(name, len(row)) for name, row in tree.tables(self._both)}
         leaves = iter([symbol(name, constants) for name, _ in tree.leaves(self._both)])
         both: Any = tree.with_tables(tree.rebuild(self._both, leaves), rows)
-        made = tree.rebuild(
-            self._made,
-            (v if type(v) is float else symbol(name, constants) for name, v in tree.leaves(self._made, "prepared")),
+        prepared = tree.rebuild(
+            self._prepared,
+            (v if type(v) is float else symbol(name, constants) for name, v in tree.leaves(self._prepared, "prepared")),
         )
         names = [name for name, _ in tree.leaves(self.state)]
         begun = tree.leaves(self.state)
         before = tree.rebuild(self.state, (leaf(graph, f"state.{name}", value) for name, value in begun))
-        given = {v.path: symbol(v.path, inputs) for v in self.routine.inputs}
+        signals = {v.path: symbol(v.path, inputs) for v in self.routine.inputs}
         T = cast(Number, symbol("T", constants))
-        after, values = both.step(made, before, given, T)
+        after, values = both.step(prepared, before, signals, T)
         carried = zip(names, tree.leaves(before), tree.leaves(after), strict=True)
         program = Program(
             graph=graph,
@@ -87,7 +87,7 @@ class ControllerRun:
         return native(plan(program))
 
     def _load(self) -> None:
-        """State, constants and tables in the order of the machine code, where steps find and leave them."""
+        """Put state, constants and tables in the order of the machine code, where steps read and write them."""
         plan, values, rows = self._native.plan, dict(tree.leaves(self.state)), dict(tree.tables(self._both))
         held = [np.float64(values[state.name]) for state in plan.states]
         for name, _, length in plan.rings:
@@ -98,7 +98,7 @@ class ControllerRun:
         self._rows = [rows[name] for name, _ in plan.tables]
 
     def _unload(self) -> None:
-        """The state as the blocks know it."""
+        """Store the state as the blocks know it."""
         values = dict(tree.leaves(self.state))
         plan = self._native.plan
         values |= {state.name: np.float64(self._states[i, 0]) for i, state in enumerate(plan.states)}
@@ -109,27 +109,27 @@ class ControllerRun:
         self.state = tree.rebuild(self.state, iter(values[name] for name, _ in tree.leaves(self.state)))
 
     def step(self, inputs: np.ndarray) -> np.ndarray:
-        """The outputs of some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
+        """Return the outputs of some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
         row = np.ascontiguousarray(inputs, dtype=np.float64)
         out = np.empty((len(row), len(self.routine.outputs)))
         self._native.run(len(row), 0, self._constants, row, self._states, out, self._rows)
         return out
 
     def retune(self, changes: Mapping[str, float]) -> None:
-        """Other parameters, by path, from the next sample on. Raises ParameterError as the blocks do."""
+        """Change parameters, by path, from the next sample on. Raises ParameterError as the blocks do."""
         self._unload()
-        before, made = self._plain, self._made
+        before, prepared = self._plain, self._prepared
         changed = tree.vary(self._both, changes)
         tree.check_sampled(changed, float(self.T))
         self._both = changed
         self._prepare()
         with np.errstate(all="ignore"):
-            self.state = self._plain.retune(self.state, before, made, self._made)
+            self.state = self._plain.retune(self.state, before, prepared, self._prepared)
         self._load()
 
 
 def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) -> np.ndarray:
-    """The outputs of a controller from a reset with the first inputs on: inputs (n, inputs), outputs (n, outputs).
+    """Return the outputs of a controller after a reset with the first inputs: inputs (n, inputs), outputs (n, outputs).
 
     `changes` are other parameters, by sample and path, which hold from that sample on.
     """

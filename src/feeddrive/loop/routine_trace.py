@@ -41,51 +41,53 @@ class Physics(Block):
     couplings: tuple[Coupling, ...] = part("what acts between them", default=())
 
     def joint(self) -> Joint:
-        """As the machine moves them."""
+        """Return the physics as the machine moves them."""
         return Joint(self.axis._asdict(), self.couplings)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """What couplings and shared modes ask for."""
+        """Yield the conditions of couplings and shared modes."""
         yield from self.joint().rules(T)
 
 
 def on_target(system: System) -> Controller | Controllers:
-    """The part of a loop, or of all loops of a machine, that runs on a target."""
+    """Return the part of a loop, or of all loops of a machine, that runs on a target."""
     if isinstance(system, Loop):
         return controller_of(system)
     axes = {
         name: Controlled(
-            control=each.control, actuator=Drive(motor=each.axis.actuator.motor), encoders=each.axis.encoders()
+            control=loop.control, actuator=Drive(motor=loop.axis.actuator.motor), encoders=loop.axis.encoders()
         )
-        for name, each in system.axes().items()
+        for name, loop in system.axes().items()
     }
-    return Controllers(axis=named(axes), couplings=tuple(each if each.controls else None for each in system.couplings))
+    return Controllers(
+        axis=named(axes), couplings=tuple(coupling if coupling.controls else None for coupling in system.couplings)
+    )
 
 
 def controller_routine(system: System, name: str) -> Routine:
-    """The control of a loop, or of all axes of a machine, whose inputs and outputs have the axis before them.
+    """Return the control of a loop, or of all axes of a machine, whose inputs and outputs are prefixed by the axis.
 
     Raises StructureError if a part leaves the language of `ops`.
     """
     block = on_target(system)
     traced = _Traced(block, system)
-    inputs = {each: traced.given(each) for each in block.inputs()}
+    inputs = {signal: traced.input(signal) for signal in block.inputs()}
     T, both = traced.T, traced.symbolic
     with traced.words:
-        made = both.prepare(T)
-        begun = both.start(made, inputs)
+        prepared = both.prepare(T)
+        begun = both.start(prepared, inputs)
         _check_rings(begun, name)
-        names = [each for each, _ in spread(begun)]
-        before = gathered(begun, (traced.graph.input(f"state.{each}") for each in names))
-        after, found = both.step(made, before, inputs, T)
+        names = [state for state, _ in spread(begun)]
+        before = gathered(begun, (traced.graph.input(f"state.{state}") for state in names))
+        after, answers = both.step(prepared, before, inputs, T)
     units = {f"{port}command": motor.unit for port, motor in motors(block) if motor is not None}
     outputs = {
-        each: (units[each], "the same in the unit of the drive", value)
-        if each in units
-        else (*MEANINGS[quantity(each)], value)
-        for each, value in found.items()
+        signal: (units[signal], "the same in the unit of the drive", value)
+        if signal in units
+        else (*MEANINGS[quantity(signal)], value)
+        for signal, value in answers.items()
     }
-    return traced.routine(name, system, made, inputs, names, begun, after, outputs, _retune(block, made, begun))
+    return traced.routine(name, system, prepared, inputs, names, begun, after, outputs, _retune(block, prepared, begun))
 
 
 def _check_rings(state: Any, name: str) -> None:
@@ -99,12 +101,12 @@ def _check_rings(state: Any, name: str) -> None:
 
 
 def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
-    """The axis of a loop: a step moves it from kT to (k+1)T under a force, and its outputs are those of (k+1)T.
+    """Return the axis of a loop: a step moves it from kT to (k+1)T under a force, and its outputs are those of (k+1)T.
 
     `reset` takes `start_position` and the readings there; noise is that of `seed`.
     """
     traced = _Traced(loop.axis, loop)
-    inputs = {each: traced.given(each) for each in ("force", "load_force", "start_position")}
+    inputs = {signal: traced.input(signal) for signal in ("force", "load_force", "start_position")}
     T, axis, timing = traced.T, traced.symbolic, loop.timing()
     zero = inputs["start_position"] - inputs["start_position"]
 
@@ -117,15 +119,15 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
         prepared = axis.prepare(T, timing)
         begun, at_start = seen(axis.start(cast(Number, inputs["start_position"]), zero, timing), zero)
         _check_rings(begun, name)
-        names = [each for each, _ in spread(begun)]
-        before = gathered(begun, (traced.graph.input(f"state.{each}") for each in names))
+        names = [state for state, _ in spread(begun)]
+        before = gathered(begun, (traced.graph.input(f"state.{state}") for state in names))
         sample = traced.graph.input("state.sample")
         force, load_force = cast(Number, inputs["force"]), cast(Number, inputs["load_force"])
         moved, _ = advance(axis, prepared, before, force, load_force, cast(Number, sample * T), T)
         after, values = seen(moved, sample + 1.0)
-    outputs = {each: (*MEANINGS[each], value) for each, value in zip(_SEEN, values, strict=True)}
+    outputs = {signal: (*MEANINGS[signal], value) for signal, value in zip(_SEEN, values, strict=True)}
     first: dict[str, Any] = dict(zip(_SEEN, at_start, strict=True))
-    same = timing.unchanged(axis.actuator.dead_time, T), f"actuator dead_time has {timing.said()}"
+    same = timing.unchanged(axis.actuator.dead_time, T), f"actuator dead_time has {timing.sentence()}"
     return traced.routine(
         name,
         loop,
@@ -142,53 +144,56 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
 
 
 def machine_routine(machine: Machine, name: str, seed: int = 0) -> Routine:
-    """The axes of a machine with their couplings: a step moves all of them from kT to (k+1)T under their forces.
+    """Return the axes of a machine with their couplings: a step moves all from kT to (k+1)T under their forces.
 
     Inputs and outputs are those of `plant_routine` with the axis before them; noise is that of a run with `seed`.
     """
     traced = _Traced(
-        Physics(axis=named({n: each.axis for n, each in machine.axes().items()}), couplings=machine.couplings), machine
+        Physics(axis=named({n: axis.axis for n, axis in machine.axes().items()}), couplings=machine.couplings), machine
     )
-    given = [f"{port}{each}" for port in machine.ports() for each in ("force", "load_force", "start_position")]
-    inputs = {each: traced.given(each) for each in given}
+    signals = [f"{port}{signal}" for port in machine.ports() for signal in ("force", "load_force", "start_position")]
+    inputs = {signal: traced.input(signal) for signal in signals}
     T, joint = traced.T, traced.symbolic.joint()
-    timings = {axis: each.timing() for axis, each in machine.loops().items()}
+    timings = {axis: loop.timing() for axis, loop in machine.loops().items()}
     places = {axis: cast(Number, inputs[f"{axis}.start_position"]) for axis in timings}
     zero = next(iter(places.values())) - next(iter(places.values()))
 
     def seen(state: Joint.State, sample: Any) -> tuple[Joint.State, dict[str, Any]]:
         states, values = state.axis._asdict(), dict[str, Any]()
-        for i, (axis, each) in enumerate(joint.axes.items()):
+        for i, (axis, axis_block) in enumerate(joint.axes.items()):
             motion = joint.motion(axis, state)
             noise = noise_of(Noise(float(seed), sample), i)
-            states[axis], motor, load = each.read(states[axis], motion, noise, T)
+            states[axis], motor, load = axis_block.read(states[axis], motion, noise, T)
             values |= {f"{axis}.{what}": v for what, v in zip(_SEEN, (motor, load, *motion), strict=True)}
         return state._replace(axis=named(states)), values
 
     with traced.words:
-        made = joint.prepare(T, timings)
-        starts = {axis: each.start(places[axis], zero, timings[axis]) for axis, each in joint.axes.items()}
+        prepared = joint.prepare(T, timings)
+        starts = {axis: axis_block.start(places[axis], zero, timings[axis]) for axis, axis_block in joint.axes.items()}
         motions = {axis: Motion(at, at, zero, zero) for axis, at in places.items()}
-        begun, at_start = seen(joint.start(made, starts, motions), zero)
+        begun, at_start = seen(joint.start(prepared, starts, motions), zero)
         _check_rings(begun, name)
-        names = [each for each, _ in spread(begun)]
-        before = gathered(begun, (traced.graph.input(f"state.{each}") for each in names))
+        names = [state for state, _ in spread(begun)]
+        before = gathered(begun, (traced.graph.input(f"state.{state}") for state in names))
         sample = traced.graph.input("state.sample")
-        columns, states, at = joint.columns(made), before.axis._asdict(), dict[str, Acting]()
+        columns, states, at = joint.columns(prepared), before.axis._asdict(), dict[str, Acting]()
         for axis in joint.axes:
-            force, load = (cast(Number, inputs[f"{axis}.{each}"]) for each in ("force", "load_force"))
+            force, load = (cast(Number, inputs[f"{axis}.{kind}"]) for kind in ("force", "load_force"))
             at[axis], states[axis] = acting(columns[axis], states[axis], force, load)
-        moved, _, _ = joint.advance(made, before._replace(axis=named(states)), at, cast(Number, sample * T), T)
+        moved, _, _ = joint.advance(prepared, before._replace(axis=named(states)), at, cast(Number, sample * T), T)
         after, values = seen(moved, sample + 1.0)
-    outputs = {each: (*MEANINGS[quantity(each)], value) for each, value in values.items()}
+    outputs = {signal: (*MEANINGS[quantity(signal)], value) for signal, value in values.items()}
     same = [
-        (timings[axis].unchanged(each.actuator.dead_time, T), f"{axis}.actuator dead_time has {timings[axis].said()}")
-        for axis, each in joint.axes.items()
+        (
+            timings[axis].unchanged(axis_block.actuator.dead_time, T),
+            f"{axis}.actuator dead_time has {timings[axis].sentence()}",
+        )
+        for axis, axis_block in joint.axes.items()
     ]
     return traced.routine(
         name,
         machine,
-        made,
+        prepared,
         inputs,
         [*names, "sample"],
         (begun, zero),
@@ -204,7 +209,7 @@ _SEEN = ("reading_motor", "reading_load", "position_motor", "position_load", "ve
 
 
 class _Traced:
-    """A block on symbols, and what its trace collects."""
+    """A block on symbols, and the parts of its routine that the trace collects."""
 
     def __init__(self, block: Any, loop: System) -> None:
         self.graph = Graph()
@@ -223,15 +228,15 @@ class _Traced:
         runs = isinstance(block, Controller | Controllers)  # its own text only hands on
         self.words = Names(self.graph, {id(owner): path for path, owner in self.owners if path or not runs})
 
-    def given(self, name: str) -> Any:
-        """An input."""
+    def input(self, name: str) -> Any:
+        """Return the symbol of an input."""
         return self.graph.input(name)
 
     def routine(
         self,
         name: str,
         loop: System,
-        made: Any,
+        prepared: Any,
         inputs: Mapping[str, Any],
         states: list[str],
         begun: Any,
@@ -241,17 +246,17 @@ class _Traced:
         first: Mapping[str, Any] | None = None,
         conditions: Sequence[tuple[Any, str]] = (),
     ) -> Routine:
-        """All of it with names, units and meanings."""
+        """Return the routine with names, units and meanings."""
         values = dict(tree.leaves(self.block))
         node = self.graph.symbol
-        for each, (_, _, value) in outputs.items():
-            self.words.found.setdefault(node(value).index, Name("", each))
+        for signal, (_, _, value) in outputs.items():
+            self.words.found.setdefault(node(value).index, Name("", signal))
         after_nodes = [node(value).index for _, value in spread(after)]
-        before_nodes = [self.graph.input(f"state.{each}").index for each in states]
+        before_nodes = [self.graph.input(f"state.{state}").index for state in states]
         begun_nodes = [node(value).index for _, value in spread(begun)]
         leaves = [
-            (i, f"prepared.{each}", value.index)
-            for i, (each, value) in enumerate(tree.leaves(made))
+            (i, f"prepared.{leaf}", value.index)
+            for i, (leaf, value) in enumerate(tree.leaves(prepared))
             if type(value) is not float and not self._is_text(value.index)
         ]
         output_nodes = tuple(node(value).index for _, _, value in outputs.values())
@@ -262,7 +267,7 @@ class _Traced:
         before_nodes, after_nodes, begun_nodes = (
             [row[i] for i in live] for row in (before_nodes, after_nodes, begun_nodes)
         )
-        first_nodes = tuple(node((first or {})[each]).index for each in outputs) if first else ()
+        first_nodes = tuple(node((first or {})[signal]).index for signal in outputs) if first else ()
         read = set(reachable(self.graph, [*begun_nodes, *first_nodes, *after_nodes, *output_nodes]))
         if retune is not None:
             read |= {self.parameters[i][1].index for kind, i in retune.leaves.values() if kind in ("old", "new")}
@@ -277,21 +282,21 @@ class _Traced:
             name=name,
             origin=loop,
             parameters=tuple(
-                self._parameter(each, symbol.index, float(values[each]))
-                for each, symbol in (self.parameters[i] for i in used)
+                self._parameter(parameter, symbol.index, float(values[parameter]))
+                for parameter, symbol in (self.parameters[i] for i in used)
             ),
             inputs=tuple(Variable(target_name(i), i, *meaning_of(i, self.turning), s.index) for i, s in inputs.items()),
             outputs=tuple(
-                Variable(target_name(each), each, unit_of(each, self.turning, unit), meaning, node(value).index)
-                for each, (unit, meaning, value) in outputs.items()
+                Variable(target_name(signal), signal, unit_of(signal, self.turning, unit), meaning, node(value).index)
+                for signal, (unit, meaning, value) in outputs.items()
             ),
             states=tuple(
-                Variable(target_name(each), each, "", "", before)
-                for each, before in zip(states, before_nodes, strict=True)
+                Variable(target_name(state), state, "", "", before)
+                for state, before in zip(states, before_nodes, strict=True)
             ),
             graph=self.graph,
             sample_time_node=node(self.T).index,
-            prepared=tuple((each, index) for _, each, index in leaves),
+            prepared=tuple((leaf, index) for _, leaf, index in leaves),
             prepared_leaves=tuple(i for i, _, _ in leaves),
             reset=Function(tuple(begun_nodes), first_nodes),
             step=Function(tuple(after_nodes), output_nodes),
@@ -301,15 +306,15 @@ class _Traced:
             names=self.words.found,
             makers=self.words.makers,
             memory="controller" if isinstance(self.block, Controller | Controllers) else "plant",
-            said={
+            meanings={
                 name: turning_docstring(text) if self.turning else text
-                for name, text in (*_said(begun), *_said(made, "prepared"))
+                for name, text in (*_meanings(begun), *_meanings(prepared, "prepared"))
             },
-            blocks=tuple((path, each) for path, each in _owners(self.block)),
+            blocks=tuple((path, block) for path, block in _owners(self.block)),
         )
 
     def _declared(self, name: str) -> tuple[str, Declaration]:
-        """The path of a leaf in the loop, and its declaration."""
+        """Return the path of a leaf in the loop, and its declaration."""
         is_axis = isinstance(self.block, Axis)
         path = f"{self.loop.place_of('axis')}.{name}" if is_axis else tree.path_of(self.block, name)
         declared = tree.declaration(self.block, name if is_axis else path)
@@ -320,11 +325,12 @@ class _Traced:
         return Variable(self._word(name), path, declared.unit, _ABSENT.sub("", declared.meaning), node, value, declared)
 
     def _word(self, name: str) -> str:
-        """The name of a parameter on a target; of several axes it begins with that of the axis."""
+        """Return the name of a parameter on a target; with several axes it begins with that of the axis."""
         return target_name(name.removeprefix("axis.") if isinstance(self.block, Physics | Controllers) else name)
 
     def _conditions(self, used: set[str], more: Sequence[tuple[Any, str]]) -> Iterator[Condition]:
-        """Bounds of the parameters in use, then what blocks demand of them; what no parameter changes is no condition.
+        """Yield the bounds of the parameters in use, then the rules of the blocks, except those that no parameter
+        changes.
 
         A parameter that is not read on the target enters a rule as a constant with its present value.
         """
@@ -357,26 +363,28 @@ class _Traced:
 def _live(
     graph: Graph, outputs: Sequence[int], before: Sequence[int], after: Sequence[int], retune: Retune | None
 ) -> list[int]:
-    """Places of the states that an output depends on, sooner or later; no target needs to remember the others."""
+    """Return the indices of the states that an output depends on, sooner or later; no target needs to remember the
+    others.
+    """
     live: set[int] = set()
     while True:
         below = set(reachable(graph, [*outputs, *(after[i] for i in live)]))
-        found = {i for i, node in enumerate(before) if node in below}
+        grown = {i for i, node in enumerate(before) if node in below}
         if retune is not None:
-            below = set(reachable(retune.graph, [retune.states[i] for i in found]))
-            found |= {i for node, (kind, i) in retune.leaves.items() if kind == "state" and node in below}
-        if found == live:
+            below = set(reachable(retune.graph, [retune.states[i] for i in grown]))
+            grown |= {i for node, (kind, i) in retune.leaves.items() if kind == "state" and node in below}
+        if grown == live:
             return sorted(live)
-        live = found
+        live = grown
 
 
-def _retune(block: Controller | Controllers, made: Any, begun: Any) -> Retune:
-    """`retune` of what runs on a target, on symbols."""
+def _retune(block: Controller | Controllers, prepared: Any, begun: Any) -> Retune:
+    """Trace the live change of a control on symbols."""
     graph = Graph()
     leaves: dict[int, tuple[str, int]] = {}
 
     def symbols(values: Any, kind: str) -> Iterator[Any]:
-        """A leaf for each number; constants of the code stay constants."""
+        """Yield a leaf for each number; constants of the code stay constants."""
         for i, (_, value) in enumerate(values if kind == "state" else tree.leaves(values)):
             if type(value) is float and kind.endswith("prepared"):
                 yield value
@@ -387,12 +395,12 @@ def _retune(block: Controller | Controllers, made: Any, begun: Any) -> Retune:
 
     old: Any = tree.rebuild(block, symbols(block, "old"))
     new: Any = tree.rebuild(block, symbols(block, "new"))
-    old_made = tree.rebuild(made, symbols(made, "old_prepared"))
-    new_made = tree.rebuild(made, symbols(made, "new_prepared"))
+    old_constants = tree.rebuild(prepared, symbols(prepared, "old_prepared"))
+    new_constants = tree.rebuild(prepared, symbols(prepared, "new_prepared"))
     state = gathered(begun, symbols(spread(begun), "state"))
     names = Names(graph, {id(owner): path for path, owner in _owners(new) if path})
     with names:
-        after = new.retune(state, old, old_made, new_made)
+        after = new.retune(state, old, old_constants, new_constants)
     states = tuple(graph.symbol(value).index for _, value in spread(after))
     read = set(reachable(graph, states))
     leaves = {node: leaf for node, leaf in leaves.items() if node in read}
@@ -400,7 +408,7 @@ def _retune(block: Controller | Controllers, made: Any, begun: Any) -> Retune:
 
 
 def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
-    """Dotted name and block of every block of a tree, outermost first."""
+    """Yield the dotted name and block of every block of a tree, outermost first."""
     if isinstance(block, Block):
         yield path, block
         parts = {name: getattr(block, name) for name, d in tree.declarations(type(block)).items() if d.role == "part"}
@@ -412,12 +420,12 @@ def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
             yield from _owners(inner, f"{path}.{name}")
 
 
-def _said(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, str]]:
-    """For each leaf of a tree of named tuples, what the innermost of them says of itself."""
+def _meanings(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, str]]:
+    """Yield, for each leaf of a tree of named tuples, the docstring of the innermost of them."""
     if isinstance(values, tuple):
         names = getattr(values, "_fields", None)
         text = inspect.getdoc(type(values)) or "" if names else text
         for name, value in zip(names or map(str, range(len(values))), values, strict=True):
-            yield from _said(value, f"{path}.{name}" if path else name, text)
+            yield from _meanings(value, f"{path}.{name}" if path else name, text)
     else:
         yield path, text

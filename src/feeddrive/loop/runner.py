@@ -42,7 +42,7 @@ class Prepared:
         *,
         partial: Collection[str] = (),
     ) -> None:
-        """`start` is (position, velocity).
+        """Prepare a run; `start` is (position, velocity).
 
         `partial` names axes that keep a fraction of a sample of dead time, for a derivative to it, also where none is
         left.
@@ -61,7 +61,7 @@ class Prepared:
         enable: bool | Collection[str] = False,
         probes: Sequence[str] = (),
     ) -> Program:
-        """The program of the loop or machine, traced once for all of the same structure.
+        """Return the program of the loop or machine, traced once for all of the same structure.
 
         `load` and `enable` say whether there are these inputs, or on which axes; `probes` which inputs of `Probe`.
         """
@@ -77,22 +77,22 @@ class Prepared:
         key = (self._begun.structure, self.timing, tuple(names))
 
         def traced() -> Program:
-            _, made, begun = self._begun.trees
-            return replace(trace(self.system, made, begun, names), key=key)
+            _, prepared, begun = self._begun.trees
+            return replace(trace(self.system, prepared, begun, names), key=key)
 
         return _programs.get(key, traced)
 
     def settled(self) -> dict[str, Any]:
-        """First states by name, with rings, as after an infinitely long time at constant inputs."""
+        """Return the first states by name, with rings, as after an infinitely long time at constant inputs."""
         return dict(tree.leaves(settled(self._begun.trees.begun)))
 
     def varying(self) -> frozenset[str]:
-        """Names of numbers and states that are arrays over lanes."""
+        """Return the names of numbers and states that are arrays over lanes."""
         varying = self._begun.varying
         return varying | {"seed"} if isinstance(self.numbers["seed"], np.ndarray) else varying
 
     def lanes(self) -> int:
-        """How many variants there are; 1 for a single run."""
+        """Return the number of variants; 1 for a single run."""
         rows = (self.numbers[name] if name in self.numbers else self.first[name] for name in self.varying())
         return max((row.size for row in rows), default=1)
 
@@ -106,60 +106,61 @@ class Prepared:
         lanes: int = 1,
         arithmetic: str = "exact",
     ) -> Native:
-        """Machine code that records some signals and gathers statistics of others."""
+        """Return machine code that records some signals and gathers statistics of others."""
         key = (program.key, tuple(record), tuple(gather), tuple(bounded), lanes, self.varying(), arithmetic)
 
-        def made() -> Native:
+        def compiled() -> Native:
             chosen = gathering(program, gather, bounded).keeping(record)
             return native(plan(chosen, lanes=lanes, varying=self.varying(), arithmetic=arithmetic))
 
-        return made() if program.key is None else _natives.get(key, made)
+        return compiled() if program.key is None else _natives.get(key, compiled)
 
-    def constants(self, made: Native, lanes: slice | None = None) -> np.ndarray:
-        """Constants in the order of the machine code, shape (n, lanes)."""
-        return by_lane([name for name, _ in made.plan.constants], self.numbers, made.plan.lanes, lanes)
+    def constants(self, code: Native, lanes: slice | None = None) -> np.ndarray:
+        """Return constants in the order of the machine code, shape (n, lanes)."""
+        return by_lane([name for name, _ in code.plan.constants], self.numbers, code.plan.lanes, lanes)
 
-    def states(self, made: Native, lanes: slice | None = None) -> np.ndarray:
-        """First states in the order of the machine code, shape (n, lanes)."""
-        first = self.first_states(made)
-        return by_lane(list(first), first, made.plan.lanes, lanes)
+    def states(self, code: Native, lanes: slice | None = None) -> np.ndarray:
+        """Return first states in the order of the machine code, shape (n, lanes)."""
+        first = self.first_states(code)
+        return by_lane(list(first), first, code.plan.lanes, lanes)
 
-    def first_states(self, made: Native) -> dict[str, Any]:
-        """First states by name, in the order of the machine code; the cells of rings are 0."""
-        first = {s.name: self.first.get(s.name, None) for s in made.plan.states}
+    def first_states(self, code: Native) -> dict[str, Any]:
+        """Return first states by name, in the order of the machine code; the cells of rings are 0."""
+        first = {s.name: self.first.get(s.name, None) for s in code.plan.states}
         named = {name: begin(name) if value is None else value for name, value in first.items()}
-        return named | dict.fromkeys(made.plan.memory[len(named) :], 0.0)
+        return named | dict.fromkeys(code.plan.memory[len(named) :], 0.0)
 
-    def retune(self, old: Prepared, made: Native, states: np.ndarray) -> None:
-        """The states of the controls of a single run after a live change from `old` to this one, in place."""
-        rows = {state.name: i for i, state in enumerate(made.plan.states)}
+    def retune(self, old: Prepared, code: Native, states: np.ndarray) -> None:
+        """Update the states of a single run's controls after a live change from `old` to this one, in place."""
+        rows = {state.name: i for i, state in enumerate(code.plan.states)}
         for now, before in zip(self._controls(), old._controls(), strict=True):
             begun = now.begun
             held = (v if isinstance(v, Ring) else states[rows[name], 0] for name, v in tree.leaves(begun, now.path))
             state = tree.rebuild(begun, held)
             with np.errstate(all="ignore"):
-                state = now.control.retune(state, before.control, before.made, now.made)
+                state = now.control.retune(state, before.control, before.prepared, now.prepared)
             for name, value in tree.leaves(state, now.path):  # cells of a ring stay as they are
                 if not isinstance(value, Ring):
                     states[rows[name], 0] = value
 
     def _controls(self) -> list[_Running]:
-        """Each control with its prepared numbers and its first state."""
-        plain, all_made, begun = self._begun.trees
+        """Return each control with its prepared numbers and its first state."""
+        plain, all_prepared, begun = self._begun.trees
         if isinstance(plain, Loop):
-            return [_Running("control", plain.control, all_made.control, begun.control)]
-        rows = zip(plain.axes().items(), all_made.control, begun.axis, strict=True)
+            return [_Running("control", plain.control, all_prepared.control, begun.control)]
+        rows = zip(plain.axes().items(), all_prepared.control, begun.axis, strict=True)
         return [
-            _Running(f"axis.{name}.control", each.control, made, begun.control) for (name, each), made, begun in rows
+            _Running(f"axis.{name}.control", axis.control, prepared, begun.control)
+            for (name, axis), prepared, begun in rows
         ]
 
-    def rows(self, made: Native) -> list[np.ndarray]:
-        """Tables in the order of the machine code."""
-        return [self.tables[name] for name, _ in made.plan.tables]
+    def rows(self, code: Native) -> list[np.ndarray]:
+        """Return tables in the order of the machine code."""
+        return [self.tables[name] for name, _ in code.plan.tables]
 
 
 def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen: slice | None) -> np.ndarray:
-    """Numbers by name as rows; the lanes that a group has too many repeat its last variant."""
+    """Return numbers by name as rows; surplus lanes of a group repeat its last variant."""
     if lanes == 1 and chosen is None:
         columns = [values[name] for name in names]
         if np.ndarray not in map(type, columns):
@@ -181,28 +182,30 @@ class _Running(NamedTuple):
 
     path: str
     control: Control
-    made: Any
+    prepared: Any
     begun: Any
 
 
 STRETCH = 65_536  # samples whose inputs are in memory at once
 
 
-def recorded(prepared: Prepared, made: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
-    """Some samples of a single run from `states` on, which move on; the recorded signals, shape (count, signals)."""
-    constants, rows = prepared.constants(made), prepared.rows(made)
+def recorded(prepared: Prepared, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
+    """Compute some samples of a single run from `states`, which are updated; return the recorded signals, shape (count,
+    signals).
+    """
+    constants, rows = prepared.constants(code), prepared.rows(code)
     work.sample(first, count)
-    found = np.empty((count, len(made.plan.outputs)))
+    record = np.empty((count, len(code.plan.outputs)))
     for start in range(0, count, STRETCH):
         size = min(STRETCH, count - start)
-        inputs = work.inputs(made, first + start, size)
-        made.run(size, first + start, constants, inputs, states, found[start : start + size], rows)
-    return found
+        inputs = work.inputs(code, first + start, size)
+        code.run(size, first + start, constants, inputs, states, record[start : start + size], rows)
+    return record
 
 
 @lru_cache(maxsize=1)
 def cores() -> int:
-    """How many processors this process may use."""
+    """Return the number of processors that this process may use."""
     import os
 
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -31,7 +31,7 @@ GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
 
 
 class Recorded(Mapping[str, np.ndarray]):
-    """Signals by name, from an array of shape (samples, signals); each becomes an array of its own when it is read."""
+    """Signals by name, from an array of shape (samples, signals); each is copied to its own array when it is read."""
 
     def __init__(self, names: Sequence[str], rows: np.ndarray) -> None:
         self._places = {name: place for place, name in enumerate(names)}
@@ -73,7 +73,7 @@ class Run(Result):
 
     @cached_property
     def time(self) -> np.ndarray:
-        """t = kT of every row, s."""
+        """The times t = kT of all rows, s."""
         time = np.arange(self.first, self.first + self.samples, dtype=np.float64)
         time *= self.sample_time
         return time
@@ -84,7 +84,7 @@ class Run(Result):
         return self.signals[signal]
 
     def axis(self, name: str) -> Run:
-        """The run of one axis of a machine, with the names that a single axis has.
+        """Return the run of one axis of a machine, with the signal names of a single axis.
 
         Raises ParameterError for an axis that it does not have.
         """
@@ -98,12 +98,12 @@ class Run(Result):
 
     @property
     def units(self) -> dict[str, str]:
-        """SI unit of every signal."""
+        """The SI unit of every signal."""
         return {name: unit_of(name, self.turning) for name in self.signals}
 
     @property
     def rotary(self) -> bool:
-        """Whether all its axes turn."""
+        """True if all its axes turn."""
         return all(signal.removesuffix(quantity(signal)) in self.turning for signal in self.signals)
 
     def table(self) -> Table:
@@ -125,7 +125,9 @@ def _rms(values: np.ndarray) -> float:
 
 
 def samples(duration: float, T: float) -> int:
-    """Samples from 0 to `duration`, both ends counted; a last sample that misses the end by rounding is counted."""
+    """Return the samples from 0 to `duration`, both ends counted; a last sample that misses the end by rounding is
+    counted.
+    """
     return int(np.floor(duration / T * (1.0 + 1e-12) + 1e-9)) + 1
 
 
@@ -146,9 +148,9 @@ def simulate(
     name: str = "run",
     progress: Progress | None = None,
 ) -> Run:
-    """One run of a loop along a reference, or of a machine along one for each axis.
+    """Simulate a loop along a reference, or a machine along one reference for each axis.
 
-    Of a machine reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
+    For a machine, reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
 
     load        force on the table, N
     added_force force on top of what the control commands, behind its limit, N: the excitation of a measurement.  The
@@ -195,7 +197,7 @@ def simulate(
 
 
 def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
-    """The names of signals as a list. Raises ParameterError for a signal or an arithmetic that is not known."""
+    """Return the names of signals as a list. Raises ParameterError for an unknown signal or arithmetic."""
     if arithmetic not in ARITHMETIC:
         raise ParameterError(f"arithmetic = {arithmetic!r} must be one of {', '.join(ARITHMETIC)}")
     there = system.signals()
@@ -206,12 +208,12 @@ def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
 
 
 def everywhere(system: System, names: Sequence[str]) -> list[str]:
-    """The names of signals; of a machine with the prefix of every axis."""
+    """Return the names of signals; for a machine with the prefix of every axis."""
     return [f"{port}{name}" for port in system.ports() for name in names]
 
 
 def sample_count(work: Work, duration: float | None) -> int:
-    """How many samples a run has. Raises ParameterError for a duration that is no finite time."""
+    """Return the number of samples of a run. Raises ParameterError for a duration that is not finite."""
     span = work.duration if duration is None else duration
     if not 0.0 <= span < float("inf"):
         raise ParameterError(f"duration = {Quantity(span, 's'):6 SI} must be a finite time, >= 0 s")
@@ -219,7 +221,7 @@ def sample_count(work: Work, duration: float | None) -> int:
 
 
 def _bound(work: Work, bound: float | None, count: int) -> float:
-    """The given bound; else the larger of 1 m and 100 times the travel, seen at up to 257 samples."""
+    """Return the given bound, else the larger of 1 m and 100 times the travel, sampled at up to 257 samples."""
     if bound is not None:
         return bound
     return max(1.0, 100.0 * work.travel(count, 257))
@@ -276,7 +278,7 @@ def simulate_batch(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Batch:
-    """All variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
+    """Simulate all variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
 
     Arguments as `simulate`; seed and start may be arrays over the variants too, and nothing changes live.  `lanes`
     variants share a vector (default: what is fastest here), `threads` run at once (default: all cores); neither changes
@@ -302,12 +304,12 @@ def simulate_batch(
             arithmetic=arithmetic,
         )
 
-    groups = grouped(prepared, native, lanes, count, lambda made: work.inputs(made, 0, min(count, CHUNK)))
+    groups = grouped(prepared, native, lanes, count, lambda code: work.inputs(code, 0, min(count, CHUNK)))
     stretches = range(0, count, CHUNK)
     done = 0
     with ThreadPoolExecutor(threads or cores()) as pool:
         for first in stretches:
-            inputs = work.inputs(groups.made, first, min(CHUNK, count - first))
+            inputs = work.inputs(groups.code, first, min(CHUNK, count - first))
             for size in groups.advance(pool, first, inputs):
                 done += size
                 if progress is not None:
@@ -342,7 +344,7 @@ def stream(
     name: str = "stream",
     progress: Progress | None = None,
 ) -> Iterator[Run]:
-    """The run of `simulate`, yielded in chunks of samples: constant memory for any length.
+    """Yield the run of `simulate` in chunks of samples: constant memory for any length.
 
     Arguments and errors as `simulate`; a chunk of None is the whole run.  The arrays of a chunk are
     not reused.

@@ -14,12 +14,12 @@ LEFT = "statistics.left"
 
 
 def gathered(signal: str, what: str) -> str:
-    """Name of the state that gathers `squares` (sum of squares), `least` or `most` of a signal."""
+    """Return the name of the state that gathers `squares` (sum of squares), `least` or `most` of a signal."""
     return f"statistics.{signal}.{what}"
 
 
 def gathering(program: Program, signals: Sequence[str], bounded: Sequence[str] = ()) -> Program:
-    """The program that also gathers sum of squares, least and most of signals; the peak is the larger of ±both.
+    """Return the program that also gathers sum of squares, least and most of signals; the peak is the larger of ±both.
 
     `bounded` names signals; the first sample in which one is outside ±`bound` (a constant of the program) is kept in
     `LEFT`; -1 until then. NaN is outside.
@@ -54,5 +54,5 @@ START = {"squares": 0.0, "least": float("inf"), "most": float("-inf")}
 
 
 def begin(name: str) -> float:
-    """The value with which a gathering state starts."""
+    """Return the start value of a gathering state."""
     return -1.0 if name == LEFT else START[name.rsplit(".", 1)[1]]

@@ -49,7 +49,7 @@ class Program:
     key: Hashable = None
 
     def keeping(self, outputs: Sequence[str]) -> Program:
-        """The program with these outputs only, without operations that they do not need."""
+        """Return the program with these outputs only, without operations that they do not need."""
         kept = {name: self.outputs[name] for name in outputs}
         needed = set(reachable(self.graph, [*kept.values(), *(state.after for state in self.states)]))
         return replace(
@@ -63,19 +63,19 @@ class Program:
 
 
 def concrete(loop: Whole) -> Whole:
-    """A loop, or a part of it, with numpy numbers as leaves: division by zero and overflow follow IEEE 754."""
+    """Return a loop, or a part of it, with numpy numbers as leaves: division by zero and overflow follow IEEE 754."""
     return tree.rebuild(loop, (v if isinstance(v, np.ndarray) else np.float64(v) for _, v in tree.leaves(loop)))
 
 
 def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Names and values of the prepared numbers; constants of the code stay part of the program."""
+    """Yield names and values of the prepared numbers; constants of the code stay part of the program."""
     for name, value in tree.leaves(values, prefix):
         if type(value) is not float:
             yield name, value
 
 
-def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
-    """The program of a loop or a machine.
+def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Program:
+    """Return the program of a loop or a machine.
 
     `made` and `begun` are what it prepares and its first state, for their structure: the numbers do not matter.
     `names` are the inputs that there are, such as `set_position` or `x.load_force`; absent ones cost no operations.
@@ -91,7 +91,7 @@ def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
         constants[name] = symbol.index
         return cast(Number, symbol)
 
-    def given(name: str) -> Number:
+    def signal(name: str) -> Number:
         symbol = graph.input(name)
         inputs[name] = symbol.index
         return cast(Number, symbol)
@@ -99,13 +99,13 @@ def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(system)}
     symbolic = tree.with_tables(tree.rebuild(system, (constant(name) for name, _ in tree.leaves(system))), rows)
     prepared = tree.rebuild(
-        made,
-        (v if type(v) is float else constant(name) for name, v in tree.leaves(made, "prepared")),
+        template,
+        (v if type(v) is float else constant(name) for name, v in tree.leaves(template, "prepared")),
     )
     states = [name for name, _ in tree.leaves(begun)]
     before = tree.rebuild(begun, (leaf(graph, f"state.{name}", value) for name, value in tree.leaves(begun)))
     sample = graph.input("sample")
-    known = {name: given(name) for name in names}
+    known = {name: signal(name) for name in names}
     noise = Noise(constant("seed"), cast(Number, sample))
     after, signals = symbolic.sample(prepared, before, known, noise, cast(Number, sample * symbolic.sample_time))
     carried = tuple(
@@ -124,17 +124,17 @@ def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
 
 
 def leaf(graph: Graph, name: str, value: Any) -> Any:
-    """The symbol for a leaf of a state in a trace: a number, or a ring of the same length."""
+    """Return the symbol for a leaf of a state in a trace: a number, or a ring of the same length."""
     return Ring(value.length, graph.ring(name, value.length)) if isinstance(value, Ring) else graph.input(name)
 
 
 def node(graph: Graph, value: Any) -> int:
-    """The node of a number or a ring."""
+    """Return the node of a number or a ring."""
     return graph.symbol(value.cells if isinstance(value, Ring) else value).index
 
 
 def lengths(graph: Graph, index: int) -> int | None:
-    """How many cells a ring has, before or after it is written; None for a number."""
+    """Return the number of cells of a ring, before or after it is written; None for a number."""
     origin = graph.nodes[graph.origin(index)]
     return origin[2] if origin[0] == "ring" else None
 
@@ -159,13 +159,13 @@ _PLAIN: dict[str, Any] = {
 
 
 def apply(name: str, *values: Any) -> Any:
-    """One operation of a graph on floats, arrays or symbols."""
+    """Apply one operation of a graph to floats, arrays or symbols."""
     function = _PLAIN.get(name) or getattr(ops, name)
     return function(*values)
 
 
 def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> dict[int, Any]:
-    """The value of every node below the outputs, for inputs and tables by name, in plain Python."""
+    """Return the value of every node below the outputs, for inputs and tables by name, in plain Python."""
     results: dict[int, Any] = {}
     with np.errstate(all="ignore"):
         for index in reachable(graph, outputs):
@@ -185,6 +185,6 @@ def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any])
 
 
 def evaluate(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[Any]:
-    """The values of some nodes: the oracle of the native code."""
+    """Return the values of some nodes: the oracle of the native code."""
     results = node_values(graph, outputs, leaves)
     return [results[index] for index in outputs]

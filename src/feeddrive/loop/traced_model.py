@@ -30,7 +30,7 @@ class TracedModel:
     leaves: Mapping[str, int]
 
     def trimmed(self) -> TracedModel:
-        """Without states that no input reaches or no output sees."""
+        """Return the model without states that no input reaches or no output sees."""
         n = self.states
         links = {(i, j) for i, j, _ in self.entries}
         reached = {i for i, j in links if j >= n and i < n}
@@ -45,7 +45,7 @@ class TracedModel:
         return replace(self, states=len(kept), shape=(len(rows), len(columns)), entries=entries)
 
     def at(self, values: Mapping[str, Any], names: Sequence[str] = ()) -> LinearModel:
-        """The model at values of all leaves, with its slopes to the leaves in `names`."""
+        """Return the model at values of all leaves, with its slopes to the leaves in `names`."""
         nodes = [node for _, _, node in self.entries]
         results = node_values(self.graph, nodes, values)
         places = [(i, j) for i, j, _ in self.entries]
@@ -72,16 +72,16 @@ class LinearModel(NamedTuple):
     slopes: np.ndarray
 
     def is_finite(self) -> bool:
-        """Whether all numbers are."""
+        """True if all numbers are finite."""
         return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.slopes)))
 
     def poles(self) -> np.ndarray:
-        """Eigenvalues of A."""
+        """Return the eigenvalues of A."""
         n = self.states
         return np.linalg.eigvals(self.matrix[:n, :n]) if n else np.zeros(0)
 
     def response(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """G = C (z - A)⁻¹ B + D at complex z (sampled) or s (continuous), and its slopes.
+        """Return G = C (z - A)⁻¹ B + D at complex z (sampled) or s (continuous), and its slopes.
 
             ∂G = [w 1] ∂[A B; C D] [x; 1],   x = (z - A)⁻¹ B,   w = C (z - A)⁻¹
 
@@ -105,7 +105,7 @@ class LinearModel(NamedTuple):
 
 
 def resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(z - A)⁻¹ B of shape (points, n, inputs) and C (z - A)⁻¹ of shape (points, outputs, n)."""
+    """Return (z - A)⁻¹ B of shape (points, n, inputs) and C (z - A)⁻¹ of shape (points, outputs, n)."""
     inverse = Resolvent(A, z)
     return inverse.after(B), inverse.before(C)
 
@@ -125,7 +125,7 @@ class Resolvent:
             self.form, self.vectors = schur(balanced, output="complex")[:2]
 
     def after(self, B: np.ndarray) -> np.ndarray:
-        """(z - A)⁻¹ B of shape (points, n, columns), of one B for all points or of one each."""
+        """Return (z - A)⁻¹ B of shape (points, n, columns), for one B for all points or one for each."""
         n, z = self.scale.size, self.z
         if not n:
             return np.zeros((z.size, 0, B.shape[-1]), complex)
@@ -142,7 +142,7 @@ class Resolvent:
         return (Z * self.scale[:, None]) @ x.transpose(2, 0, 1)
 
     def before(self, C: np.ndarray) -> np.ndarray:
-        """C (z - A)⁻¹ of shape (points, rows, n), of one C for all points or of one each."""
+        """Return C (z - A)⁻¹ of shape (points, rows, n), for one C for all points or one for each."""
         n, z = self.scale.size, self.z
         if not n:
             return np.zeros((z.size, C.shape[-2], 0), complex)
@@ -175,7 +175,7 @@ def _difference(a: Any, b: Any) -> Any:
 
 
 def rule(name: str, values: Sequence[Any], result: Any, tangents: Sequence[Any]) -> Any:
-    """The tangent of one operation from its arguments' values and tangents and its result.
+    """Return the tangent of one operation from its arguments' values and tangents and its result.
 
     At a tie of `where` the tangent is that of the branch that is taken.  Rounding and table reads have slope 0, except
     `quantise`, whose slope to its first argument is taken as 1.
@@ -235,7 +235,7 @@ def _number(tangent: Any) -> Any:
 
 
 def push(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]) -> list[Any]:
-    """The tangents of nodes, from the tangents `seeds` of leaves; None where a node does not depend on them.
+    """Return the tangents of nodes, from the tangents `seeds` of leaves; None where a node does not depend on them.
 
     `values` holds the value of every node: numbers, or the nodes' own symbols, whose tangents are then symbols of the
     same graph.
@@ -247,16 +247,16 @@ def push(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds:
 def _tangents(
     graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]
 ) -> dict[int, Any]:
-    """Those of all nodes that depend on the seeds."""
-    found: dict[int, Any] = dict(seeds)
+    """Return the tangents of all nodes that depend on the seeds."""
+    pushed: dict[int, Any] = dict(seeds)
     for index in reachable(graph, outputs):
         node = graph.nodes[index]
         inner = arguments(node)
-        if inner and index not in found:
-            tangents = [found.get(i) for i in inner]
+        if inner and index not in pushed:
+            tangents = [pushed.get(i) for i in inner]
             if any(tangent is not None for tangent in tangents):
-                found[index] = rule(node[0], [values[i] for i in inner], values[index], tangents)
-    return found
+                pushed[index] = rule(node[0], [values[i] for i in inner], values[index], tangents)
+    return pushed
 
 
 def require_slopes(
@@ -267,8 +267,8 @@ def require_slopes(
     moving: Mapping[int, Any],
     kinds: Collection[str],
 ) -> None:
-    """Raise NoSlopeError, with its line, if outputs depend on the root or logarithm of a number that is 0 there, or on
-    a choice between two values at its very edge.
+    """Raise NoSlopeError, naming the line, if outputs depend on the root or logarithm of a number that is 0 there, or
+    on a choice between two values exactly at its edge.
 
     moving  the seeds that are moved from outside: a choice by a count is none of these
     kinds   of the blocks in which choices count
@@ -283,7 +283,7 @@ def require_slopes(
     if not steep:
         return
     asked = {index: _asked(graph, index) for index in steep}
-    rounding = _rounding(graph, [each for index in steep for each in (index, *asked[index])], values)
+    rounding = _rounding(graph, [node for index in steep for node in (index, *asked[index])], values)
     zeros = [index for index in steep if asked[index] and _at_edge(graph, index, asked[index], values, rounding)]
     if not zeros:
         return
@@ -308,14 +308,18 @@ def require_slopes(
 
 
 def _felt(graph: Graph, index: int, outputs: Sequence[int], values: Mapping[int, Any]) -> bool:
-    """Whether an output changes with a node."""
+    """True if an output changes with a node."""
     with np.errstate(all="ignore"):
         tangents = push(graph, outputs, values, {index: 1.0})
-    return any(np.any((each.cells if isinstance(each, Ring) else each) != 0.0) for each in tangents if each is not None)
+    return any(
+        np.any((tangent.cells if isinstance(tangent, Ring) else tangent) != 0.0)
+        for tangent in tangents
+        if tangent is not None
+    )
 
 
 def _asked(graph: Graph, index: int) -> tuple[int, ...]:
-    """The number that a root is taken of, or the two that a choice compares; none for other conditions."""
+    """Return the argument of a root, or the two numbers that a choice compares; none for other conditions."""
     first = arguments(graph.nodes[index])[0]
     if graph.name(index) != "select":
         return (first,)
@@ -325,7 +329,7 @@ def _asked(graph: Graph, index: int) -> tuple[int, ...]:
 def _at_edge(
     graph: Graph, index: int, asked: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
 ) -> bool:
-    """Whether a root is one of 0, or a choice at its edge has two values that differ, all within rounding."""
+    """True if a root is one of 0, or a choice at its edge has two values that differ, all within rounding."""
     if len(asked) == 1:
         return bool(abs(values[asked[0]]) <= rounding[asked[0]])
     first, second = arguments(graph.nodes[index])[1:]
@@ -337,7 +341,7 @@ def _at_edge(
 
 
 def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
-    """How far rounding may have moved each number below some nodes, to the count for readings; first order."""
+    """Return how far rounding may have moved each number below some nodes, to the count for readings; first order."""
     unit, errors = 2.0**-50, dict[int, float]()
     for index in reachable(graph, outputs):
         node, own = graph.nodes[index], values[index]

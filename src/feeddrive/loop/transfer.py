@@ -6,7 +6,7 @@ import numpy as np
 
 
 def transfer(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, z: np.ndarray) -> np.ndarray:
-    """c (z - A)⁻¹ b + d at every z, shape (n,): by the Schur form of the balanced A, from its last row up.
+    """Return c (z - A)⁻¹ b + d at every z, shape (n,), by the Schur form of the balanced A, from its last row up.
 
     Unitary, so as safe as solving for each z, and ten times as quick, a hundred times for 200 states.
     """

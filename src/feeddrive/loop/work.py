@@ -33,14 +33,14 @@ _sampled_by_numpy = [0]
 
 
 class Path:
-    """Sampled setpoints, shape (5, samples), not to be written."""
+    """Sampled setpoints, shape (5, samples), read only."""
 
     def __init__(self, rows: np.ndarray) -> None:
         self.rows = rows
         self._travels: dict[int, float] = {}
 
     def travel(self, most: int) -> float:
-        """The travel in m, seen at up to `most` samples."""
+        """Return the travel in m, sampled at up to `most` samples."""
         if most not in self._travels:
             self._travels[most] = travel(self.rows[0, _spread(self.rows.shape[1], most)])
         return self._travels[most]
@@ -49,7 +49,7 @@ class Path:
 class Work:
     """The sampled inputs of a run: setpoints, load force, enable, added force, for any range of samples.
 
-    Of a machine each is a mapping from axes to what they are given; an axis that is not there has no such force.
+    For a machine each is a mapping by axis; an axis that is missing has no such force.
     """
 
     def __init__(
@@ -64,8 +64,8 @@ class Work:
         self._single = isinstance(system, Loop)
         self._ports = dict(zip(system.loops(), system.ports(), strict=True))
         by_axis = [
-            self._by_axis(each, what)
-            for each, what in (
+            self._by_axis(value, what)
+            for value, what in (
                 (reference, "reference"),
                 (load, "load"),
                 (enable, "enable"),
@@ -75,48 +75,50 @@ class Work:
         self.reference, self.load, self.enable, self.added_force = by_axis
         missing = [axis for axis in self._ports if axis not in self.reference]
         if missing:
-            raise ParameterError(f"reference: axis {', '.join(missing)} has none; one that stands is a move by 0 m")
+            raise ParameterError(f"reference: axis {', '.join(missing)} has none; an axis at rest needs a move by 0 m")
         self._first, self._count = 0, 0
         self._paths: dict[str, Path] = {}  # by axis
         self._forces: dict[str, np.ndarray] = {}  # by the name of the input
 
-    def _by_axis(self, given: Any, what: str) -> dict[str, Any]:
+    def _by_axis(self, argument: Any, what: str) -> dict[str, Any]:
         if self._single:
-            if what == "reference" and not isinstance(given, Reference):
-                kind = type(given).__name__
+            if what == "reference" and not isinstance(argument, Reference):
+                kind = type(argument).__name__
                 raise ParameterError(
                     f"reference: a block such as SnapLimitedMove, or Recorded for an array, not a {kind}"
                 )
-            return {} if given is None else dict.fromkeys(self._ports, given)
-        if given is not None and not isinstance(given, Mapping):
+            return {} if argument is None else dict.fromkeys(self._ports, argument)
+        if argument is not None and not isinstance(argument, Mapping):
             raise ParameterError(f"{what}: a machine takes one for each axis, by name: {', '.join(self._ports)}")
-        unknown = [axis for axis in given or {} if axis not in self._ports]
+        unknown = [axis for axis in argument or {} if axis not in self._ports]
         if unknown:
             raise ParameterError(
                 f"{what}: the machine has no axis {', '.join(unknown)}; it has {', '.join(self._ports)}"
             )
-        return dict(given or {})
+        return dict(argument or {})
 
     @property
     def duration(self) -> float:
-        """Of the longest reference, s."""
-        return max(each.duration for each in self.reference.values())
+        """The duration of the longest reference, s."""
+        return max(reference.duration for reference in self.reference.values())
 
     def first(self) -> Any:
-        """The setpoint at t = 0, as numbers; of a machine by axis."""
+        """Return the setpoint at t = 0, as numbers; for a machine by axis."""
         if self._first != 0 or self._count == 0:
             self.sample(0, 1)
         setpoints = {axis: Setpoint(*path.rows[:, 0]) for axis, path in self._paths.items()}
         return next(iter(setpoints.values())) if self._single else setpoints
 
     def travel(self, count: int, most: int) -> float:
-        """The longest travel of an axis in m, seen at up to `most` samples, spread over the first `count`."""
+        """Return the longest travel of an axis in m, at up to `most` samples spread over the first `count`."""
         if self._first == 0 and self._count == count:
             return max(path.travel(most) for path in self._paths.values())
-        return max(travel(each.at(_spread(count, most) * self.T).position) for each in self.reference.values())
+        return max(
+            travel(reference.at(_spread(count, most) * self.T).position) for reference in self.reference.values()
+        )
 
     def sample(self, first: int, count: int) -> slice:
-        """Sample a stretch, unless the last one holds it, and say where it is in that one."""
+        """Sample a stretch, unless the last one holds it, and return its place in that one."""
         start = first - self._first
         if start < 0 or start + count > self._count:
             t = cache(lambda: (first + np.arange(count)) * self.T)
@@ -131,23 +133,27 @@ class Work:
         return slice(start, start + count)
 
     def sampled(self, first: int, count: int) -> dict[str, Any]:
-        """Setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is kept."""
-        held, found = self.sample(first, count), {}
+        """Return setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is
+        cached.
+        """
+        held, inputs = self.sample(first, count), {}
         for axis, port in self._ports.items():
-            found |= {f"{port}{name}": row[held] for name, row in zip(SETPOINT, self._paths[axis].rows, strict=True)}
+            inputs |= {f"{port}{name}": row[held] for name, row in zip(SETPOINT, self._paths[axis].rows, strict=True)}
             for name in (f"{port}load_force", f"{port}added_force"):
-                found[name] = self._forces[name][held] if name in self._forces else np.broadcast_to(0.0, count)
-        return found
+                inputs[name] = self._forces[name][held] if name in self._forces else np.broadcast_to(0.0, count)
+        return inputs
 
     def _along(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
-        """The setpoints of a reference; those of a whole run are kept: the next one often follows the same path."""
+        """Return the setpoints of a reference; those of a whole run are cached, since the next run often follows the
+        same path.
+        """
         place = key(reference) if first == 0 and 1 < count <= _KEPT else None
         if place is None:
             return self._fresh(reference, t, first, count)
         return _references.get((place, count, self.T), lambda: self._fresh(reference, t, first, count))
 
     def _fresh(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
-        """The setpoints of a reference, sampled."""
+        """Sample the setpoints of a reference."""
         stretches = reference.stretches() if count >= _SHORT else ()
         if stretches and _sampled_by_numpy[0] > _PAYS_AFTER:
             out = _by_stretches(stretches, self.T, first, count)
@@ -159,9 +165,9 @@ class Work:
         out.flags.writeable = False
         return Path(out)
 
-    def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
-        """Samples first .. first + count - 1 in the order of the machine code, shape (count, n); not to be written."""
-        names = tuple(name for name, _ in made.plan.inputs)
+    def inputs(self, code: Native, first: int, count: int) -> np.ndarray:
+        """Return samples first .. first + count - 1 in the order of the machine code, shape (count, n), read only."""
+        names = tuple(name for name, _ in code.plan.inputs)
         begin = SETPOINT.index(names[0]) if self._single and names and names[0] in SETPOINT else 0
         if self._single and names == SETPOINT[begin : begin + len(names)]:
             stretch = self.sample(first, count)
@@ -178,7 +184,7 @@ class Work:
 
 
 def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int) -> np.ndarray:
-    """The setpoints of samples first .. first + count - 1 by machine code, the same bits as by numpy."""
+    """Sample the setpoints first .. first + count - 1 by machine code, with the same bits as numpy."""
     sampler, out = _sampler(), np.empty((count, len(SETPOINT)))
     rows = np.array([(*way, *piece, T) for way, piece in stretches])
     way, piece = len(Way._fields), len(Way._fields) + len(Piece._fields)
@@ -202,7 +208,7 @@ def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int
 
 @lru_cache(maxsize=1)
 def _sampler() -> Native:
-    """The setpoints of one stretch; its numbers and the sample time are constants."""
+    """Return machine code for the setpoints of one stretch; its numbers and the sample time are constants."""
     graph = Graph()
     leaves = [name for name, _ in tree.leaves(rest(0.0, 0.0))]
     stretch = tree.rebuild(rest(0.0, 0.0), (graph.input(name) for name in leaves))
@@ -221,11 +227,11 @@ def _sampler() -> Native:
 
 
 def travel(positions: Any) -> float:
-    """From the least to the largest position."""
+    """Return the distance from the least to the largest position."""
     return float(np.ptp(positions))
 
 
 @lru_cache(maxsize=64)
 def _spread(count: int, most: int) -> np.ndarray:
-    """Up to `most` of the first `count` samples, the first and the last among them."""
+    """Return up to `most` of the first `count` samples, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, most).astype(np.int64))

@@ -54,10 +54,10 @@ if TYPE_CHECKING:
     from feeddrive.machining.contour import ContourError
     from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import Lobes
-    from feeddrive.tuning.delay_map import DelayMap
-    from feeddrive.tuning.placement import Placement
+    from feeddrive.tuning.poles import Placement
     from feeddrive.tuning.recipes import Recipe
-    from feeddrive.tuning.tuned import Tuned
+    from feeddrive.tuning.scaling import DelayMap
+    from feeddrive.tuning.tune import Tuned
 
 
 def frame(index: Sequence[Any] | np.ndarray, columns: Mapping[str, Any], index_name: str) -> Any:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from feeddrive.analysis.stiffness import Stiffness
     from feeddrive.loop.frequency_response import FRF
     from feeddrive.tuning.recipes import Recipe
-    from feeddrive.tuning.tuned import CascadeLoops, Tuned
+    from feeddrive.tuning.tune import CascadeLoops, Tuned
 
 BANDS = 500  # over the whole axis: a line shows the largest amplitude in its band
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from feeddrive.analysis.stability import Stability
     from feeddrive.loop.linearize import StateSpace
-    from feeddrive.tuning.placement import Placement
+    from feeddrive.tuning.poles import Placement
 
 
 def poles_chart(model: StateSpace) -> Chart:

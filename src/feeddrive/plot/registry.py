@@ -59,15 +59,15 @@ CHARTS = {
     "machining.surface:Surface": "surface:surface_chart",
     "machining.reversal:Reversals": "circle:reversals_chart",
     "path.planned:Planned": "planned:planned_chart",
-    "tuning.delay_map:DelayMap": "tuning:delay_map_chart",
+    "tuning.scaling:DelayMap": "tuning:delay_map_chart",
     "learning.iterative_feedforward:Iteration": "tuning:iteration_chart",
-    "tuning.placement:Placement": "pole_map:placement_chart",
+    "tuning.poles:Placement": "pole_map:placement_chart",
     "tuning.recipes:Recipe": "over_frequency:recipe_chart",
     "learning.trajectory_prefilter:PrefilterFit": "tuning:prefilter_fit_chart",
     "learning.trial:Trial": "tuning:trial_chart",
     "learning.trials:Trials": "tuning:trials_chart",
-    "tuning.tuned:CascadeLoops": "over_frequency:cascade_loops_chart",
-    "tuning.tuned:Tuned": "over_frequency:tuned_chart",
+    "tuning.tune:CascadeLoops": "over_frequency:cascade_loops_chart",
+    "tuning.tune:Tuned": "over_frequency:tuned_chart",
 }
 
 # the same for the functions of `frames.py`
@@ -112,14 +112,14 @@ FRAMES = {
     "machining.circle_causes:CircleCauses": "circle_causes",
     "machining.contour:ContourError": "contour",
     "machining.lobes:Lobes": "lobes",
-    "tuning.delay_map:DelayMap": "delay_map",
+    "tuning.scaling:DelayMap": "delay_map",
     "learning.iterative_feedforward:Iteration": "iteration",
-    "tuning.placement:Placement": "placement",
+    "tuning.poles:Placement": "placement",
     "tuning.recipes:Recipe": "recipe",
     "learning.trajectory_prefilter:PrefilterFit": "prefilter_fit",
     "learning.trial:Trial": "trial",
     "learning.trials:Trials": "trials",
-    "tuning.tuned:Tuned": "tuned",
+    "tuning.tune:Tuned": "tuned",
 }
 
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from feeddrive.learning.trajectory_prefilter import PrefilterFit
     from feeddrive.learning.trial import Trial
     from feeddrive.learning.trials import Trials
-    from feeddrive.tuning.delay_map import DelayMap
+    from feeddrive.tuning.scaling import DelayMap
 
 _WORDS = {
     "mass": "mass",

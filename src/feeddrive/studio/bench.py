@@ -28,7 +28,7 @@ from feeddrive.plot.friction import friction_chart
 from feeddrive.plot.responses import Overlay
 from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.closed_loop import through
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, modelled_point, one_encoder
 from feeddrive.workflow.request import stem, told_apart
 from feeddrive.workflow.tune_files import machine_text

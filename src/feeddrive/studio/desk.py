@@ -14,8 +14,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.jobs import Found, Job, JobState
 from feeddrive.studio.live import Followable
-from feeddrive.tuning.filter_pack import difference
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
+from feeddrive.tuning.filters import difference
 from feeddrive.workflow.adjust import AdjustRequest, adjusting
 
 if TYPE_CHECKING:

@@ -12,9 +12,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, Units, number
 from feeddrive.language.text import Text
 from feeddrive.studio.desk import Desk, Values
-from feeddrive.tuning.loop_poles import LoopPole, Model, loop_poles, nearest_pole, pole_moved
-from feeddrive.tuning.placed_poles import placed_dragged, placed_poles
-from feeddrive.tuning.tunables import own_tunables
+from feeddrive.tuning.poles import LoopPole, Model, loop_poles, nearest_pole, placed_dragged, placed_poles, pole_moved
+from feeddrive.tuning.tune import own_tunables
 
 _ACROSS = 0.02  # of |s|: a step of a key
 _LOOP = "loop"  # loop.0, loop.1: poles of the closed loop

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_values import quoted
-from feeddrive.tuning.filter_pack import difference
+from feeddrive.tuning.filters import difference
 
 if TYPE_CHECKING:
     from feeddrive.studio.desk import Desk

@@ -13,7 +13,7 @@ from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.text import joined, resolve
 from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
 from feeddrive.tuning.by_hand import Look, Verdict
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 
 
 def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, Any]]:

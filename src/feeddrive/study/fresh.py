@@ -23,7 +23,7 @@ from feeddrive.study.chunk import Chunk
 from feeddrive.study.scenarios import with_control
 from feeddrive.study.specification import Bound
 from feeddrive.study.study import Study
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 
 STREAM = 1  # of the seed; a study itself is stream 0
 

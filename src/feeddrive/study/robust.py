@@ -36,9 +36,8 @@ from feeddrive.study.fresh import Measured, bounds_of, is_limit, limits_of, meas
 from feeddrive.study.scenarios import Merits, scenarios
 from feeddrive.study.specification import Bound
 from feeddrive.study.study import StudyLike, read_study
-from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.tune import tune_control
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.criteria import Limits
+from feeddrive.tuning.tune import Tuned, tune_control
 
 _ROUNDS = 16
 _JOIN = 3  # machines that join at once

@@ -15,8 +15,7 @@ from feeddrive.study.study import Study
 from feeddrive.study.variant_groups import variant_groups
 from feeddrive.study.variants import variants
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import Criteria
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 
 MOST = 5_000  # machines that are held in memory, some 100 kB each

@@ -209,7 +209,7 @@ def _number(declared: Declaration) -> _Draw:
     ends = [float(bound) for bound in (declared.least, declared.most) if bound is not None]
 
     def value(draw: st.DrawFn, turn: int) -> float:
-        """Now and then a closed bound."""
+        """Return a number at a share of the range, now and then a closed bound."""
         if ends and draw(_EITHER):
             return ends[(draw(_EITHER) + turn) % len(ends)]
         drawn = at((draw(_SHARES) + turn * _GOLDEN) % 1.0)

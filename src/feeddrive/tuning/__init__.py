@@ -5,12 +5,11 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "delay_map": "DelayMap delay_map",
-        "limits": "Limits",
+        "criteria": "Limits",
         "operating_point": "OperatingPoint measured_point modelled_point",
-        "placement": "Placement placement",
+        "poles": "Placement placement",
         "recipes": "Recipe half_antiresonance kv_rule makers_rule margin_goals symmetric_optimum",
-        "tune": "assess tune_control",
-        "tuned": "Tuned",
+        "scaling": "DelayMap delay_map",
+        "tune": "Tuned assess tune_control",
     },
 )

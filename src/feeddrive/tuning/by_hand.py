@@ -20,10 +20,10 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.tuning.closed_loop import Figures, answer, figures
 from feeddrive.tuning.control_response import ControlResponse, Response
-from feeddrive.tuning.limits import Judged, Limits, judged
+from feeddrive.tuning.criteria import Judged, Limits, judged
+from feeddrive.tuning.filters import HIGHEST
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.proof import ROOM
-from feeddrive.tuning.tunables import HIGHEST
 
 _LARGEST = 1e30  # of a response: figures have its square, pictures are drawn in single precision
 _WIDE = 30.0  # a range reaches from a thirtieth of the value to thirty times it
@@ -51,7 +51,9 @@ class Knob:
 
 
 def knobs(control: Control, sample_time: float) -> tuple[Knob, ...]:
-    """All numbers of law, observers, filters, feedforward and compensation; not those of guard and force limit."""
+    """Return all numbers of the law, observers, filters, feedforward and compensation, without those of guard and force
+    limit.
+    """
     return tuple(_knobs(control, sample_time))
 
 
@@ -75,17 +77,17 @@ def _knobs(control: Control, sample_time: float) -> Iterator[Knob]:
 
 
 def _kind(control: Control, name: str) -> str:
-    """The kind of the block in which a number stands."""
-    found, held = control.kind, cast("Any", control)
+    """Return the kind of the block that holds a number."""
+    kind, held = control.kind, cast("Any", control)
     for part in name.split(".")[:-1]:
         held = held[int(part)] if isinstance(held, tuple) else getattr(held, part)
-        found = held.kind if isinstance(held, Block) else found
-    return found
+        kind = held.kind if isinstance(held, Block) else kind
+    return kind
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A figure against its limit, at the point and the frequency that leave least room.
+    """A figure against its limit, at the point and frequency with the least margin.
 
     frequency  Hz; None where the figure has none, as the force noise
     used       share of the limit that is used up: above 1 it is broken
@@ -98,7 +100,7 @@ class Verdict:
 
     @property
     def keeps(self) -> bool:
-        """Whether the limit is kept."""
+        """True if the limit is kept."""
         return self.judged.keeps
 
     @property
@@ -113,7 +115,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Look:
-    """A control at some values: its figures at each point, and each limit at the point that keeps it worst.
+    """A control at one set of values: its figures at each point, and each limit at its worst point.
 
     judged  that which uses most of its limit first
     """
@@ -123,18 +125,20 @@ class Look:
 
     @cached_property
     def stable(self) -> bool:
-        """At every point."""
-        return all(each.stable for each in self.figures)
+        """True if the loop is stable at every point."""
+        return all(loop.stable for loop in self.figures)
 
     @cached_property
     def leading(self) -> Figures:
-        """The point that decides: one that is not stable, else that which uses most of a limit, else the largest Ms."""
+        """The point that decides: an unstable one, else the one that uses most of a limit, else the one with the
+        largest Ms.
+        """
         worst = self.judged[0].point if self.judged and self.stable else ""
-        return max(self.figures, key=lambda each: (not each.stable, each.point == worst, each.margins.sensitivity_peak))
+        return max(self.figures, key=lambda loop: (not loop.stable, loop.point == worst, loop.margins.sensitivity_peak))
 
 
 class ByHand:
-    """A control at operating points, traced once: looks at other values cost some milliseconds.
+    """A control at operating points, traced once: an evaluation at other values takes some milliseconds.
 
     limits  that are judged at every look; the point that leaves least room leads
     """
@@ -144,72 +148,75 @@ class ByHand:
     ) -> None:
         if not points:
             raise ParameterError("tuning by hand needs an operating point: a machine, or a measured response")
-        called = [each.name for each in points]
+        called = [point.name for point in points]
         if len({*called}) < len(called):
             raise ParameterError(f"operating points need names of their own, not {', '.join(called)}: rename one")
         self.start, self.points = control, tuple(points)
         self.limits = limits or Limits()
         self.knobs = knobs(control, points[0].sample_time)
-        names = [each.name for each in self.knobs]
-        self._made = {T: ControlResponse(control, T, names, velocity) for T in {each.sample_time for each in points}}
+        names = [knob.name for knob in self.knobs]
+        self._responses = {
+            T: ControlResponse(control, T, names, velocity) for T in {point.sample_time for point in points}
+        }
 
     @property
     def values(self) -> dict[str, float]:
-        """The numbers to begin with, by name."""
-        return {each.name: each.value for each in self.knobs}
+        """The start values by name."""
+        return {knob.name: knob.value for knob in self.knobs}
 
     def control(self, values: Mapping[str, float]) -> Control:
-        """The control at other numbers.
+        """Return the control with other values.
 
         Raises ParameterError for one that is unknown, outside of its bounds, or not to be had at a sample time.
         """
-        found = tree.vary(self.start, dict(values))
-        for sample_time in self._made:
-            tree.check_sampled(found, sample_time)
-        return found
+        varied = tree.vary(self.start, dict(values))
+        for sample_time in self._responses:
+            tree.check_sampled(varied, sample_time)
+        return varied
 
     def at(self, values: Mapping[str, float], limits: Limits | None = None) -> Look:
-        """The loop at all points, judged by its own limits or by others.
+        """Return the loop at all points, judged by the stored limits or by others.
 
         Raises ParameterError for a number outside of its bounds, and for a control without a finite response there.
         """
         self.control(values)
         limits = limits or self.limits
-        row = np.array([values.get(each.name, each.value) for each in self.knobs])
-        found = tuple(figures(answer(each, self._response(each, row)), limits.reading_noise) for each in self.points)
-        if not all(_drawable(each.loop_gain) and _drawable(each.compliance) for each in found):
+        row = np.array([values.get(knob.name, knob.value) for knob in self.knobs])
+        loops = tuple(figures(answer(point, self._response(point, row)), limits.reading_noise) for point in self.points)
+        if not all(_drawable(loop.loop_gain) and _drawable(loop.compliance) for loop in loops):
             raise ParameterError(
-                "the loop has no finite response with these numbers: take some nearer to those of before"
+                "the loop has no finite response with these numbers: take values nearer to the previous ones"
             )
-        verdicts = [_verdicts(limits, each) for each in found]
-        worst = (max(kinds, key=lambda each: each.used) for kinds in zip(*verdicts, strict=True))
-        return Look(found, tuple(sorted(worst, key=lambda each: -each.used)))
+        verdicts = [_verdicts(limits, loop) for loop in loops]
+        worst = (max(kinds, key=lambda verdict: verdict.used) for kinds in zip(*verdicts, strict=True))
+        return Look(loops, tuple(sorted(worst, key=lambda verdict: -verdict.used)))
 
     def model(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
-        """[A B; c d] of the control at some values, and its slopes to named numbers; None for one with two rates.
+        """Return [A B; c d] of the control at some values, and its slopes to named numbers; None for a law with two
+        rates.
 
         At the sample time of the first point.
         """
-        made = self._made[self.points[0].sample_time]
-        if made.period > 1:
+        response = self._responses[self.points[0].sample_time]
+        if response.period > 1:
             return None
-        known = [each.name for each in self.knobs]
-        matrix, slopes = made.model([values.get(each.name, each.value) for each in self.knobs])
+        known = [knob.name for knob in self.knobs]
+        matrix, slopes = response.model([values.get(knob.name, knob.value) for knob in self.knobs])
         return matrix, slopes[:, :, [known.index(name) for name in names]]
 
     def _response(self, point: OperatingPoint, row: np.ndarray) -> Response:
-        made = self._made[point.sample_time]
-        if made.period > 1:
-            return made.at(row, point.frequency, made.images(point.by_force_at, point.frequency), slopes=False)
-        return made.of_model(made.models(row[None])[0], point.frequency)
+        response = self._responses[point.sample_time]
+        if response.period > 1:
+            return response.at(row, point.frequency, response.images(point.by_force_at, point.frequency), slopes=False)
+        return response.of_model(response.models(row[None])[0], point.frequency)
 
 
-def _drawable(found: FRF) -> bool:
-    size = np.abs(found.response)
+def _drawable(frf: FRF) -> bool:
+    size = np.abs(frf.response)
     return bool(np.all(np.isfinite(size)) and np.max(size) < _LARGEST)
 
 
-def _verdicts(limits: Limits, each: Figures) -> list[Verdict]:
-    """Each limit at one point."""
-    found = judged(limits, each, ROOM)
-    return [Verdict(one, each.point, one.limit.declared.where(each), one.used) for one in found]
+def _verdicts(limits: Limits, loop: Figures) -> list[Verdict]:
+    """Return the verdict on each limit at one point."""
+    judgments = judged(limits, loop, ROOM)
+    return [Verdict(one, loop.point, one.limit.declared.where(loop), one.used) for one in judgments]

@@ -1,4 +1,4 @@
-"""Start values for every law that can control an axis, and for each of the others the reason why it cannot.
+"""Start values for every law that can control an axis, and the reason for each law that cannot.
 
 The laws are those of the catalogue: each computes its own start values (`Law.begin`), and each compensation declares
 with which laws it can be combined (`goes_beside`).
@@ -56,7 +56,7 @@ class Refusal:
 
 
 def axis_model(loop: Loop) -> AxisModel:
-    """The model of the axis of a loop from which every law computes its start values."""
+    """Return the model of a loop's axis from which every law computes its start values."""
     axis = loop.axis
     mechanics = axis.mechanics()
     along = mechanics.rigid_motion()
@@ -72,7 +72,7 @@ def axis_model(loop: Loop) -> AxisModel:
         encoders=axis.encoders(),
         velocity_encoder=str(getattr(loop.control.law, "velocity_encoder", "motor")),
         plant=axis.plant,
-        frictions=tuple(each for each in (axis.friction_motor, axis.friction_load) if each is not None),
+        frictions=tuple(friction for friction in (axis.friction_motor, axis.friction_load) if friction is not None),
         reading_noise=_reading_noise(loop),
         machine_modes=tuple(
             mode for block in loop.control.compensation if isinstance(block, ModeCompensation) for mode in block.modes
@@ -81,45 +81,46 @@ def axis_model(loop: Loop) -> AxisModel:
 
 
 def _reading_noise(loop: Loop) -> float:
-    """Standard deviation in m of the reading that the velocity is taken from: of its counts, q/√12, and its noise."""
+    """Return the standard deviation in m of the reading behind the velocity: quantization, q/√12, and noise."""
     motor, load = loop.axis.encoder_motor, loop.axis.encoder_load
     first, other = (motor, load) if getattr(loop.control.law, "velocity_encoder", "motor") == "motor" else (load, motor)
     return reading_deviation(other if first is None else first)
 
 
 def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-    """Every law of the catalogue and those of one's own on the axis of a loop, P-PI first: what can be tuned, and what
-    is refused.
+    """Return every law of the catalogue and every user-defined law on the axis of a loop, P-PI first: those that can be
+    tuned, and those refused.
 
     Filters, limit, guard, friction feedforward and the encoder of the velocity are those of the present control.  Each
     law has feedforward of acceleration and velocity: its own, that of the present control, or else that of the axis's
     mass and viscous friction, which every law also gets as its model.
     """
     axis = axis_model(loop)
-    found: list[Candidate] = []
+    offered: list[Candidate] = []
     refused: list[Refusal] = []
-    found_there = sorted(members(Law).values(), key=lambda each: each is not CascadePPI)
-    for law in (*found_there, *(each for each in own if each not in found_there)):
+    shipped = sorted(members(Law).values(), key=lambda law: law is not CascadePPI)
+    for law in (*shipped, *(law for law in own if law not in shipped)):
         try:
             starts = law.begin(axis, loop.control.law)
-            made = [Candidate(each.name, _with_law(loop, axis, each), each.remark) for each in starts]
+            bases = [Candidate(start.name, _with_law(loop, axis, start), start.remark) for start in starts]
         except FeeddriveError as error:
             name = law.title or law.kind.replace("_", " ")
             refused += [
-                Refusal(each, str(error)) for each in (name, *(f"{name} + {b.title}" for b in _companions(law)))
+                Refusal(title, str(error)) for title in (name, *(f"{name} + {b.title}" for b in _companions(law)))
             ]
             continue
-        found += [base for base, start in zip(made, starts, strict=True) if not start.only_with]
-        for base, start in zip(made, starts, strict=True):
+        offered += [base for base, start in zip(bases, starts, strict=True) if not start.only_with]
+        for base, start in zip(bases, starts, strict=True):
             wanted = {f"{base.name} + {form}" for form in start.only_with}
-            for each in (each for block in _companions(law) for each in _beside(base, block, axis)):
-                if not wanted or each.name in wanted:
-                    (found if isinstance(each, Candidate) else refused).append(each)  # type: ignore[arg-type]
-    return tuple(found), tuple(refused)
+            for combined in (combined for block in _companions(law) for combined in _beside(base, block, axis)):
+                if not wanted or combined.name in wanted:
+                    (offered if isinstance(combined, Candidate) else refused).append(combined)  # type: ignore[arg-type]
+    return tuple(offered), tuple(refused)
 
 
 def control_with(loop: Loop, kind: str) -> Control:
-    """The control of a loop with another law, by kind, at the start values of its tuning; of several forms the first.
+    """Return the control of a loop with another law, by kind, at the start values of its tuning; of several forms the
+    first.
 
     Raises ParameterError with the reason if the law cannot control the axis.
     """
@@ -136,17 +137,19 @@ def control_with(loop: Loop, kind: str) -> Control:
 
 
 def _companions(law: type[Law]) -> tuple[type[Feedforward] | type[Compensation] | type[Prefilter], ...]:
-    """Compensations that are combined with a law, in the order of the report."""
+    """Return the blocks that are combined with a law, in the order of the report."""
     blocks = (*members(Feedforward).values(), *members(Compensation).values(), *members(Prefilter).values())
     return tuple(block for block in blocks if block.goes_beside(law))
 
 
 def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
-    """A loop with another law; filters and friction feedforward are kept, terms that the law feeds itself removed."""
+    """Return a loop with another law; filters and friction feedforward are kept, terms that the law feeds itself are
+    removed.
+    """
     law, own = start.law, start.feedforward
     taken = {*law.feeds} if own is None else {*law.feeds, *_MOTION}
     blocks = [kept for block in loop.control.feedforward if (kept := _without(block, taken)) is not None]
-    if own is None and not {*law.feeds, *(each for block in blocks for each in block.fed())} & {*_MOTION}:
+    if own is None and not {*law.feeds, *(term for block in blocks for term in block.fed())} & {*_MOTION}:
         own = Inertia(mass=axis.mass, viscous=axis.viscous)
     if own is not None:
         blocks.append(own)
@@ -157,31 +160,43 @@ def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
 def _beside(
     base: Candidate, block: type[Feedforward] | type[Compensation] | type[Prefilter], axis: AxisModel
 ) -> Iterator[Candidate | Refusal]:
-    """A candidate with one block more, in each of its forms; or why not."""
+    """Yield a candidate with one more block, in each of its forms, or the reason for a refusal."""
     control, name = base.loop.control, f"{base.name} + {block.title}"
     try:
         if issubclass(block, Prefilter):
             loop = replace(base.loop, control=replace(control, prefilter=block()))
             yield replace(base, name=name, loop=loop, like=base.name, then="prefilter")
         elif issubclass(block, Feedforward):
-            made = block.begin(axis)
-            kept = [each for each in (_without(old, {*made.fed()}) for old in control.feedforward) if each is not None]
-            loop = replace(base.loop, control=replace(control, feedforward=(*kept, made)))
-            if isinstance(made, FrictionStops):
-                said = "stops learned from 4 s of slow swings with its own gains"
-                yield replace(base, name=name, loop=loop, like=base.name, then="stops", remark=said)
+            feedforward = block.begin(axis)
+            kept = [
+                other
+                for other in (_without(old, {*feedforward.fed()}) for old in control.feedforward)
+                if other is not None
+            ]
+            loop = replace(base.loop, control=replace(control, feedforward=(*kept, feedforward)))
+            if isinstance(feedforward, FrictionStops):
+                remark = "stops learned from 4 s of slow swings with its own gains"
+                yield replace(base, name=name, loop=loop, like=base.name, then="stops", remark=remark)
                 return
-            leaves = [(key, Quantity(value, tree.declaration(made, key).unit)) for key, value in tree.leaves(made)]
+            leaves = [
+                (key, Quantity(value, tree.declaration(feedforward, key).unit))
+                for key, value in tree.leaves(feedforward)
+            ]
             shown = joined(", ", [f"{key.replace('_', ' ')} {quantity:SI}" for key, quantity in leaves])
-            said = Text(f"feedforward of the axis's own: {shown}")
-            yield replace(base, name=name, loop=loop, like=base.name, remark=said)
+            remark = Text(f"feedforward of the axis's own: {shown}")
+            yield replace(base, name=name, loop=loop, like=base.name, remark=remark)
             if block.learned:
-                name, said = (
+                name, remark = (
                     f"{base.name} + {block.learned}",
                     "mass and friction learned in trials",
                 )
                 yield replace(
-                    base, name=name, loop=_learning(base.loop, made), like=base.name, then="trials", remark=said
+                    base,
+                    name=name,
+                    loop=_learning(base.loop, feedforward),
+                    like=base.name,
+                    then="trials",
+                    remark=remark,
                 )
         else:
             yield from _compensated(base, block, axis)
@@ -190,10 +205,11 @@ def _beside(
 
 
 def _learning(loop: Loop, told: Feedforward) -> Loop:
-    """The loop with a compensator that learns, with the columns of one that is told the axis's friction.
+    """Return the loop with a learning compensator that uses the same basis functions as one given the axis's friction
+    model.
 
-    Without a column for what friction is more at rest, which acts where an acceleration begins, the mass takes a part
-    of it, another one in each trial.
+    Without a basis function for the breakaway friction, which acts where an acceleration begins, the estimated mass
+    absorbs part of it, a different part in each trial.
     """
     if not isinstance(told, DisturbanceCompensator) or told.stribeck is None:
         return begin_compensation(loop)
@@ -213,7 +229,7 @@ def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) ->
 
 
 def _without(block: Feedforward, taken: set[str]) -> Feedforward | None:
-    """A feedforward block without the terms that are fed forward already; None if no term is left."""
+    """Return a feedforward block without the terms that are fed forward already; None if no term is left."""
     fed = set(block.fed())
     if not fed & taken:
         return block

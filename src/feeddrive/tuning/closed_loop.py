@@ -17,14 +17,14 @@ from feeddrive.figures.of_loops import SENSITIVITY_PEAK
 from feeddrive.figures.slopes import Reading, force_noise_of
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
-from feeddrive.tuning.control_response import Response
+from feeddrive.tuning.control_response import READINGS, Response
 from feeddrive.tuning.operating_point import OperatingPoint
 
 _DEEPEST, _LINES = 1e-3, 40  # of the first line: lower end of the extension, and its number of lines
 
 
 class Recovery(NamedTuple):
-    """Frequency, compliance and its slope to the tunables: what a rope-snap error is made of."""
+    """Frequency, compliance and its slope to the tunables, from which a rope-snap error is computed."""
 
     frequency: np.ndarray
     compliance: np.ndarray
@@ -47,11 +47,11 @@ class Below:
         down = (first / self.frequency) ** 2
         self.by_force, self.by_load = point.by_force[1, 0] * down, point.by_load[1, 0] * down
         self.apart_force, self.apart_load = (
-            (each[0, 0] / each[1, 0] - 1.0) / down for each in (point.by_force, point.by_load)
+            (response[0, 0] / response[1, 0] - 1.0) / down for response in (point.by_force, point.by_load)
         )
 
     def recovery(self, response: Response) -> Recovery:
-        """The closed loop of a control, of which `response` is given on these lines."""
+        """Return the closed loop of a control whose `response` on these lines is given."""
         (C, D), (dC, dD) = response.value, response.slope
         loop = -self.by_force * (C * (1.0 + self.apart_force) + D)
         dloop = -self.by_force[:, None] * (dC * (1.0 + self.apart_force)[:, None] + dD)
@@ -103,14 +103,14 @@ class Answer:
         return logarithms(self.point.frequency, self.gain)
 
     def readings(self, noise: tuple[float, float]) -> list[Reading]:
-        """Return what leads from the errors of the readings (m RMS) to the force."""
+        """Return the responses from the errors of the readings (m RMS) to the force."""
         C, dC = self.response.value, self.response.slope
         if self.point.ratio is not None and np.all(self.point.ratio[0] == 1.0):  # one encoder gives both readings
             return [Reading(C[0] + C[1], dC[0] + dC[1], max(noise))]
         return [Reading(C[k], dC[k], noise[k]) for k in range(2)]
 
     def recovery(self) -> Recovery:
-        """From far below the first line on."""
+        """Return frequency, compliance and slope from far below the first line on."""
         own = Recovery(self.point.frequency, self.compliance, self.compliance_slope)
         if self.below is None:
             return own
@@ -118,7 +118,7 @@ class Answer:
 
 
 def answer(point: OperatingPoint, response: Response, below: Recovery | None = None) -> Answer:
-    """L = -C·X_u and the compliance y = y_d + y_u (C·X_d)/(1 + L), with slopes, and variances to first order."""
+    """Return L = -C·X_u and the compliance y = y_d + y_u (C·X_d)/(1 + L), with slopes, and variances to first order."""
     C, dC = response.value, response.slope
     xu, xd = point.by_force, point.by_load
     yu, yd = point.moved
@@ -134,47 +134,49 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
 
 
 def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
-    """The variance of Σ factor · reading of one source (0: the command, 1: a force on the table).
+    """Return the variance of Σ factor · reading of one source (0: the command, 1: a force on the table).
 
     Where the motor's reading is the load's times a ratio, they have a common error; elsewhere they count as
     independent.
     """
     variance = (point.variance, point.load_variance)[source]
     assert variance is not None
-    found = np.einsum("kl,kl->l", np.abs(factors) ** 2, variance)
+    independent = np.einsum("kl,kl->l", np.abs(factors) ** 2, variance)
     if point.ratio is None:
-        return found
+        return independent
     ratio = point.ratio[source]
     together = np.abs(factors[0] * ratio + factors[1]) ** 2 * variance[1] + np.abs(factors[0]) ** 2 * variance[0]
-    return np.where(np.isnan(ratio), found, together)
+    return np.where(np.isnan(ratio), independent, together)
 
 
 def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """∂y/∂X_u = C_k y_u back S² + back S (load), ∂y/∂X_d = y_u S C_k + 1 (load)."""
-    found = np.zeros(S.size)
+    """Return the variance of the compliance, by ∂y/∂X_u = C_k y_u back S² + back S (load), ∂y/∂X_d = y_u S C_k + 1
+    (load).
+    """
+    variance = np.zeros(S.size)
     if point.variance is None:
-        return found
+        return variance
     table = np.array([[0.0], [1.0]])
     yu = point.moved[0]
     if point.at_drive:  # y = y_u S: all of it comes from one measurement
         return through(point, 0, table * S + C * (yu * S * S))
-    found = found + through(point, 0, C * (yu * back * S * S) + table * (back * S))
+    variance = variance + through(point, 0, C * (yu * back * S * S) + table * (back * S))
     if point.load_variance is not None:
-        found = found + through(point, 1, C * (yu * S) + table)
-    return found
+        variance = variance + through(point, 1, C * (yu * S) + table)
+    return variance
 
 
 _EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as stable
 
 
 def unstable(answer: Answer) -> bool:
-    """Whether the closed loop is unstable: by its eigenvalues if the axis is a model, else by encirclement of -1."""
+    """True if the closed loop is unstable: by its eigenvalues if the axis is a model, else by encirclement of -1."""
     axis, samples = answer.point.model, answer.response.samples
     return encircles(answer) if axis is None or samples is None else grows(axis, samples)
 
 
 def grows(axis: StateSpace, samples: np.ndarray) -> bool:
-    """Whether an axis and the samples [A B; c d] of a control make an unstable loop, by eigenvalues over a period.
+    """True if an axis and the samples [A B; c d] of a control form an unstable loop, by eigenvalues over a period.
 
     From one period to the next, x of the axis and ξ of the control are moved by the product over its samples k of
 
@@ -185,23 +187,23 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     samples = _with_effect(samples)
     n, many = samples.shape[1] - 1, axis.A.shape[0]
     force = axis.inputs.index("cut")
-    read = [axis.outputs.index(each) for each in ("reading_motor", "reading_load")]
+    read = [axis.outputs.index(reading) for reading in READINGS]
     C = axis.C[read]
     steps = np.zeros((len(samples), many + n, many + n))
     steps[:, many:, :many], steps[:, many:, many:] = samples[:, :n, n:] @ C, samples[:, :n, :n]
-    given = np.concatenate([samples[:, n:, n:] @ C, samples[:, n:, :n]], axis=2)  # the force, by states of both
-    steps[:, :many] = axis.B[:, [force]] @ given
+    by_states = np.concatenate([samples[:, n:, n:] @ C, samples[:, n:, :n]], axis=2)  # the force, by states of both
+    steps[:, :many] = axis.B[:, [force]] @ by_states
     steps[:, :many, :many] += axis.A
     moved = steps[0]
-    for each in steps[1:]:
-        moved = each @ moved
+    for step in steps[1:]:
+        moved = step @ moved
     if not np.all(np.isfinite(moved)):
         return True
     return not float(np.max(np.abs(np.linalg.eigvals(moved)))) < _EDGE
 
 
 def _with_effect(samples: np.ndarray) -> np.ndarray:
-    """The matrices of the control without the states that do not reach the force, its last row."""
+    """Return the matrices of the control without the states that do not reach the force, its last row."""
     n = samples.shape[1] - 1
     through = np.any(samples[:, :, :n] != 0.0, axis=0)
     reached = through[n]
@@ -215,7 +217,7 @@ def _with_effect(samples: np.ndarray) -> np.ndarray:
 
 
 def encircles(answer: Answer) -> bool:
-    """Whether the encirclement of -1 shows an unstable closed loop.
+    """True if the encirclement of -1 shows an unstable closed loop.
 
     For an axis that is stable except for its free motion, the phase φ of 1 + L, followed from Nyquist, where it lies
     within ±180°, down to the lowest lines, is that of a stable loop if
@@ -248,7 +250,7 @@ def encircles(answer: Answer) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """Of one control at one point; infinite or 0 where the loop is unstable.
+    """The figures of one control at one point; infinite or 0 where the loop is unstable.
 
     deviation  standard deviation of Ms from the variance of the measurement, 0 for a model
     """
@@ -275,7 +277,7 @@ class Figures:
 
     @property
     def stiffness(self) -> Stiffness:
-        """The inverse of the compliance."""
+        """The dynamic stiffness: the inverse of the compliance."""
         return self._stiffness
 
     @cached_property
@@ -293,7 +295,7 @@ class Figures:
 
 
 def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
-    """From a closed loop on all lines of its point."""
+    """Return the figures of a closed loop on all lines of its point."""
     point = answer.point
     f, T = point.frequency, point.sample_time
     variance = None if point.variance is None else answer.gain_variance

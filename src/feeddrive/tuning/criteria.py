@@ -1,20 +1,201 @@
-"""Goal and limits of a tuning at one operating point: values, derivatives and uncertainties."""
+"""Goal and limits of a tuning: values, slopes and uncertainties at every operating point."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.figures.figure import Figure
-from feeddrive.figures.slopes import Slope, rope_snap_slope
-from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
+from feeddrive.blocks.filter.notch import Notch
+from feeddrive.figures.catalogue import limitable
+from feeddrive.figures.figure import Figure, Limit
+from feeddrive.figures.slopes import JudgedLoop, Slope, SlopedLoop, rope_snap_slope
+from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
+from feeddrive.loop.control import Control
 from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable
 from feeddrive.tuning.control_response import ControlResponse, Response
-from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notches
 from feeddrive.tuning.operating_point import OperatingPoint
+
+
+@dataclass(frozen=True, init=False)
+class Limits:
+    """Limits of a tuned loop, at every operating point: `Limits(sensitivity_peak=1.7, gain_margin_dB=6.0)`.
+
+    limits         in the order of the catalogue of figures
+    reading_noise  errors of the two readings, white, m RMS, from which the force noise follows
+    snap_force     N: a step of this force on the table must not drive the command to its limit, in the proof's run
+
+    The bounds are given by the keys of figures (`figures.limitable`), in SI, or as `Limit`s. A figure with a usual
+    limit has it unless another one or None is given: `sensitivity_peak=None`.
+    Raises ParameterError for a figure that no tuning can limit, and for a bound out of its range.
+    """
+
+    limits: tuple[Limit, ...]
+    reading_noise: tuple[float, float]
+    snap_force: float | None
+
+    def __init__(
+        self,
+        limits: Iterable[Limit] = (),
+        *,
+        reading_noise: tuple[float, float] = (0.0, 0.0),
+        snap_force: float | None = None,
+        **bounds: float | None,
+    ) -> None:
+        known = {figure.key: figure for figure in limitable()}
+        for key in bounds:
+            if key not in known:
+                raise ParameterError(f"no tuning can limit '{key}'{nearest(key, known)}; it can {', '.join(known)}")
+        stated = {limit.figure.key: limit.bound for limit in limits} | bounds
+        chosen = {
+            key: stated.get(key, None if figure.limit is None else figure.limit.usual) for key, figure in known.items()
+        }
+        effective = tuple(Limit(known[key], bound) for key, bound in chosen.items() if bound is not None)
+        for limit in effective:
+            if limit.declared.noise and not any(value > 0.0 for value in reading_noise):
+                raise ParameterError(f"{limit.figure.key} needs reading_noise: the errors of the two readings in m RMS")
+        if snap_force is not None and not (np.isfinite(snap_force) and snap_force > 0.0):
+            raise ParameterError(f"snap_force = {Quantity(snap_force, 'N'):6 SI} must be a finite number > 0")
+        object.__setattr__(self, "limits", effective)
+        object.__setattr__(self, "reading_noise", reading_noise)
+        object.__setattr__(self, "snap_force", snap_force)
+
+    def limit(self, figure: Figure) -> Limit | None:
+        """Return the limit of a figure; None if it has none."""
+        return next((limit for limit in self.limits if limit.figure == figure), None)
+
+    def bound(self, figure: Figure) -> float | None:
+        """Return the bound of a figure in SI; None if it has no limit."""
+        limit = self.limit(figure)
+        return None if limit is None else limit.bound
+
+    def having(self, *limits: Limit, reading_noise: tuple[float, float] | None = None) -> Limits:
+        """Return these limits, with others replacing those of the same figures."""
+        bounds: dict[str, float | None] = {figure.key: self.bound(figure) for figure in limitable()}
+        bounds |= {limit.figure.key: limit.bound for limit in limits}
+        noise = self.reading_noise if reading_noise is None else reading_noise
+        return Limits((), reading_noise=noise, snap_force=self.snap_force, **bounds)
+
+    def eased(self, figure: Figure, factor: float) -> Limits:
+        """Return the same limits, with that of one figure relaxed by a factor."""
+        limit = self.limit(figure)
+        return self if limit is None else self.having(limit.eased(factor))
+
+    def sentence(self) -> Text:
+        """Return all limits as a clause."""
+        return joined(", ", map(self.text, self.limits)) or Text("stability alone")
+
+    def text(self, limit: Limit) -> Text:
+        """Return one limit as a clause."""
+        return Text(f"{limit.text} at {self._readings()}") if limit.declared.noise else limit.text
+
+    def _readings(self) -> str:
+        motor, load = (Quantity(noise, "m", form="nm") for noise in self.reading_noise)
+        return f"{motor} of white noise in the readings" if motor == load else f"{motor} (motor) and {load} (load)"
+
+
+class Judged(NamedTuple):
+    """A figure of a loop against its limit.
+
+    value  in SI; None if it does not occur, such as a margin without a crossover: it then keeps every limit
+    """
+
+    limit: Limit
+    value: float | None
+    keeps: bool
+
+    @property
+    def figure(self) -> Figure:
+        """The figure that is limited."""
+        return self.limit.figure
+
+    @property
+    def used(self) -> float:
+        """The share of its limit that the figure uses: above 1 it exceeds the limit; 0 if the figure does not occur."""
+        return self.limit.used(self.value)
+
+    @property
+    def text(self) -> Text:
+        """The figure in words."""
+        if self.value is None:
+            return Text(f"no {self.figure.title}, there is no crossover")
+        return Text(f"{self.figure.title} {Quantity(self.value, self.figure.unit)}")
+
+    def __str__(self) -> str:
+        return str(self.text)
+
+
+def judged(limits: Limits, loop: JudgedLoop, room: float) -> tuple[Judged, ...]:
+    """Return the figures of a stable loop against each limit, with `room` as tolerance, a share of the limit.
+
+    A force noise that is not known is not checked.  A phase margin counts by its size: in a stable loop a negative one
+    says that L passes -1 on its other side, as near as a positive one.
+    """
+    values = ((limit, limit.figure.read(loop)) for limit in limits.limits)
+    return tuple(
+        Judged(limit, value, limit.keeps(value, room))
+        for limit, value in values
+        if value is not None or not limit.declared.noise
+    )
+
+
+NOTCH = "notch"  # the bound that prevents a notch from amplifying
+
+
+class Bound(NamedTuple):
+    """One bound at one frequency of one point: its slack, slope, and standard deviation from the measurement.
+
+    figure  what is limited; None for the bound that a notch attenuates
+    """
+
+    figure: Figure | None
+    point: int
+    frequency: float
+    slack: float
+    slope: np.ndarray
+    deviation: float
+    key: tuple[str, int, int]
+
+    @property
+    def kind(self) -> str:
+        """The title of the limited figure."""
+        return NOTCH if self.figure is None else self.figure.title
+
+
+def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
+    """Return all bounds of a point that are close to violation; without slopes only the closest along the lines."""
+    bounds: list[tuple[tuple[int, int], Bound]] = []
+    for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
+        assert figure.limit is not None
+        for place in figure.limit.places(loop, bound, limits.reading_noise):
+            frequency, slack, slope, deviation, line = place
+            key = (figure.key, i, line)
+            order = (figure.limit.order, line)
+            bounds.append((order, Bound(figure, i, frequency, slack, slope, deviation, key)))
+    return [bound for _, bound in sorted(bounds, key=lambda pair: pair[0])]
+
+
+def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
+    """Return the bounds that keep a notch attenuating: damping_zero <= damping_pole, at the logarithms x of the
+    tunables.
+    """
+    bounds: list[Bound] = []
+    for i, block in enumerate(control.filters):
+        names = [f"filters.{i}.{field}" for field in ("damping_zero", "damping_pole")]
+        if not isinstance(block, Notch) or not set(names) & set(tunables) or not block.damping_zero > 0.0:
+            continue
+        slope, values = np.zeros(x.size), [np.log(block.damping_zero), np.log(block.damping_pole)]
+        for k, (name, sign) in enumerate(zip(names, (-1.0, 1.0), strict=True)):
+            if name in tunables:
+                place = list(tunables).index(name)
+                slope[place], values[k] = sign, x[place]
+        bounds.append(Bound(None, 0, 0.0, float(values[1] - values[0]), slope, 0.0, (NOTCH, i, 0)))
+    return bounds
+
 
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
@@ -23,12 +204,12 @@ _FEWEST = 50  # lines that are left at least where every so many are taken
 
 
 def some(lines: np.ndarray, every: int) -> np.ndarray:
-    """Every so many of the lines and the last, if enough are left; else all."""
+    """Return every `every`-th line and the last one, if enough are left; else all."""
     return np.union1d(lines[::every], lines[-1:]) if lines.size >= every * _FEWEST else lines
 
 
 class Evaluation(NamedTuple):
-    """The goal of each point (less is better), its slope, and the bounds."""
+    """Stability, the goal of each point (lower is better) with its slope, and the bounds."""
 
     stable: bool
     goal: np.ndarray  # (points,)
@@ -42,7 +223,7 @@ class Criteria:
 
     goal  a figure with a `Goal`
 
-    near  of a control with two rates the nearest images count alone: for a search that is not the last one
+    near  for a control with two rates: only the nearest images count, for a search that is not the last one
     """
 
     def __init__(
@@ -68,22 +249,22 @@ class Criteria:
 
     @property
     def count(self) -> int:
-        """Number of points that were computed."""
+        """The number of evaluated points."""
         return len(self._known)
 
     def answers(self, x: np.ndarray) -> list[Answer]:
-        """The closed loops at logarithms of the tunables; slopes are to the logarithms."""
+        """Return the closed loops at logarithms of the tunables; slopes are to the logarithms."""
         values = np.exp(x)
         if self.control.period > 1:
             return self._of_two_rates(values)
         return self._answers(self.control.at(values, self._lines), values)
 
     def _of_two_rates(self, values: np.ndarray, *, look: bool = False) -> list[Answer]:
-        """The closed loops of a control with two rates, whose response depends on the axis as well."""
+        """Return the closed loops of a control with two rates, whose response depends on the axis as well."""
 
         def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
-            found = self.control.at(values, frequency, images, near=self.near, slopes=not look)
-            return _to_logarithms(found, np.zeros(0) if look else values)
+            over_a_period = self.control.at(values, frequency, images, near=self.near, slopes=not look)
+            return _to_logarithms(over_a_period, np.zeros(0) if look else values)
 
         return [
             answer(point, response(point.frequency, images), below.recovery(response(below.frequency, None)))
@@ -91,7 +272,7 @@ class Criteria:
         ]
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
-        """The closed loops of a control whose response on all lines is given."""
+        """Return the closed loops of a control whose response on all lines is given."""
         parts = [
             whole._replace(value=whole.value[:, place], slope=whole.slope[:, place] * values) for place in self._places
         ]
@@ -101,10 +282,10 @@ class Criteria:
         ]
 
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
-        """The figures at many points (points, tunables), without slopes; None where there are none.
+        """Yield the figures at many points (points, tunables), without slopes; None where there are none.
 
-        The control is computed once for all of them, so that a look costs a fraction of a step of the search.  With two
-        rates each is computed by itself, on every fourth line only and with the nearest images.
+        The control is evaluated once for all of them, so that a point costs a fraction of a step of the search.  With
+        two rates each point is evaluated separately, on every fourth line and with the nearest images.
         """
         if self.control.period > 1:
             every = 2 if self.near else 4
@@ -115,35 +296,35 @@ class Criteria:
 
     def _looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
         models = self.control.models(np.exp(x)) if self.control.period == 1 else [None] * len(x)
-        for each, matrix in zip(x, models, strict=True):
+        for place, matrix in zip(x, models, strict=True):
             try:
                 if matrix is None:
-                    samples = self.control.of_a_period(np.exp(each))
+                    samples = self.control.of_a_period(np.exp(place))
                     axes = (point.model for point in self.points if point.model is not None)
                     if any(grows(axis, samples) for axis in axes):  # poles first: they cost a fraction of the lines
                         yield None
                         continue
-                    answers = self._of_two_rates(np.exp(each), look=True)
+                    answers = self._of_two_rates(np.exp(place), look=True)
                 else:
                     answers = self._answers(self.control.of_model(matrix, self._lines), np.zeros(0))
-                yield self.judged(each, answers)
+                yield self.judged(place, answers)
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
                 yield None
 
     def __call__(self, x: np.ndarray) -> Evaluation:
-        """The figures at a point; each is computed once."""
+        """Return the figures at a point; repeated calls are answered from memory."""
         key = np.asarray(x, float).tobytes()
         if key not in self._known:
             self._known[key] = self.judged(x, self.answers(x))
         return self._known[key]
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
-        """Goal and bounds of closed loops."""
-        stable = not any(unstable(each) for each in answers)
-        goals = [self._goal(each) for each in answers]
+        """Return goal and bounds of closed loops."""
+        stable = not any(unstable(loop) for loop in answers)
+        goals = [self._goal(loop) for loop in answers]
         bounds: list[Bound] = []
-        for i, each in enumerate(answers):
-            bounds += bounds_of(i, each, self.limits)
+        for i, loop in enumerate(answers):
+            bounds += bounds_of(i, loop, self.limits)
         bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
         worst = int(np.argmax([value for value, _, _ in goals]))
         return Evaluation(
@@ -154,23 +335,23 @@ class Criteria:
             tuple(bounds),
         )
 
-    def _goal(self, each: Answer) -> Slope:
-        """Logarithm of the quantity to minimize, its slope, and the Gauss-Newton part of its curvature.
+    def _goal(self, loop: Answer) -> Slope:
+        """Return the logarithm of the quantity to minimize, its slope, and the Gauss-Newton part of its curvature.
 
         A goal that does not measure how long the axis takes to return would sacrifice the position gain for a
         negligible benefit. So a fiftieth of the rope-snap error is added to it.
         """
-        own = self._declared.slope(each, self.band)
+        own = self._declared.slope(loop, self.band)
         if self._declared.returns:
             return own
-        snap = rope_snap_slope(each, self.band)
+        snap = rope_snap_slope(loop, self.band)
         return Slope(
             own.value + _BESIDE * snap.value, own.slope + _BESIDE * snap.slope, own.curvature + _BESIDE * snap.curvature
         )
 
 
 def _to_logarithms(response: Response, values: np.ndarray) -> Response:
-    """With slopes to the logarithms of the tunables."""
+    """Return the response with slopes to the logarithms of the tunables."""
     return response._replace(slope=response.slope * values)
 
 
@@ -183,7 +364,9 @@ _GAP = 1.6  # ratio of two neighboring lines around a crossover
 
 
 def distances(bounds: Sequence[Bound]) -> np.ndarray:
-    """Slack over standard deviation of each separate bound: of neighboring frequencies only the nearest bound."""
+    """Return slack over standard deviation of each independent bound: of neighboring frequencies only the closest
+    bound.
+    """
     left = sorted((b for b in bounds if b.deviation > 0.0), key=lambda b: b.slack / b.deviation)
     kept: list[Bound] = []
     for bound in left:
@@ -195,25 +378,25 @@ def distances(bounds: Sequence[Bound]) -> np.ndarray:
 
 
 def chance(bounds: Sequence[Bound]) -> float:
-    """The probability that all bounds hold: Π Φ(slack/σ), for noise that is normal and independent."""
+    """Return the probability that all bounds hold: Π Φ(slack/σ), for independent normal noise."""
     return _all_below(distances(bounds))
 
 
 def _all_below(deviations: np.ndarray) -> float:
-    """The probability that as many independent normal numbers are each below theirs."""
+    """Return the probability that independent standard normal numbers are each below the given ones."""
     from scipy.special import ndtr
 
     return float(np.prod(ndtr(deviations)))
 
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
-    """The number of standard deviations to keep in place of `sure`, so that all bounds hold with the confidence."""
-    found = distances(bounds)
-    if not found.size:
+    """Return the number of standard deviations, instead of `sure`, with which all bounds hold at the confidence."""
+    separate = distances(bounds)
+    if not separate.size:
         return sure
 
     def off(more: float) -> float:
-        return _all_below(found + more) - confidence
+        return _all_below(separate + more) - confidence
 
     low, high = -5.0, 8.0
     if off(low) > 0.0 or off(high) < 0.0:
@@ -225,14 +408,14 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
 
 
 def require_covered(answers: Sequence[Answer]) -> None:
-    """Raise NotIdentifiableError, with the band, where lines are missing that a tuning needs.
+    """Raise NotIdentifiableError, naming the band, if lines that a tuning needs are missing.
 
     Below: the lowest crossover must lie above twice the first line.  Around it, from half to twice, two lines
     may not be further apart than a factor 1.6.  Above: the loop gain must have fallen to 0.3 at the last line, unless
     the lines go up to three times the highest crossover, or nearly to half the sample rate.
     """
-    for each in answers:
-        f, size, point = each.point.frequency, np.abs(each.gain), each.point
+    for loop in answers:
+        f, size, point = loop.point.frequency, np.abs(loop.gain), loop.point
         if point.loop is not None:
             continue
         above, below = np.flatnonzero(size >= 1.0), np.flatnonzero(size < 1.0)
@@ -260,21 +443,21 @@ def require_covered(answers: Sequence[Answer]) -> None:
 
 
 def require_good(answers: Sequence[Answer], sure: float) -> None:
-    """Raise NotIdentifiableError, with the band, where the noise is too large for a tuning.
+    """Raise NotIdentifiableError, naming the band, if the noise is too large for a tuning.
 
     Evaluation up to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
     """
-    for each in answers:
-        f, L, point = each.point.frequency, each.gain, each.point
+    for loop in answers:
+        f, L, point = loop.point.frequency, loop.gain, loop.point
         above = np.flatnonzero(np.abs(L) >= 1.0)
         crossover = float(f[above[-1]]) if above.size else float(f[0])
         if point.variance is None:
             continue
-        excess = sure * np.sqrt(0.5 * each.gain_variance) > _POOR * np.abs(1.0 + L)
+        excess = sure * np.sqrt(0.5 * loop.gain_variance) > _POOR * np.abs(1.0 + L)
         poor = np.flatnonzero(excess & (f <= _BEYOND * crossover))
         if poor.size:
             low, high = f[poor[0]], f[poor[-1]]
-            worst = poor[np.argmax(each.gain_variance[poor] / np.abs(1.0 + L[poor]) ** 2)]
+            worst = poor[np.argmax(loop.gain_variance[poor] / np.abs(1.0 + L[poor]) ** 2)]
             share = np.sqrt(point.variance[1, worst]) / np.abs(point.by_force[1, worst])
             raise NotIdentifiableError(
                 f"do not tune, measure again: '{point.name}' is too noisy from {Quantity(low, 'Hz', bare=True)} to "

@@ -1,4 +1,4 @@
-"""An operating point: one axis at one position and load, as frequency responses, measured or from a model."""
+"""An operating point: one axis at one position and load, as frequency responses, measured or of a model."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.identification.excitation.nonperiodic import UNKNOWNS, local_rational
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
@@ -15,8 +16,126 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import AVERAGES, FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.control_response import Axis, ControlResponse, Response
-from feeddrive.tuning.smoothing import smoothed, stiff_ratio
+from feeddrive.tuning.control_response import READINGS, Axis, ControlResponse, Response
+
+_HALF_WIDTHS = (4, 7, 12, 20, 34)  # neighboring lines used for each line
+_REACH = 0.3  # of ln f: largest width of a window, since the fitted function is local even if the residuals allow more
+_SURE = 0.99  # a window whose residuals are larger than noise with this probability is too wide
+_SURE_OF_RATIO = 0.999  # the same for the ratio, which is tested often
+_FIT = 1.2  # relative difference of both motions up to which their ratio is fitted: up to the antiresonance
+_STIFF = 0.25  # relative difference of both motions up to which their ratio is used
+_VARIANCE = 4  # lines on both sides over which the measured variance is averaged
+
+
+def smoothed(
+    frequency: np.ndarray, response: np.ndarray, variance: np.ndarray, wanted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the response and its remaining variance after smoothing, on the `wanted` lines, by index.
+
+    Around each line a function with one resonance is fitted, by least squares weighted with the variance:
+
+        f² G = (a0 + a1 u + a2 u²)/(1 + b u),   u = ln f - ln f0,   complex a, b
+
+    The window grows while the residuals look like noise, by χ² on 99 %; the width before the last good one is taken, so
+    that what the function cannot follow stays well below the noise that is left.  A line whose neighbors do not help
+    keeps its measured value.  The variance itself is first averaged over nine lines, as it is an estimate too.
+
+    Source: McKelvey & Guérin 2012 (local rational models); Goldenshluger & Nemirovski 1997 (windows as wide as the data
+    allow), with the rule above.
+    """
+    from scipy.special import chdtri
+
+    n = frequency.size
+    flat = frequency**2
+    out, left = response.copy(), _averaged(variance * flat**2) / flat**2
+    if not np.any(variance > 0.0):
+        return out[wanted], left[wanted]
+    x, y = np.log(frequency), response * flat
+    spread = np.maximum(left * flat**2, 1e-12 * np.abs(y) ** 2)
+    before = (out.copy(), left.copy())
+    fits = np.zeros(n, dtype=bool)
+    fits[wanted] = True
+    for half in _HALF_WIDTHS:
+        width = 2 * half + 1
+        if width > n or not np.any(fits):
+            break
+        begin = np.clip(np.arange(n) - half, 0, n - width)
+        reach = np.maximum(x - x[begin], x[begin + width - 1] - x)
+        fits &= reach <= _REACH
+        place = np.flatnonzero(fits)
+        if not place.size:
+            break
+        value, kept, excess = local_rational(x, y, spread, width, place)
+        good = excess <= chdtri(2 * (width - UNKNOWNS), 1.0 - _SURE)
+        fits[place[~good]] = False
+        place, value, kept = place[good], value[good], kept[good]
+        # the width before: it becomes the answer only once the next one has also been found good
+        out[place], left[place] = before[0][place], before[1][place]
+        before[0][place], before[1][place] = value / flat[place], kept / flat[place] ** 2
+    return out[wanted], left[wanted]
+
+
+def _averaged(variance: np.ndarray) -> np.ndarray:
+    """Return the mean over a few neighbors."""
+    summed = np.cumsum(np.concatenate([[0.0], variance]))
+    place = np.arange(variance.size)
+    low, high = np.maximum(place - _VARIANCE, 0), np.minimum(place + _VARIANCE + 1, variance.size)
+    return (summed[high] - summed[low]) / (high - low)
+
+
+def stiff_ratio(
+    frequency: np.ndarray, motor: np.ndarray, load: np.ndarray, variances: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return motor over load reading at the lines where both ends still move nearly as one, NaN beyond, and its
+    variance.
+
+        r = 1 + a1 s + a2 s² + a3 s³ + a4 s⁴,   s = jω,   real coefficients
+
+    At low frequencies both ends of any guided axis move as one. The stiffness follows from their small difference,
+    which noise would hide where the responses are large and the spring hardly deflects. Fitted to raw lines from the
+    lowest one up to the highest below the antiresonance at which the residuals still look like noise, by χ² on 99.9 %;
+    used where |r - 1| is at most a quarter, which is up to half of the first antiresonance, and on at most half of the
+    lines of the fit, which bends away first at its end.
+    """
+    from scipy.special import chdtri
+
+    ratio, variance = np.full(frequency.size, np.nan, dtype=complex), np.zeros(frequency.size)
+    if variances is None:
+        return ratio, variance
+    raw = motor / load
+    spread = np.abs(raw) ** 2 * (variances[0] / np.abs(motor) ** 2 + variances[1] / np.abs(load) ** 2)
+    if not np.all(spread > 0.0):
+        return ratio, variance
+    best = 0
+    far = np.flatnonzero(np.abs(raw - 1.0) > _FIT)
+    most = int(far[0]) if far.size else frequency.size
+    for count in np.unique(np.geomspace(12, max(most, 13), 40).astype(int)):
+        if count > most:
+            break
+        fitted, left = _real_polynomial(frequency[:count], raw[:count], spread[:count])
+        excess = 2.0 * float(np.sum(np.abs(raw[:count] - fitted) ** 2 / spread[:count]))
+        if excess <= chdtri(2 * count - 4, 1.0 - _SURE_OF_RATIO):
+            best, ratio[:count], variance[:count] = count, fitted, left
+        elif count > 2 * max(best, 12):
+            break
+    apart = np.flatnonzero(np.abs(ratio[:best] - 1.0) > _STIFF)
+    end = min(best // 2, int(apart[0]) if apart.size else best)
+    ratio[end:], variance[end:] = np.nan, 0.0
+    return ratio, variance
+
+
+def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weighted fit of 1 + a1 s + ... + a4 s⁴ to complex values, and its variance."""
+    s = 1j * f / f[-1]
+    powers = np.stack([s**k for k in (1, 2, 3, 4)], axis=1)
+    columns = powers / np.sqrt(0.5 * spread)[:, None]
+    right = (r - 1.0) / np.sqrt(0.5 * spread)
+    both = np.vstack([columns.real, columns.imag])
+    inverse = np.linalg.pinv(both)
+    coefficients = inverse @ np.concatenate([right.real, right.imag])
+    spanned = powers @ inverse
+    return 1.0 + powers @ coefficients, np.sum(np.abs(spanned) ** 2, axis=1)
+
 
 _LOWEST = 3e-5  # of Nyquist: where the lines of a model begin
 _PER_DECADE = 250
@@ -65,7 +184,7 @@ class OperatingPoint:
     coherence: np.ndarray | None = None
 
     def chosen(self, keep: np.ndarray) -> OperatingPoint:
-        """The point on some of its lines, by index."""
+        """Return the point on some of its lines, by index."""
         return replace(
             self,
             frequency=self.frequency[keep],
@@ -79,7 +198,7 @@ class OperatingPoint:
         )
 
     def sparse(self) -> np.ndarray:
-        """Indices of the lines that a search needs: dense where the response bends, sparse elsewhere."""
+        """Return the indices of the lines that a search needs: dense where the response bends, sparse elsewhere."""
         x = np.log(self.frequency)
         shape = np.log(np.abs(self.by_force[1]) * self.frequency**2) + 1j * np.unwrap(np.angle(self.by_force[1]))
         if self.variance is not None and x.size > _WIDTH:  # the remaining noise must not count as curvature
@@ -92,13 +211,13 @@ class OperatingPoint:
 
 
 def response_on(point: OperatingPoint, control: Control, velocity: float = 0.05) -> Response:
-    """The response of a control on all lines of a point."""
-    made = ControlResponse(control, point.sample_time, (), velocity)
-    return made.at((), point.frequency, made.images(point.by_force_at, point.frequency))
+    """Return the response of a control on all lines of a point."""
+    response = ControlResponse(control, point.sample_time, (), velocity)
+    return response.at((), point.frequency, response.images(point.by_force_at, point.frequency))
 
 
 def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FRF:
-    """The position loop of a cascade, opened at its velocity command, around the closed velocity loop.
+    """Return the position loop of a cascade, opened at its velocity command, around the closed velocity loop.
 
     whole, inner  the responses of the control with and without position loop, on the lines of the point
 
@@ -106,7 +225,7 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
     exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own Nyquist.
     """
     f, step = point.frequency, point.sample_time
-    L, Lv = (-np.einsum("kl,kl->l", each.value, point.by_force) for each in (whole, inner))
+    L, Lv = (-np.einsum("kl,kl->l", response.value, point.by_force) for response in (whole, inner))
     gain = (L - Lv) / (1.0 + Lv)
     if whole.rest is not None and inner.rest is not None:
         step = step * whole.period
@@ -116,7 +235,7 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
 
 
 def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:
-    """The axis of a loop that moves with `velocity` (m/s), its dead time, current loop and encoders with it."""
+    """Return the axis of a loop that moves with `velocity` (m/s), with its dead time, current loop and encoders."""
     model = linearize(
         loop, ["cut", "load_force"], ["reading_motor", "reading_load", "position_load"], velocity=velocity
     )
@@ -129,23 +248,22 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
     near = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
     lines = np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < spread[-1])]]))
     lines = lines[np.append(True, np.diff(lines) > 2e-4 * lines[1:])]
-    found = {
+    responses = {
         (output, source): model.response(lines, output=output, input=source).response
         for output in model.outputs
         for source in model.inputs
     }
-    readings = ("reading_motor", "reading_load")
 
     def by_force_at(frequency: np.ndarray) -> np.ndarray:
         there, places = np.unique(np.clip(frequency, 1e-6 * lines[0], nyquist), return_inverse=True)
-        return np.array([model.response(there, each, "cut").response[places] for each in readings])
+        return np.array([model.response(there, reading, "cut").response[places] for reading in READINGS])
 
     return OperatingPoint(
         name,
         lines,
-        np.array([found[each, "cut"] for each in readings]),
-        np.array([found[each, "load_force"] for each in readings]),
-        np.array([found["position_load", source] for source in ("cut", "load_force")]),
+        np.array([responses[reading, "cut"] for reading in READINGS]),
+        np.array([responses[reading, "load_force"] for reading in READINGS]),
+        np.array([responses["position_load", source] for source in ("cut", "load_force")]),
         T,
         ratio=np.ones((2, lines.size)) if loop.axis.one_encoder() else None,
         loop=loop,
@@ -164,7 +282,7 @@ def measured_point(
     name: str = "measured",
     averages: int = AVERAGES,
 ) -> OperatingPoint:
-    """The axis behind measured responses, in m/N on the same lines.
+    """Return the operating point of measured responses, in m/N on the same lines.
 
     load, motor   from the commanded force to the readings; with one encoder leave `motor` out
     disturbance   from a force on the table (a hammer's) to the readings of load and motor; without it stiffness and
@@ -179,18 +297,18 @@ def measured_point(
     """
     both = (load if motor is None else motor, load)
     hit: Sequence[FRF] = () if disturbance is None else (disturbance[1] or disturbance[0], disturbance[0])
-    for each in (*both, *hit):
-        if each.frequency.shape != load.frequency.shape or np.any(each.frequency != load.frequency):
+    for frf in (*both, *hit):
+        if frf.frequency.shape != load.frequency.shape or np.any(frf.frequency != load.frequency):
             raise ParameterError(
                 "the measured responses have different frequencies: measure or interpolate them on the same lines"
             )
-        if each.unit not in ("", "m/N"):
-            raise ParameterError(f"the response from {each.input} to {each.output} is in {each.unit}: it must be m/N")
-        bad = np.flatnonzero(~((np.abs(each.response) > _LEAST) & (np.abs(each.response) < _MOST)))
+        if frf.unit not in ("", "m/N"):
+            raise ParameterError(f"the response from {frf.input} to {frf.output} is in {frf.unit}: it must be m/N")
+        bad = np.flatnonzero(~((np.abs(frf.response) > _LEAST) & (np.abs(frf.response) < _MOST)))
         if bad.size:
             raise ParameterError(
-                f"the response from {each.input} to {each.output} is "
-                f"{Quantity(np.abs(each.response[bad[0]]), 'm/N'):3 SI} at {Quantity(each.frequency[bad[0]], 'Hz')} "
+                f"the response from {frf.input} to {frf.output} is "
+                f"{Quantity(np.abs(frf.response[bad[0]]), 'm/N'):3 SI} at {Quantity(frf.frequency[bad[0]], 'Hz')} "
                 f"({bad.size} such lines), which is impossible for an axis: check columns and unit, and leave out "
                 "lines on which nothing was measured"
             )
@@ -199,31 +317,31 @@ def measured_point(
         raise ParameterError(
             f"{np.count_nonzero(inside)} lines below half the sample rate are too few to shape a loop on: at least 10"
         )
-    given = load.frequency[inside]
-    sources = [[_on(each, inside, averages) for each in row] for row in (both, hit) if row]
+    measured_lines = load.frequency[inside]
+    sources = [[_on(frf, inside, averages) for frf in row] for row in (both, hit) if row]
     # lines next to each other carry no new information after smoothing, and are left out
-    marked = all(each.variance is not None for row in sources for each in row)
-    wanted = _thinned(given, _FINEST if marked else _CLOSEST)
-    lines = given[wanted]
+    marked = all(lines_.variance is not None for row in sources for lines_ in row)
+    wanted = _thinned(measured_lines, _FINEST if marked else _CLOSEST)
+    lines = measured_lines[wanted]
     late = np.exp(-2j * np.pi * lines * delay)
     ratio = np.full((2, lines.size), np.nan, dtype=complex)
-    made: list[list[_Lines]] = []
+    cleaned: list[list[_Lines]] = []
     for k, raw in enumerate(sources):
-        clean = [_cleaned(given, each, wanted) for each in raw]
+        clean = [_cleaned(measured_lines, lines_, wanted) for lines_ in raw]
         own_variance = clean[0].variance
         if motor is not None and own_variance is not None:
-            fitted, open_ = stiff_ratio(given, raw[0].response, raw[1].response, _variances(raw))
+            fitted, open_ = stiff_ratio(measured_lines, raw[0].response, raw[1].response, _variances(raw))
             ratio[k] = fitted[wanted]
             stiff = ~np.isnan(ratio[k])
             load_ = clean[1].response
             own = np.abs(load_) ** 2 * open_[wanted]  # the uncertainty of the ratio
             clean[0] = _Lines(np.where(stiff, ratio[k] * load_, clean[0].response), np.where(stiff, own, own_variance))
-        made.append(clean)
+        cleaned.append(clean)
     if motor is None:
         ratio[:] = 1.0
-        made = [[_without(row[0]), row[1]] for row in made]
-    by_force = np.array([each.response * late for each in made[0]])
-    by_load = by_force if len(made) == 1 else np.array([each.response for each in made[1]])
+        cleaned = [[_without(row[0]), row[1]] for row in cleaned]
+    by_force = np.array([lines_.response * late for lines_ in cleaned[0]])
+    by_load = by_force if len(cleaned) == 1 else np.array([lines_.response for lines_ in cleaned[1]])
     return OperatingPoint(
         name,
         lines,
@@ -231,9 +349,9 @@ def measured_point(
         by_load,
         np.array([by_force[1], by_load[1]]),
         float(sample_time),
-        variance=_variances(made[0]),
-        load_variance=_variances(made[1]) if len(made) > 1 else None,
-        at_drive=len(made) == 1,
+        variance=_variances(cleaned[0]),
+        load_variance=_variances(cleaned[1]) if len(cleaned) > 1 else None,
+        at_drive=len(cleaned) == 1,
         ratio=ratio,
         by_force_at=_between(lines, by_force),
         coherence=_coherence(both, inside, wanted),
@@ -241,13 +359,15 @@ def measured_point(
 
 
 def _coherence(both: Sequence[FRF], inside: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
-    """The smaller of those that were measured."""
-    known = [each.coherence[inside][wanted] for each in both if each.coherence is not None]
+    """Return the smallest of the measured coherences; None if there is none."""
+    known = [frf.coherence[inside][wanted] for frf in both if frf.coherence is not None]
     return np.minimum.reduce(known) if known else None
 
 
 def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
-    """A measured response at any frequency: ln |X| and phase straight over ln f, beyond the lines a free mass, 1/f²."""
+    """Return a function that gives a measured response at any frequency: ln |X| and phase interpolated linearly in ln
+    f, extrapolated as a free mass (1/f²).
+    """
     x = np.log(lines)
     level, phase = np.log(np.abs(by_force)), np.unwrap(np.angle(by_force), axis=1)
 
@@ -261,7 +381,7 @@ def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
 
 
 def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
-    """Indices of lines that keep a small distance in ln f."""
+    """Return the indices of lines that keep a small distance in ln f."""
     x = np.log(frequency)
     keep = np.unique(np.searchsorted(x, np.arange(x[0], x[-1], apart)).clip(0, x.size - 1))
     return np.union1d(keep, [x.size - 1])
@@ -275,25 +395,25 @@ class _Lines(NamedTuple):
 
 
 def _cleaned(frequency: np.ndarray, raw: _Lines, wanted: np.ndarray) -> _Lines:
-    """Smoothed, if its variance is known."""
+    """Return the lines smoothed, if their variance is known."""
     if raw.variance is None:
         return _Lines(raw.response[wanted], None)
     return _Lines(*smoothed(frequency, raw.response, raw.variance, wanted))
 
 
-def _variances(made: Sequence[_Lines]) -> np.ndarray | None:
-    """Of both readings; None if one is not known."""
-    known = [each.variance for each in made if each.variance is not None]
-    return np.array(known) if len(known) == len(made) else None
+def _variances(readings: Sequence[_Lines]) -> np.ndarray | None:
+    """Return the variances of both readings; None if one is not known."""
+    known = [lines.variance for lines in readings if lines.variance is not None]
+    return np.array(known) if len(known) == len(readings) else None
 
 
 def _without(lines: _Lines) -> _Lines:
-    """The same without a separate error."""
+    """Return the lines with a variance of zero."""
     return lines if lines.variance is None else lines._replace(variance=np.zeros(lines.variance.size))
 
 
 def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
-    """A response on the lines that count, its variance from the coherence if there is no other."""
+    """Return a response on the selected lines, with its variance from the coherence if there is no other."""
     variance = frf.known_variance(averages)
     return _Lines(frf.response[inside], None if variance is None else variance[inside])
 
@@ -301,11 +421,10 @@ def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
 _WORST = 0.2  # of the response: a plant with a larger deviation does not belong to the measurement
 _COUNTS = 0.1  # |L| above which lines count
 _FEWEST = 10
-READINGS = ("reading_motor", "reading_load")
 
 
 def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> float:
-    """The median of |measured/model - 1| without the share of the noise, the worse of both readings.
+    """Return the median of |measured/model - 1| without the noise contribution, for the worse of both readings.
 
     On the lines on which the loop gain of the loop's own control is 0.1 or more.
     """
@@ -329,7 +448,7 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
 def with_table_force(
     point: OperatingPoint, loop: Loop, source: str, velocity: float = 0.05, *, run: bool = True
 ) -> tuple[OperatingPoint, str]:
-    """The point with the responses of a plant to a force on the table, and a sentence on its accuracy.
+    """Return the point with a plant's responses to a force on the table, and a sentence on their accuracy.
 
     The plant must agree with the measured responses to 20 % (`disagreement`); its deviation is taken as the standard
     deviation of the added response, if the measurement has variances. A point that the plant does not fit is returned
@@ -347,14 +466,14 @@ def with_table_force(
     if not point.at_drive:
         return point, ""
     model = linearize(loop, ["cut", "load_force"], READINGS, velocity=velocity)
-    found = {
-        source: np.array([model.response(point.frequency, each, source).response for each in READINGS])
+    responses = {
+        source: np.array([model.response(point.frequency, reading, source).response for reading in READINGS])
         for source in model.inputs
     }
-    by_load = found["load_force"]
+    by_load = responses["load_force"]
     # y = S y_d (1 - C_m y_u (r_u - r_d)), r = motor/load: the stiffness depends on the difference of the ratios, so the
     # plant gives this difference; a second ratio would have an error as large as the difference itself
-    apart = found["cut"][0] / found["cut"][1] - by_load[0] / by_load[1]
+    apart = responses["cut"][0] / responses["cut"][1] - by_load[0] / by_load[1]
     if one_encoder(point):
         apart = 0.0 * apart
     by_load = np.array([by_load[1] * (point.by_force[0] / point.by_force[1] - apart), by_load[1]])
@@ -375,5 +494,5 @@ def with_table_force(
 
 
 def one_encoder(point: OperatingPoint) -> bool:
-    """Whether one encoder gives both readings."""
+    """True if one encoder gives both readings."""
     return point.ratio is not None and bool(np.all(point.ratio[0] == 1.0))

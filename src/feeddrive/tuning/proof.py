@@ -27,7 +27,7 @@ from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.closed_loop import Figures
-from feeddrive.tuning.limits import Limits, judged
+from feeddrive.tuning.criteria import Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint
 
 _DENSE = 400  # lines a decade
@@ -47,28 +47,30 @@ class Checked(NamedTuple):
     said: str
 
 
-def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
-    """Encirclement and bounds on all lines that were measured."""
+def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
+    """Check encirclement of -1 and the limits on all measured lines."""
     checks: list[Checked] = []
-    for each in found:
-        said = "-1 is not encircled" if each.stable else "-1 is encircled"
-        checks.append(Checked(f"{each.point}: Nyquist", each.stable, f"{said}, {each.loop_gain.frequency.size} lines"))
-        if each.stable:
-            what = f"{each.point}: limits on all lines"
-            checks.append(_within(what, limits, each))
+    for loop in loops:
+        verdict = "-1 is not encircled" if loop.stable else "-1 is encircled"
+        checks.append(
+            Checked(f"{loop.point}: Nyquist", loop.stable, f"{verdict}, {loop.loop_gain.frequency.size} lines")
+        )
+        if loop.stable:
+            what = f"{loop.point}: limits on all lines"
+            checks.append(_within(what, limits, loop))
     return tuple(checks)
 
 
 def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Proof for a measured axis on the loop that agrees with it: its poles, and a run with friction, counts and limit.
+    """Check a measured axis on the loop that agrees with it: its poles, and a run with friction, counts and limit.
 
     The limits hold for the measurement.  The model agrees with it to some percent only, so they are not checked here.
     """
     if point.known_as is None:
-        said = (
+        reason = (
             "no loop is known that agrees with the response: give the machine file that identify writes as --baseline"
         )
-        return (Checked(f"{point.name}: {_RUN}", None, said),)
+        return (Checked(f"{point.name}: {_RUN}", None, reason),)
     loop, name = replace(point.known_as, control=control), f"{point.name}, on the baseline's axis"
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
@@ -78,15 +80,15 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
 
 
 def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
-    """The line of a proof that all limits are kept; Ms is stated in any case."""
-    found = judged(limits, loop, ROOM)
-    texts = [verdict.text for verdict in found if verdict.figure != SENSITIVITY_PEAK]
+    """Return the line of a proof that all limits are kept; Ms is always stated."""
+    judgments = judged(limits, loop, ROOM)
+    texts = [verdict.text for verdict in judgments if verdict.figure != SENSITIVITY_PEAK]
     peak = f"{SENSITIVITY_PEAK.title} {SENSITIVITY_PEAK.quantity(SENSITIVITY_PEAK.read(loop))}"
-    return Checked(what, all(verdict.keeps for verdict in found), joined(", ", [peak, *texts]))
+    return Checked(what, all(verdict.keeps for verdict in judgments), joined(", ", [peak, *texts]))
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Poles of the whole loop, its limits on other lines, and a run of it with friction, counts and limit."""
+    """Check the poles of the whole loop, its limits on other lines, and a run of it with friction, counts and limit."""
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
     if not poles.stable:
@@ -101,7 +103,9 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
 
 
 def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
-    """Gain and dead time until the edge by the poles over a period: exact where a sine meets one frequency alone."""
+    """Check the gain and dead time up to instability by the poles over a period: exact where a sine meets one frequency
+    alone.
+    """
     gain, delay = gain_edge(model), delay_edge(model)
     least = 10.0 ** ((limits.bound(GAIN_MARGIN) or 0.0) * (1.0 - ROOM) / 20.0)
     later = limits.bound(DELAY_MARGIN)
@@ -114,7 +118,7 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
 
 
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:
-    """A force switched on while the axis slides, with friction, guard and limit.
+    """Run the loop with a force switched on while the axis slides, with friction, guard and limit.
 
     The response is the difference of two runs with and without the force. Both are without counts and noise, which
     would differ between them. A third run has counts and noise; it must neither trip nor need more than the limit.
@@ -144,20 +148,20 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     step = StepForce(force=force, start=settle * T)
     try:
         runs = [
-            simulate(each, slide, load=load, start=(0.0, velocity), record=["position_load", "requested", "trip"])
-            for each, load in ((free, step), (smooth, step), (smooth, StepForce(force=0.0)))
+            simulate(version, slide, load=load, start=(0.0, velocity), record=["position_load", "requested", "trip"])
+            for version, load in ((free, step), (smooth, step), (smooth, StepForce(force=0.0)))
         ]
     except FeeddriveError as error:
         return Checked(what, False, Text(f"{error}"))
     tripped = np.flatnonzero(runs[0]["trip"])
     if tripped.size:
         late = float(tripped[0] - settle) * T
-        said = (
+        when = (
             f"{Quantity(late, 's')} after the force"
             if late >= 0.0
             else "already before the force, as the axis moves off"
         )
-        return Checked(what, False, f"the guard trips {said}")
+        return Checked(what, False, f"the guard trips {when}")
     largest = float(np.max(np.abs(runs[0]["requested"][settle:])))
     if limit is not None and largest > limit:
         return Checked(
@@ -172,13 +176,13 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     got = rope_snap_of_run(moved, force, T)
     off = got / expected - 1.0
     noise = float(np.std(runs[0]["requested"][settle // 2 : settle]))
-    said = Text(
+    summary = Text(
         f"{Quantity(force, 'N'):6}: rope snap {Quantity(got, 'm √s/N')}, {Quantity(abs(off), 'share'):.1f} off; the "
         f"command swings by {Quantity(noise, 'N'):3} RMS, at most {Quantity(largest, 'N')}"
     )
-    return Checked(what, abs(off) <= _APART, said)
+    return Checked(what, abs(off) <= _APART, summary)
 
 
 def _smooth(encoder: Sensor | None) -> Sensor | None:
-    """The encoder without counts and noise."""
+    """Return the encoder without counts and noise."""
     return replace(encoder, resolution=None, noise=None, jitter=None) if isinstance(encoder, Encoder) else encoder

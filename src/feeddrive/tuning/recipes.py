@@ -21,8 +21,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import Figures, figures
 from feeddrive.tuning.control_response import ControlResponse, Response
-from feeddrive.tuning.criteria import Criteria
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 
 _OFF = 1e-9  # a gain that counts as zero
@@ -79,20 +78,21 @@ class _Axis:
         self.mass, self.lag = self._read()
 
     def gain(self, law: CascadePPI) -> np.ndarray:
-        """The loop gain at the actuator with a law."""
+        """Return the loop gain at the actuator with a law."""
         return -np.einsum("kl,kl->l", self.response(law).value, self.point.by_force)
 
     def response(self, law: CascadePPI) -> Response:
-        """Of the control with a law."""
+        """Return the response of the control with a law."""
         return response_on(self.point, replace(self.control, law=law))
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
-        """Of PI around the velocity."""
+        """Return the loop gain of the PI velocity loop."""
         gain = self.gain(replace(self.law, Kv=_OFF, Kp=Kp, Tn=Tn))
         return FRF(self.frequency, gain, "cut", "force", "N/N", self.point.sample_time)
 
     def _read(self) -> tuple[float, float]:
-        """Mass and lag from the lines below all resonances, on which velocity over force is 1/((m s + b) e^(s lag)).
+        """Return mass and lag from the lines below all resonances, where velocity over force is 1/((m s + b) e^(s
+        lag)).
 
         Its inverse b + (m + b lag) s + (m lag + ...) s² is fitted with real coefficients, all lines with equal weight.
         """
@@ -118,7 +118,7 @@ class _Axis:
         return float(c1 / scale - c0 * lag), lag
 
     def antiresonance(self) -> float:
-        """Hz of the first antiresonance of the velocity loop's encoder; infinite if it shows none."""
+        """Return the first antiresonance of the velocity loop's encoder in Hz; infinite if it shows none."""
         level = np.log(np.abs(self.unit) * self.frequency)
         for k in range(2, level.size - 2):
             if level[k] == np.min(level[max(k - 5, 0) : k + 6]):
@@ -128,13 +128,13 @@ class _Axis:
                     return float(self.frequency[k])
         return math.inf
 
-    def made(self, name: str, Kp: float, Tn: float | None, Kv: float, reason: str, source: str) -> Recipe:
-        """The recipe with these gains."""
+    def recipe(self, name: str, Kp: float, Tn: float | None, Kv: float, reason: str, source: str) -> Recipe:
+        """Return the recipe with these gains."""
         return Recipe(name, replace(self.law, Kp=Kp, Tn=Tn, Kv=Kv), reason, source, self.mass, self.lag)
 
 
 def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = None, *, a: float = 3.0) -> Recipe:
-    """PI by the symmetric optimum of a free mass with a lag τ, and Kv a quarter of its crossover.
+    """Return PI gains by the symmetric optimum of a free mass with a lag τ, and Kv as a quarter of its crossover.
 
         Kp = m/(a τ),   Tn = a² τ,   Kv = 1/(4 a τ)
 
@@ -149,13 +149,14 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
     axis = _Axis(point, control)
     tau = axis.lag
     reason = Text(f"mass {Quantity(axis.mass, 'kg')}, lag {Quantity(tau, 's'):3}, a = {number(a, 6)}")
-    return axis.made(
+    return axis.recipe(
         "symmetric optimum", axis.mass / (a * tau), a * a * tau, 1.0 / (_CRITICAL * a * tau), reason, "Kessler 1958"
     )
 
 
 def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
-    """The ratios that makers of drives document, at the velocity gain that gives Ms = 2 on a free mass with a lag τ.
+    """Return the gain ratios that drive makers document, at the velocity gain that gives Ms = 2 on a free mass with a
+    lag τ.
 
         Kp = m ωv,   Tn = 4/ωv,   Kv = ωv/4,   ωv = 0.507/τ
 
@@ -181,12 +182,12 @@ def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) ->
     reason = Text(
         f"mass {Quantity(axis.mass, 'kg')}, velocity loop at {Quantity(rate / (2.0 * math.pi), 'Hz')}{lowered}"
     )
-    made = law(rate)
-    return axis.made("maker's rule", made.Kp, made.Tn, made.Kv, reason, "manuals of drives")
+    gains = law(rate)
+    return axis.recipe("maker's rule", gains.Kp, gains.Tn, gains.Kv, reason, "manuals of drives")
 
 
 def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, damping: float = 1.0) -> Recipe:
-    """Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²).
+    """Return Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²).
 
     A velocity loop that answers like a first-order lag 1/ωv gives the position loop the damping ratio D.
     Raises ParameterError for a velocity loop without crossover.
@@ -201,11 +202,11 @@ def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, dam
         )
     Kv = 2.0 * math.pi * crossover / (4.0 * damping * damping)
     reason = Text(f"the velocity loop crosses over at {Quantity(crossover, 'Hz')}, damping ratio {damping:g}")
-    return axis.made("Kv rule", law.Kp, law.Tn, Kv, reason, "Weck & Brecher")
+    return axis.recipe("Kv rule", law.Kp, law.Tn, Kv, reason, "Weck & Brecher")
 
 
 def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
-    """The velocity loop crosses over at half of the first antiresonance, Tn = 4/ωv, Kv = ωv/4.
+    """Return gains with the velocity loop's crossover at half of the first antiresonance, Tn = 4/ωv, Kv = ωv/4.
 
     Below it motor and table still move as one, so that the velocity loop does not see the spring.  The crossover is
     lowered to what the lag allows, 1/(2τ), if that is less.
@@ -222,11 +223,11 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
     rate = min(math.pi * first, 0.5 / axis.lag)
     reason = Text(f"first antiresonance {Quantity(first, 'Hz')}, crossover {Quantity(rate / (2.0 * math.pi), 'Hz')}")
     Kp = _by_crossover(axis, rate)
-    return axis.made("half the first antiresonance", Kp, _SLOW / rate, rate / _CRITICAL, reason, "rule of the trade")
+    return axis.recipe("half the first antiresonance", Kp, _SLOW / rate, rate / _CRITICAL, reason, "rule of the trade")
 
 
 def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
-    """The highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
+    """Return the highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
 
         robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv;   Kv at most ωv/4, and less if the margins require
         it
@@ -241,8 +242,8 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
     axis = _Axis(point, control)
 
     def keeps(L: FRF) -> bool:
-        found = margins(L)
-        gain, phase = found.gain_increase_dB, found.phase_margin_deg
+        loop_margins = margins(L)
+        gain, phase = loop_margins.gain_increase_dB, loop_margins.phase_margin_deg
         return (gain is None or gain >= least_gain) and (phase is None or phase >= least_phase)
 
     def integral(Kp: float) -> float:
@@ -269,17 +270,17 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
     reason = Text(
         f"gain margin >= {Quantity(least_gain, 'dB'):6} and phase margin >= {least_phase:g} deg, velocity loop first"
     )
-    return axis.made(f"margins, {goal}", Kp, Tn, Kv, reason, "own numbers")
+    return axis.recipe(f"margins, {goal}", Kp, Tn, Kv, reason, "own numbers")
 
 
 def _by_crossover(axis: _Axis, rate: float) -> float:
-    """Kp with which the velocity loop without integral crosses over at a rate in rad/s."""
+    """Return Kp with which the velocity loop without integral crosses over at a rate in rad/s."""
     size = np.interp(np.log(rate / (2.0 * np.pi)), np.log(axis.frequency), np.log(np.abs(axis.unit)))
     return float(np.exp(-size))
 
 
 def _largest(admits: Callable[[float], bool], low: float, high: float) -> float | None:
-    """The largest of rising values up to which all are admissible, refined by halving; None if the lowest is not."""
+    """Return the largest value up to which all are admissible, refined by bisection; None if the lowest is not."""
     if not admits(low):
         return None
     steps = np.geomspace(low, high, 40)
@@ -309,7 +310,7 @@ RECIPES: dict[str, Callable[..., Recipe]] = {
 
 @dataclass(frozen=True, eq=False)
 class JudgedRecipe:
-    """A rule with its law and the figures at every point; without a law the reason why the rule gives none."""
+    """A rule with its law and the figures at every point; without a law, the reason why the rule gives none."""
 
     name: str
     recipe: Recipe | None
@@ -324,26 +325,28 @@ def judged_recipes(
     progress: Progress | None = None,
     velocity: float = 0.05,
 ) -> tuple[JudgedRecipe, ...]:
-    """Every rule, applied at the first point with the filters of a control, and evaluated at all points."""
-    made = tuple(
-        modelled_point(each, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)
-        if isinstance(each, Loop)
-        else each
-        for i, each in enumerate(points)
+    """Apply every rule at the first point, with the filters of a control, and evaluate it at all points."""
+    operating_points = tuple(
+        modelled_point(source, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)
+        if isinstance(source, Loop)
+        else source
+        for i, source in enumerate(points)
     )
-    found: list[JudgedRecipe] = []
+    recipes: list[JudgedRecipe] = []
     for name, rule in RECIPES.items():
         if progress is not None:
             progress.step(f"rule {name}")
         try:
-            recipe = rule(made[0], control)
+            recipe = rule(operating_points[0], control)
         except FeeddriveError as error:
-            found.append(JudgedRecipe(name, None, (), str(error)))
+            recipes.append(JudgedRecipe(name, None, (), str(error)))
             continue
         whole = replace(control, law=recipe.law, compensation=())
-        response = ControlResponse(whole, made[0].sample_time, (), velocity)
-        answers = Criteria(made, response, STIFFNESS_MEAN, limits, EVERYWHERE).answers(np.zeros(0))
-        found.append(
-            JudgedRecipe(name, recipe, tuple(figures(each, limits.reading_noise) for each in answers), recipe.reason)
+        response = ControlResponse(whole, operating_points[0].sample_time, (), velocity)
+        answers = Criteria(operating_points, response, STIFFNESS_MEAN, limits, EVERYWHERE).answers(np.zeros(0))
+        recipes.append(
+            JudgedRecipe(
+                name, recipe, tuple(figures(answer, limits.reading_noise) for answer in answers), recipe.reason
+            )
         )
-    return tuple(found)
+    return tuple(recipes)

@@ -13,12 +13,11 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.tuning.criteria import Criteria, Evaluation
-from feeddrive.tuning.limits import Bound
+from feeddrive.tuning.criteria import Bound, Criteria, Evaluation
 
 
 def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """x and multipliers of  min ½ xᵀHx + gᵀx  subject to  A x >= b,  H positive definite; None if there is no such x.
+    """Return x and multipliers of  min ½ xᵀHx + gᵀx  subject to  A x >= b,  H positive definite; None if infeasible.
 
     Source: Lawson & Hanson 1974, chapter 23 (least distance programming).
     """
@@ -56,7 +55,7 @@ _ROOM = 1e-3  # of a logarithm: distance to every bound, for peaks between the l
 
 
 class End(NamedTuple):
-    """End of a search: the point, its figures, and the multiplier of each bound there, by key."""
+    """The end of a search: the point, its figures, and the multiplier of each bound there, by key."""
 
     x: np.ndarray
     judged: Evaluation
@@ -65,47 +64,50 @@ class End(NamedTuple):
 
 
 class Search:
-    """Minimizes the worst goal of all points while every bound keeps its slack above `sure` standard deviations."""
+    """The minimization of the worst goal of all points while every bound keeps its slack above `sure` standard
+    deviations.
+    """
 
     def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
         self.criteria, self.low, self.high, self.sure = criteria, low, high, sure
-        self.accepted: Callable[[np.ndarray, Evaluation], None] = lambda _x, _found: None
+        self.accepted: Callable[[np.ndarray, Evaluation], None] = lambda _x, _evaluation: None
         self.penalty = _PENALTY
 
     def report_to(self, progress: Progress, control: Control, names: Sequence[str]) -> None:
         """Report each control that is the best so far and keeps all bounds."""
         best = np.inf
 
-        def accepted(x: np.ndarray, found: Evaluation) -> None:
+        def accepted(x: np.ndarray, evaluation: Evaluation) -> None:
             nonlocal best
-            cost = float(np.exp(np.max(found.goal)))
-            if cost < best and self.broken(found) <= 0.0:
+            cost = float(np.exp(np.max(evaluation.goal)))
+            if cost < best and self.broken(evaluation) <= 0.0:
                 best = cost
                 progress.better(cost, tree.vary(control, dict(zip(names, np.exp(x).tolist(), strict=True))))
 
         self.accepted = accepted
 
     def judge(self, x: np.ndarray) -> Evaluation | None:
-        """The figures, or None if the loop is unstable or has no figures."""
+        """Return the figures, or None if the loop is unstable or has no figures."""
         try:
-            found = self.criteria(x)
+            evaluation = self.criteria(x)
         except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
             return None
-        return found if found.stable and np.all(np.isfinite(found.goal)) else None
+        return evaluation if evaluation.stable and np.all(np.isfinite(evaluation.goal)) else None
 
     def look(self, points: np.ndarray) -> np.ndarray:
-        """The merit at many points (points, tunables), infinite where the loop is unstable or has no figures."""
+        """Return the merit at many points (points, tunables), infinite where the loop is unstable or has no figures."""
         inside = np.clip(points, self.low, self.high)
         fine = (
-            each if each is not None and each.stable and np.isfinite(each.goal).all() else None
-            for each in self.criteria.looked(inside)
+            evaluation if evaluation is not None and evaluation.stable and np.isfinite(evaluation.goal).all() else None
+            for evaluation in self.criteria.looked(inside)
         )
-        return np.array([self.merit(each) for each in fine])
+        return np.array([self.merit(evaluation) for evaluation in fine])
 
     def evolve(
         self, points: np.ndarray, merits: np.ndarray, random: np.random.Generator, turns: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """A population (points, tunables) with its merits after some turns of differential evolution, best first.
+        """Return a population (points, tunables) with its merits after some turns of differential evolution, best
+        first.
 
         Each point is tried against one that two others and the best have moved, and the better one stays.
         Source: Storn & Price 1997, current-to-best/1/bin, with a factor drawn anew for each trial.
@@ -117,31 +119,31 @@ class Search:
             best = points[random.choice(np.argsort(merits)[: max(many // 6, 1)], size=many)]
             trial = points + factor * (best - points) + factor * (a - b)
             trial = np.where(random.random((many, n)) < _CROSSED, trial, points)
-            found = self.look(trial)
-            better = found < merits
+            trial_merits = self.look(trial)
+            better = trial_merits < merits
             points, merits = (
                 np.where(better[:, None], np.clip(trial, self.low, self.high), points),
-                np.minimum(found, merits),
+                np.minimum(trial_merits, merits),
             )
         order = np.argsort(merits)
         return points[order], merits[order]
 
-    def broken(self, found: Evaluation) -> float:
-        """Violation of the worst bound; negative if all bounds hold."""
-        return max((self.room(b) - b.slack for b in found.bounds), default=-1.0)
+    def broken(self, evaluation: Evaluation) -> float:
+        """Return the violation of the worst bound; negative if all bounds hold."""
+        return max((self.room(b) - b.slack for b in evaluation.bounds), default=-1.0)
 
     def room(self, bound: Bound) -> float:
-        """The least slack that a bound must have."""
+        """Return the least slack that a bound must have."""
         return _ROOM + self.sure * bound.deviation
 
-    def merit(self, found: Evaluation | None) -> float:
-        """The merit function that a step must lower."""
-        if found is None:
+    def merit(self, evaluation: Evaluation | None) -> float:
+        """Return the merit function that a step must lower."""
+        if evaluation is None:
             return np.inf
-        return float(np.max(found.goal)) + self.penalty * max(self.broken(found), 0.0)
+        return float(np.max(evaluation.goal)) + self.penalty * max(self.broken(evaluation), 0.0)
 
     def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
-        """The end of the descent from a stable point, with all bounds kept if that is possible."""
+        """Return the end of the descent from a stable point, with all bounds kept if that is possible."""
         end = self._descend(x, size)
         while end.broken > _ROOM and self.penalty < _DEAREST:
             # if the goal falls faster than the penalty rises, the search would leave the limits
@@ -200,7 +202,7 @@ class Search:
         return End(x, here, force, self.broken(here))
 
     def _curved(self, here: Evaluation, there: Evaluation, move: np.ndarray) -> dict[tuple[str, int, int], float]:
-        """The difference of the slack of each bound after a move and its linear prediction."""
+        """Return the difference of the slack of each bound after a move from its linear prediction."""
         after = {bound.key: bound.slack for bound in there.bounds}
         return {c.key: c.slack + float(c.slope @ move) - after[c.key] for c in here.bounds if c.key in after}
 
@@ -212,7 +214,8 @@ class Search:
         size: float,
         lost: Mapping[tuple[str, int, int], float] | None = None,
     ) -> tuple[np.ndarray, dict[tuple[str, int, int], float], float] | None:
-        """Move, multipliers by bound, and the promised progress; t is the worst goal, e the excess over the bounds.
+        """Return the move, multipliers by bound, and the promised progress; t is the worst goal, e the excess over the
+        bounds.
 
         min  t + penalty e + ½ pᵀBp   subject to   t >= goal + slope p,   slack + slope p + e >= 0,   |p| <= size
         """
@@ -254,10 +257,10 @@ class Search:
         there: Evaluation,
         force: Mapping[tuple[str, int, int], float],
     ) -> np.ndarray:
-        """Damped BFGS of the Lagrangian (Powell 1978)."""
+        """Return the damped BFGS update of the Lagrangian's Hessian (Powell 1978)."""
         worst = int(np.argmax(there.goal))
         change = there.slope[worst] - here.slope[worst]
-        before, after = ({c.key: c.slope for c in each.bounds} for each in (here, there))
+        before, after = ({c.key: c.slope for c in evaluation.bounds} for evaluation in (here, there))
         for key, weight in force.items():
             if key in before and key in after:
                 change = change - weight * (after[key] - before[key])
@@ -274,7 +277,7 @@ class Search:
 
 
 def _definite(H: np.ndarray, least: float = 0.05) -> np.ndarray:
-    """The nearest matrix whose eigenvalues are neither too small nor too large."""
+    """Return the nearest matrix whose eigenvalues are neither too small nor too large."""
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))
     return (vectors * np.clip(values, least, 1e4)) @ vectors.T
 
@@ -284,14 +287,14 @@ AGREE = 0.05  # of the goal: ends of searches this near the best agree with it
 
 def unconfirmed(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
     """Return which kind of search has not come to within 5 % of the best, and by how much; empty if all have."""
-    costs = [search.merit(each.judged) for each in ends]
-    said: list[str] = []
+    costs = [search.merit(end.judged) for end in ends]
+    texts: list[str] = []
     for kind, told in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):
         off = min((cost for cost, own in zip(costs, kinds, strict=True) if own == kind), default=np.inf) - min(costs)
         if off >= AGREE:
-            said.append(
+            texts.append(
                 Text(f"{told} {Quantity(np.expm1(off), 'share'):2} above the best")
                 if np.isfinite(off)
                 else f"none {told}"
             )
-    return Text(f"searches ended {joined(' and ', said)}") if said else ""
+    return Text(f"searches ended {joined(' and ', texts)}") if texts else ""

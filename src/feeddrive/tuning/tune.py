@@ -1,33 +1,907 @@
-"""Optimization of a control on measured or modeled axes: gains and filters together, within limits at every point."""
+"""Tuning: optimize gains and filters of a control within limits on measured or modeled axes, and prove the result.
+
+In this order: the tunables and their ranges, the steps of a tuning (`Tuner`), its result with the recommendation in
+words (`Tuned`), and the functions that a user calls (`tune_control`, `assess`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.analysis.margins import Margins, margins
+from feeddrive.blocks.axis_model import POWERS
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.families import Observer
+from feeddrive.blocks.filter.notch import Notch
 from feeddrive.figures.catalogue import goals
-from feeddrive.figures.figure import Limit
-from feeddrive.figures.of_loops import FORCE_NOISE
+from feeddrive.figures.figure import Figure, Goal, Limit
+from feeddrive.figures.of_loops import FORCE_NOISE, SENSITIVITY_PEAK
 from feeddrive.language import tree
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import USUAL, Quantity, number
+from feeddrive.language.table import UNIT, Cell, Column, Result, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.closed_loop import Figures, figures
+from feeddrive.tuning.closed_loop import Figures, figures, reported
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import Criteria, Evaluation, chance
-from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
-from feeddrive.tuning.proof import of_known, of_measurement, of_model
-from feeddrive.tuning.search import End
-from feeddrive.tuning.tunables import filter_tunables, law_tunables, readable
-from feeddrive.tuning.tuned import HeldBack, Tuned, cascade_loops
-from feeddrive.tuning.tuner import Best, Tuner
+from feeddrive.tuning.criteria import (
+    Criteria,
+    Evaluation,
+    Limits,
+    chance,
+    judged,
+    needed,
+    require_covered,
+    require_good,
+    some,
+)
+from feeddrive.tuning.filters import HIGHEST_FILTER
+from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
+from feeddrive.tuning.proof import Checked, of_known, of_measurement, of_model
+from feeddrive.tuning.search import AGREE, End, Search, unconfirmed
+
+_RANGE = math.log(1e3)  # largest factor between a gain and its start value
+_FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
+_RATIOS = {"damping_zero": (0.02, 1.0), "damping_pole": (0.05, 1.5), "damping": (0.3, 1.5)}
+_RATIO = (0.02, 20.0)  # range of a ratio of a law
+
+
+def law_tunables(control: Control) -> tuple[str, ...]:
+    """Return the tunables of a law. Raises ParameterError for a law that has none."""
+    names = own_tunables(control)
+    if not names:
+        raise ParameterError(
+            f"the law '{control.law.kind}' names no tunables: state which parameters are to be tuned (tunables=...)"
+        )
+    return names
+
+
+def own_tunables(control: Control) -> tuple[str, ...]:
+    """Return the dotted names of the tunables that the law, its observers and its compensations declare.
+
+    For a law that names none, its own parameters > 0 without a default; empty if it has none of these either.
+    """
+    law, there = control.law, dict(tree.leaves(control))
+    names = [f"law.{name}" for name in law.to_tune()]
+    blocks = [("law", law), *((f"compensation.{i}", block) for i, block in enumerate(control.compensation))]
+    for where, block in blocks:
+        observer = getattr(block, "observer", None)
+        if isinstance(observer, Observer):
+            names += [f"{where}.observer.{name}" for name in observer.tunables]
+    return tuple(dict.fromkeys(name for name in names if name in there))
+
+
+def filter_tunables(control: Control) -> tuple[str, ...]:
+    """Return the frequencies and dampings of the filter pack that are above zero."""
+    leaves = ((name, value) for name, value in tree.leaves(control) if name.startswith("filters."))
+    return tuple(name for name, value in leaves if isinstance(value, float) and value > 0.0)
+
+
+def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
+    """Return the logarithms of the tunables. Raises ParameterError for one that is not a number above zero."""
+    values: list[float] = []
+    for name in names:
+        value = tree.get(control, name)
+        if not isinstance(value, (int, float)) or not value > 0.0:
+            raise ParameterError(f"{name} = {value!r} is not a tunable: its start value must be a number > 0")
+        values.append(math.log(value))
+    return np.array(values)
+
+
+def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and upper limit of each tunable, as logarithms."""
+    low, high = x - _RANGE, x + _RANGE
+    for i, name in enumerate(names):
+        unit, last = tree.declaration(control, name).unit, name.rpartition(".")[2]
+        if unit == "":
+            a, b = _RATIOS.get(last, _RATIO) if name.startswith("filters.") else _RATIO
+            low[i], high[i] = min(math.log(a), x[i]), max(math.log(b), x[i])
+        elif name.startswith("filters."):
+            low[i], high[i] = x[i] - _FILTER, x[i] + _FILTER
+        if unit == "Hz":
+            high[i] = min(high[i], math.log(HIGHEST_FILTER / sample_time))
+    return low, np.maximum(high, low)
+
+
+def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
+    """Return the exponent of each tunable of the law when the whole loop is made faster by a common factor."""
+    return np.array(
+        [
+            0.0 if name.startswith("filters.") else float(POWERS.get(tree.declaration(control, name).unit, (0, 0))[1])
+            for name in names
+        ]
+    )
+
+
+def readable(control: Control, name: str) -> str:
+    """Return the name of a tunable with the kind of its block: filters.0 (notch) frequency."""
+    parts = name.split(".")
+    if parts[0] == "filters" and len(parts) == 3:
+        return f"filters.{parts[1]} ({control.filters[int(parts[1])].kind}) {parts[2]}"
+    return name
+
+
+_RUNGS = math.log(2.0) * np.arange(2.0, -8.0, -1.0)  # factors of speed 4 ... 1/128
+_SHAPES = 8  # for each tunable but one
+_WIDE, _RATIO_WIDE = math.log(30.0), math.log(6.0)  # of a gain, of a ratio, up and down
+
+
+def scattered(
+    x: np.ndarray, low: np.ndarray, high: np.ndarray, powers: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
+    """Return points all over the box, shape (points, tunables): shapes of the law by Latin hypercube, each at several
+    speeds.
+
+    Whether bounds are kept is decided by the speed of the whole loop first, so each shape is taken at ten speeds.
+    Source: McKay, Beckman & Conover 1979 (Latin hypercube).
+    """
+    count = _SHAPES * max(x.size - 1, 2)
+    wide = np.where(powers == 0.0, _RATIO_WIDE, _WIDE)
+    below, above = np.maximum(low, x - wide), np.minimum(high, x + wide)
+    strata = np.array([random.permutation(count) for _ in x]).T
+    shapes = below + (above - below) * (strata + random.random((count, x.size))) / count
+    return np.clip((shapes[:, None] + _RUNGS[:, None] * powers).reshape(-1, x.size), low, high)
+
+
+_LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
+_NEAR = 0.3  # largest violation of a bound with which a start is good enough
+_PAYS = 0.02  # of the goal: least gain for which a notch is kept
+_NOTCHES = 3  # largest number of notches that are tried
+_LOUD, _APART = 0.15, 0.12  # least |L| of a resonance for a notch; least distance in ln f from another notch
+_TURNS = 6  # rounds for the number of standard deviations: it depends on which bounds are active at the end
+_CUTS = 3  # rounds in which lines that the search had left out are added
+_MORE = 3  # further rounds of searches if those before did not confirm the best
+_EASED = (1.6, 1.2)  # factors of Ms - 1 in a continuation: bounds 2.6 and 2.2 come before 2.0
+_WIDER, _WIDENED = np.log(10.0), 3  # growth of a range whose end holds the best value, and how often it may grow
+_AT_END = 1e-2  # of a logarithm: distance that counts as the end
+_POPULATION, _GENERATIONS = 8, 16  # points per tunable in the population, and turns of its evolution
+_COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
+
+
+class Best(NamedTuple):
+    """A control with the tunables that were varied and their final values."""
+
+    control: Control
+    names: tuple[str, ...]
+    end: End
+    criteria: Criteria
+    sure: float
+    cost: float
+    spread: float
+    unsettled: str
+    box: tuple[np.ndarray, np.ndarray]
+
+
+class Tuner:
+    """One tuning: the same points, goal and limits for every set of tunables that is tried."""
+
+    def __init__(
+        self,
+        points: tuple[OperatingPoint, ...],
+        goal: Figure,
+        limits: Limits,
+        band: tuple[float, float],
+        confidence: float,
+        starts: int,
+        seed: int,
+        velocity: float,
+        progress: Progress,
+    ) -> None:
+        self.points, self.goal, self.limits, self.band = points, goal, limits, band
+        self.confidence, self.starts, self.velocity = confidence, starts, velocity
+        self.random = np.random.default_rng(seed)
+        self.kept = [point.sparse() for point in points]
+        self.noisy = any(point.variance is not None for point in points)
+        self.evaluations, self.progress = 0, progress
+
+    def criteria(
+        self, control: Control, names: tuple[str, ...], whole: bool = False, *, rough: bool = False
+    ) -> Criteria:
+        """Return the criteria for a set of tunables, on the lines of the search or on all; `rough` takes half of the
+        lines, for two rates.
+        """
+        response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
+        kept = [some(lines, 2) for lines in self.kept] if rough else self.kept
+        points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, kept, strict=True))
+        return Criteria(points, response, self.goal, self.limits, self.band, near=rough)
+
+    def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
+        """Return the best result of some searches, on all lines, with the reserve for the noise."""
+        x = logarithms(control, names)
+        low, high = box(control, names, x, self.points[0].sample_time)
+        rough = control.law.period() > 1
+        search = Search(self.criteria(control, names, rough=rough), low, high)
+        search.report_to(self.progress, control, names)
+        self.progress.step("where to begin")
+        first = self._begin(search, x, speeds(control, names))
+        self.progress.step(f"{len(names)} tunables, first search")
+        wanted = self.starts if starts is None else starts
+        ends, unsettled = self._searched(search, control, names, x, first, wanted)
+        end = min(ends, key=lambda other: search.merit(other.judged))
+        if rough:
+            end = self._exactly(search, control, names, end)
+        end = self._from_below(search, end, x, speeds(control, names))
+        costs = [float(np.max(other.judged.goal)) for other in ends]
+        end = self._on_all_lines(control, names, search, end)
+        free, sure = float(np.max(end.judged.goal)), 0.0
+        if self.noisy:
+            require_good(search.criteria.answers(end.x), 1.0)
+            sure = _one_sided(self.confidence)
+            self.progress.step("room for the noise")
+            for _ in range(_TURNS):
+                search.sure = sure
+                end = self._from_below(search, search.descend(end.x), x, speeds(control, names))
+                end = self._on_all_lines(control, names, search, end)
+                wanted = needed(self.criteria(control, names, whole=True)(end.x).bounds, sure, self.confidence)
+                if abs(wanted - sure) < 0.03:
+                    break
+                sure = wanted
+        cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
+        if search.broken(end.judged) > 5e-3:
+            require_covered(self.criteria(control, names, whole=True).answers(end.x))
+            self._refuse(search, end)
+        require_covered(self.criteria(control, names, whole=True).answers(end.x))
+        if self.noisy:
+            require_good(search.criteria.answers(end.x), 1.0)
+            if cost > _COSTLY:
+                self._too_costly(search, end, cost)
+        self.evaluations += search.criteria.count
+        spread = max(costs) - min(costs)
+        return Best(control, names, end, search.criteria, sure, cost, spread, unsettled, (search.low, search.high))
+
+    def _exactly(self, search: Search, control: Control, names: tuple[str, ...], end: End) -> End:
+        """Continue a rough search with all images and all lines of the search."""
+        self.evaluations += search.criteria.count
+        search.criteria = self.criteria(control, names)
+        if search.judge(end.x) is None:
+            return search.descend(self._begin(search, end.x, speeds(control, names)))
+        return search.descend(end.x, 0.05)
+
+    def _searched(
+        self, search: Search, control: Control, names: tuple[str, ...], x: np.ndarray, first: np.ndarray, starts: int
+    ) -> tuple[list[End], str]:
+        """Return the ends of all searches, and why the best of them does not count as settled; empty if it does.
+
+        After the first, each round has two that know nothing of it and of each other: from the best of a population
+        from all over the range, and by continuation in Ms from the best of other points.  The best is settled when one
+        of either kind has come to it, and no range ends there that pays to be wider.
+        """
+        powers = speeds(control, names)
+        ends, kinds = [search.descend(first)], ["start"]
+        if starts < 2:
+            return ends, "one search was made, and none confirms it"
+        soft = np.array([_soft(control, name) for name in names])
+        opened = ""
+        for i in range(starts - 1 + _MORE):
+            if i >= starts - 1 and not opened and not unconfirmed(search, ends, kinds):
+                break
+            self.progress.step(f"{len(names)} tunables, from all over their range")
+            for kind in ("population", "continuation"):
+                begun = self._elsewhere(search, x, powers, evolved=kind == "population")
+                if begun is not None:
+                    ends.append(self._continued(search, begun) if kind == "continuation" else search.descend(begun))
+                    kinds.append(kind)
+            ends, opened = self._widened(search, ends, soft, names)
+        missing = unconfirmed(search, ends, kinds)
+        return ends, joined("; ", filter(None, (missing, opened)))
+
+    def _continued(self, search: Search, x: np.ndarray) -> End:
+        """Continue searches under bounds of Ms that tighten to the final one, each from the end before."""
+        if self.limits.limit(SENSITIVITY_PEAK) is not None:
+            for factor in _EASED:
+                eased = self._under(search, self.limits.eased(SENSITIVITY_PEAK, factor))
+                if eased.judge(x) is not None:
+                    x = eased.descend(x).x
+                self.evaluations += eased.criteria.count
+        return search.descend(x)
+
+    def _under(self, search: Search, limits: Limits) -> Search:
+        """Return a search with the same points and ranges within other limits."""
+        known = search.criteria
+        criteria = Criteria(known.points, known.control, self.goal, limits, self.band, near=known.near)
+        other = Search(criteria, search.low, search.high)
+        other.sure = search.sure
+        return other
+
+    def _widened(
+        self, search: Search, ends: list[End], soft: np.ndarray, names: tuple[str, ...]
+    ) -> tuple[list[End], str]:
+        """Widen ranges until the best gains less than 5 % further out; return the ends, and the tunables that still
+        gain more.
+        """
+        reason = ""
+        for _ in range(_WIDENED):
+            place = min(range(len(ends)), key=lambda i: search.merit(ends[i].judged))
+            end = ends[place]
+            low, high = (soft & (np.abs(end.x - edge) < _AT_END) for edge in (search.low, search.high))
+            if not np.any(low | high):
+                return ends, ""
+            before = search.low, search.high
+            search.low, search.high = search.low - _WIDER * low, search.high + _WIDER * high
+            wider = search.descend(end.x)
+            gained = search.merit(end.judged) - search.merit(wider.judged)
+            if gained < AGREE:
+                search.low, search.high = before
+                return ends, ""
+            ends = [wider if other is end else search.descend(other.x) for other in ends]
+            at = [name for name, outside in zip(names, low | high, strict=True) if outside]
+            reason = f"{', '.join(at)} at the end of the range of the search, and further out is better"
+        return ends, reason
+
+    def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
+        """Return a control without a further search, with the tunables it names."""
+        x = logarithms(control, names)
+        criteria = self.criteria(control, names, whole=True)
+        search = Search(criteria, x, x)
+        evaluation = search.judge(x)
+        if evaluation is None:
+            raise UnstableError("the loop is unstable with these gains: take another rule, or search with a goal")
+        answers = criteria.answers(x)
+        require_covered(answers)
+        if self.noisy:
+            require_good(answers, 1.0)
+        self.evaluations += 1
+        return Best(
+            control,
+            names,
+            End(x, evaluation, {}, search.broken(evaluation)),
+            criteria,
+            0.0,
+            0.0,
+            0.0,
+            "",
+            (x - 1.0, x + 1.0),
+        )
+
+    def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
+        """Return the start of a search: the present values if they are good enough, else the best point of a slower
+        loop.
+        """
+        here = search.judge(x)
+        if here is not None and search.broken(here) < _NEAR:
+            return x
+        rungs = [np.clip(x + step * powers, search.low, search.high) for step in _LADDER]
+        judged = [(search.judge(rung), rung) for rung in rungs]
+        stable = [(evaluation, rung) for evaluation, rung in judged if evaluation is not None]
+        if not stable:
+            raise UnstableError(
+                "no setting was found in which the loop is stable, as it is and with all its gains lower down to a "
+                "2000th: check the sign of the response, its unit (m/N), masses, filters and dead time"
+            )
+        return min(stable, key=lambda pair: (search.merit(pair[0]), abs(float(np.sum(pair[1] - x)))))[1]
+
+    def _from_below(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
+        """Return the end; if it violates a bound, that of a search from the fastest loop that is slow enough to keep
+        all.
+        """
+        if search.broken(end.judged) <= 2e-3:
+            return end
+        for step in _LADDER[_LADDER <= 0.0]:
+            rung = np.clip(x + step * powers, search.low, search.high)
+            evaluation = search.judge(rung)
+            if evaluation is not None and search.broken(evaluation) <= 0.0:
+                other = search.descend(rung)
+                return other if search.broken(other.judged) < search.broken(end.judged) else end
+        return end
+
+    def _elsewhere(
+        self, search: Search, x: np.ndarray, powers: np.ndarray, *, evolved: bool = True
+    ) -> np.ndarray | None:
+        """Return the start of another search: the best of points from all over the box, or the best of a population
+        evolved from them.
+        """
+        points = scattered(x, search.low, search.high, powers, self.random)
+        merits = search.look(points)
+        if not evolved:
+            best = int(np.argmin(merits))
+            return points[best] if np.isfinite(merits[best]) else None
+        chosen = np.argsort(merits)[: _POPULATION * max(x.size, 3)]
+        points, merits = search.evolve(points[chosen], merits[chosen], self.random, _GENERATIONS)
+        return points[0] if np.isfinite(merits[0]) else None
+
+    def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:
+        """Continue the search with the lines on which a bound is violated, until none is."""
+        for _ in range(_CUTS):
+            whole = self.criteria(control, names, whole=True)
+            evaluation = whole(end.x)
+            added = False
+            for bound in evaluation.bounds:
+                point = self.points[bound.point]
+                if search.sure * bound.deviation - bound.slack > 1e-3 and bound.frequency > 0.0:
+                    k = min(int(np.searchsorted(point.frequency, bound.frequency)), point.frequency.size - 1)
+                    beside = np.arange(max(k - 1, 0), min(k + 2, point.frequency.size))
+                    if not np.all(np.isin(beside, self.kept[bound.point])):
+                        self.kept[bound.point] = np.union1d(self.kept[bound.point], beside)
+                        added = True
+            if not added:
+                return end
+            self.evaluations += search.criteria.count
+            search.criteria = self.criteria(control, names)
+            if search.judge(end.x) is None:
+                return end
+            end = search.descend(end.x, 0.05)
+        return end
+
+    def _refuse(self, search: Search, end: End) -> None:
+        """Raise UnstableError with the conflicting bounds and the values that can be reached."""
+        worst = min(end.judged.bounds, key=lambda b: b.slack - search.sure * b.deviation)
+        noise = ""
+        if search.sure * worst.deviation > 0.5 * abs(worst.slack - search.sure * worst.deviation):
+            noise = ", for the noise of the measurement there, and it"
+        beyond = Quantity(search.sure * worst.deviation - worst.slack, "share")
+        where = f" at {Quantity(worst.frequency, 'Hz')}" if worst.frequency > 0.0 else ""
+        near = [b for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)]
+        others = {bound.kind: bound.figure for bound in sorted(near, key=lambda bound: bound.kind)}
+        others.pop(worst.kind, None)
+        against = f", in conflict with {', '.join(others)}" if others else ""
+        texts = [self._reachable(search, end, figure) for figure in (worst.figure, *others.values())]
+        reached = [text for text in texts if text]
+        best = f"; reachable, each with the other limits kept: {joined(' or ', reached)}" if reached else ""
+        raise UnstableError(
+            f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
+            f"('{self.points[worst.point].name}'){noise} stays {beyond:3} beyond its limit{against}{best}; ease a "
+            "limit, or add a filter there"
+        )
+
+    def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:
+        """Return the limit of a figure that can be met with all others kept; empty if relaxing it does not help."""
+        if figure is None:
+            return ""
+
+        def eased(factor: float) -> bool:
+            self.progress.step(f"what {figure.title} can be reached")
+            other = self._under(search, self.limits.eased(figure, factor))
+            if other.judge(end.x) is None:
+                return False
+            return other.broken(other.descend(end.x).judged) <= 2e-3
+
+        factors = [1.1, 1.3, 1.7, 2.5, 4.0, 8.0, 20.0, 100.0]
+        wide = next((i for i, factor in enumerate(factors) if eased(factor)), None)
+        if wide is None:
+            return ""
+        low, high = (1.0, *factors)[wide], factors[wide]
+        for _ in range(3):
+            middle = float(np.sqrt(low * high))
+            low, high = (low, middle) if eased(middle) else (middle, high)
+        limits = self.limits.eased(figure, high)
+        limit = limits.limit(figure)
+        return "" if limit is None else limits.text(limit)
+
+    def _too_costly(self, search: Search, end: End, cost: float) -> None:
+        """Raise NotIdentifiableError with the band in which the noise costs most."""
+        forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
+        worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
+        raise NotIdentifiableError(
+            f"do not tune, measure again: the noise of '{self.points[worst.point].name}' costs "
+            f"{Quantity(cost, 'share'):3} of the goal, most of it from "
+            f"{Quantity(0.7 * worst.frequency, 'Hz', bare=True)} to {Quantity(1.4 * worst.frequency, 'Hz')}, where "
+            f"{worst.kind} is only known to {Quantity(worst.deviation, 'share'):2}; excite this band more strongly, or "
+            "average longer"
+        )
+
+    def with_notches(self, best: Best, tried: list[str]) -> Best:
+        """Add notches at the remaining large resonances, one after the other, as long as each improves the goal."""
+        for frequency in self._loud(best)[:_NOTCHES]:
+            self.progress.step(Text(f"a notch at {Quantity(frequency, 'Hz')}"))
+            # nearly without effect, so that the search begins where the last one ended
+            notch = Notch(frequency=frequency, damping_zero=0.35, damping_pole=0.4)
+            control = replace(best.control, filters=(*best.control.filters, notch))
+            here = dict(zip(best.names, np.exp(best.end.x), strict=True))
+            control = tree.rebuild(control, (float(here.get(n, v)) for n, v in tree.leaves(control)))
+            i = len(control.filters) - 1
+            names = (*best.names, *(f"filters.{i}.{field}" for field in ("frequency", "damping_zero", "damping_pole")))
+            try:
+                other = self.tuned(control, names, starts=1)
+            except (UnstableError, NotIdentifiableError):
+                continue
+            gained = float(np.max(best.end.judged.goal) - np.max(other.end.judged.goal))
+            ended = float(np.exp(other.end.x[len(best.names)]))
+            if gained > _PAYS:
+                tried.append(
+                    Text(
+                        f"at {Quantity(ended, 'Hz')} (begun at {Quantity(frequency, 'Hz')}): gains "
+                        f"{Quantity(gained, 'share'):2}, taken"
+                    )
+                )
+                best = other
+            else:
+                tried.append(
+                    Text(
+                        f"at {Quantity(frequency, 'Hz')}: would gain {Quantity(max(gained, 0.0), 'share'):2}, not taken"
+                    )
+                )
+        return best
+
+    def _loud(self, best: Best) -> list[float]:
+        """Return the frequencies of the largest resonances of the loop gain above the crossover."""
+        names = dict(zip(best.names, np.exp(best.end.x), strict=True))
+        taken = [
+            names.get(f"filters.{i}.frequency", filter_.frequency)
+            for i, filter_ in enumerate(best.control.filters)
+            if isinstance(filter_, Notch)
+        ]
+        peaks: dict[float, float] = {}
+        for answer in self.criteria(best.control, best.names, whole=True).answers(best.end.x):
+            f, size = answer.point.frequency, np.abs(answer.gain)
+            above = np.flatnonzero(size >= 1.0)
+            crossover = f[above[0]] if above.size else f[0]
+            for k in range(2, f.size - 2):
+                peak = size[k] == np.max(size[k - 2 : k + 3]) and size[k] > _LOUD and f[k] > 1.2 * crossover
+                if peak and all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *peaks)):
+                    peaks[float(f[k])] = float(size[k])
+        return sorted(peaks, key=lambda frequency: -peaks[frequency])
+
+
+def _soft(control: Control, name: str) -> bool:
+    """True if the range of a tunable is a limit of the search only, which holds neither for filters nor for frequencies
+    in Hz.
+    """
+    return not name.startswith("filters.") and tree.declaration(control, name).unit != "Hz"
+
+
+def _one_sided(confidence: float) -> float:
+    from scipy.special import ndtri
+
+    return float(ndtri(confidence))
+
+
+_OFF = 1e-9  # factor of Kv that opens the position loop; 0 is outside its bounds
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CascadeLoops(Result):
+    """Margins of the velocity loop alone, opened at the actuator, and of the position loop around the closed velocity
+    loop.
+    """
+
+    velocity: Margins
+    position: Margins
+
+    def table(self) -> Table:
+        """Crossover and margins of both."""
+        rows: list[Sequence[Cell]] = []
+        fast, slow = (loop.loop_gain.sample_time for loop in (self.velocity, self.position))
+        ran = "" if fast is None or slow is None or fast == slow else Text(f", every {Quantity(slow, 's'):6}")
+        for name, m in (("velocity loop", self.velocity), (f"position loop{ran}", self.position)):
+            rows.append([name, m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.sensitivity_peak])
+        columns = [
+            "loop",
+            Column("crossover", "Hz"),
+            Column("phase margin", "deg"),
+            Column("gain may rise", "dB"),
+            "Ms",
+        ]
+        return Table("the cascade, loop by loop", columns, rows)
+
+
+def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | None:
+    """Return velocity and position loop of a P-PI control; None for another law.
+
+    Lv is the gain at the actuator without position loop (Kv -> 0); the position loop is opened at the velocity command.
+    """
+    law = control.law
+    if not isinstance(law, CascadePPI):
+        return None
+    whole, inner = (response_on(point, replace(control, law=replace(law, Kv=Kv))) for Kv in (law.Kv, _OFF * law.Kv))
+    gain = -np.einsum("kl,kl->l", inner.value, point.by_force)
+    velocity = FRF(point.frequency, gain, "cut", "force", "N/N", point.sample_time)
+    return CascadeLoops(margins(velocity), margins(position_loop(point, whole, inner)))
+
+
+class Verdict(Enum):
+    """The recommendation: take the new control, keep today's, or reject the result because its proof fails."""
+
+    TAKE = "take"
+    LEAVE = "leave"
+    REFUSE = "refuse"
+
+
+@dataclass(frozen=True)
+class HeldBack:
+    """An active limit: the point and frequency, and the gain of the goal in percent if it is relaxed by a tenth."""
+
+    what: str
+    point: str
+    frequency: float  # Hz
+    gain: float
+
+    def sentence(self) -> str:
+        """Return the limit in one sentence."""
+        where = f" at {Quantity(self.frequency, 'Hz')}" if self.frequency > 0.0 else ""
+        gain = Quantity(0.01 * self.gain, "share")
+        return Text(f"{self.what}{where} ({self.point}): a tenth more room would gain {gain:2}")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuned(Result):
+    """A control shaped for a goal within limits at all points.
+
+    tunables, started    values by dotted name of the control, new and today's (NaN: new filter)
+    goal              the figure that is optimized
+    before, after     figures at each point; before is empty if today's control has none
+    held              the bounds that limit the goal, the strongest first
+    advice            advice on further improvements
+    notches           the notches that were tried, and their effect on the goal
+    sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
+    spread, unsettled share by which the worst end of the searches is above the best; the reason why independent
+                      searches do not confirm the best, empty if they do
+    cost              share by which the noise of the measurement worsens the goal
+    recipe            the rule that the control is made by, if nothing was searched
+    cascade           velocity and position loop one by one, before and after, for a P-PI control
+    """
+
+    control: Control
+    loops: tuple[Loop, ...]
+    tunables: Mapping[str, float]
+    started: Mapping[str, float]
+    goal: Figure
+    band: tuple[float, float]
+    limits: Limits
+    before: tuple[Figures, ...]
+    after: tuple[Figures, ...]
+    held: tuple[HeldBack, ...]
+    advice: tuple[str, ...]
+    notches: tuple[str, ...]
+    sure: float
+    confidence: float | None
+    cost: float
+    evaluations: int
+    spread: float
+    unsettled: str
+    proof: tuple[Checked, ...]
+    cascade: tuple[CascadeLoops, ...] = ()
+    recipe: str = ""
+
+    @property
+    def rotary(self) -> bool:
+        """True if the axis turns; False where only responses are known."""
+        return any(loop.axis.rotary for loop in self.loops)
+
+    @property
+    def settled(self) -> bool:
+        """True if independent searches came to within 5 % of the best, inside the ranges."""
+        return not self.unsettled
+
+    @property
+    def holds(self) -> bool:
+        """True if no line of the proof fails; a tuning that does not hold must not be used."""
+        return all(line.holds is not False for line in self.proof)
+
+    @property
+    def proven(self) -> bool:
+        """True if all lines of the proof hold."""
+        return all(line.holds is True for line in self.proof)
+
+    @property
+    def rule(self) -> str:
+        """The goal of the tuning, or the rule that gave the control, in words."""
+        if self.recipe:
+            return Text(f"{self.recipe}; judged by {self.limits.sentence()}")
+        noise = f", kept with {Quantity(self.sure):3} standard deviations of the measurement" if self.sure else ""
+        return Text(f"{aim(self)} subject to {self.limits.sentence()}{noise}")
+
+    @property
+    def at_drive(self) -> bool:
+        """True if the compliance is that against a force at the drive, since none on the table is known."""
+        return any(loop.at_drive for loop in self.after)
+
+    def gained(self) -> float | None:
+        """Return the factor by which the goal of the worst point improves; None without a stable loop before."""
+        if not self.before or not all(loop.stable for loop in self.before):
+            return None
+        return goal_of(self, self.before) / goal_of(self, self.after)
+
+    @property
+    def verdict(self) -> Verdict:
+        """The decision, from which the sentence of `recommendation` follows."""
+        if not self.holds:
+            return Verdict.REFUSE
+        gained = self.gained()
+        if gained is None or broken_limits(self.before, self.limits):
+            return Verdict.TAKE
+        return Verdict.LEAVE if _change(self, gained) < _NOT_WORTH else Verdict.TAKE
+
+    def recommendation(self) -> str:
+        """Return the recommendation with its reason, and the figures that are worse than today."""
+        return recommendation(self)
+
+    def table(self) -> Table:
+        """Old and new figures, active limits, and the proof."""
+        rows: list[Sequence[Cell]] = []
+        for name, value in self.tunables.items():
+            unit = tree.declaration(self.control, name).unit
+            started = self.started[name]
+            before = "–" if np.isnan(started) else Quantity(started, unit, form="5 SI")
+            rows.append([readable(self.control, name), before, Quantity(value, unit, form="5 SI"), UNIT])
+        for i, after in enumerate(self.after):
+            before = self.before[i] if self.before else None
+            mark = f" ({after.point})" if len(self.after) > 1 else ""
+            rows += [
+                [f"{figure.label or figure.title}{mark}", _figure(before, figure), _figure(after, figure), UNIT]
+                for figure in reported()
+                if figure.read(after) is not None
+            ]
+        rows += [["held back by", "", "", held.sentence()] for held in self.held]
+        rows += [["to gain more", "", "", text] for text in self.advice]
+        rows += [["notch", "", "", text] for text in self.notches]
+        rows += [[f"proof: {line.what}", "", _verdict(line.holds), line.said] for line in self.proof]
+        return Table(f"{self.rule}. {self.recommendation()}", ["what", "today", "new", "unit"], rows)
+
+
+def _verdict(holds: bool | None) -> str:
+    return "not proven" if holds is None else "holds" if holds else "DOES NOT HOLD"
+
+
+def _figure(loop: Figures | None, figure: Figure) -> str | Quantity | None:
+    if loop is None:
+        return ""
+    return figure.quantity(figure.read(loop)) if loop.stable else "unstable"
+
+
+_NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
+_WORSE = 0.03  # relative change of a figure that counts as worse
+TIMES = 3.0  # ratio from which a gain reads as a factor, not as percent
+_LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone, beyond which a headline warns
+
+
+def declared_goal(tuned: Tuned) -> Goal:
+    """Return the declaration of the goal's figure."""
+    assert tuned.goal.goal is not None
+    return tuned.goal.goal
+
+
+def aim(tuned: Tuned) -> str:
+    """Return the goal in words."""
+    goal = declared_goal(tuned)
+    band = (
+        ""
+        if tuned.band == (0.0, np.inf)
+        else Text(f" from {Quantity(tuned.band[0], 'Hz', bare=True):6} to {Quantity(tuned.band[1], 'Hz'):6}")
+    )
+    best = "greatest" if tuned.goal.higher else "least"
+    return Text(f"{best} {goal.what}{_against(tuned)}{band if goal.banded else ''}")
+
+
+def _against(tuned: Tuned) -> str:
+    return " against a force at the drive" if tuned.at_drive and declared_goal(tuned).on_table else ""
+
+
+def recommendation(tuned: Tuned) -> str:
+    """Return the recommendation with its reason, the limiting bounds, and the figures that are worse than today."""
+    if tuned.verdict is Verdict.REFUSE:
+        failed = [line for line in tuned.proof if line.holds is False]
+        return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said}).")
+    worse = _worse(tuned)
+    price = Text(f"Worse than today: {worse}.") if worse else ""
+    first, then = (_advised(tuned), price) if tuned.verdict is Verdict.LEAVE else (price, _advised(tuned))
+    return joined(" ", filter(None, (_of_the_velocity_loop(tuned), first, then))) + _of_the_table(tuned)
+
+
+def _of_the_velocity_loop(tuned: Tuned) -> str:
+    """Return a headline if the new velocity loop alone is nearly unstable, which the margins of the whole may hide."""
+    if not tuned.cascade or tuned.verdict is Verdict.LEAVE:
+        return ""
+    alone = tuned.cascade[-1].velocity
+    phase, peak = alone.phase_margin_deg, alone.sensitivity_peak
+    if (phase is None or abs(phase) >= _LEAST_PHASE) and peak <= _MOST_PEAK:
+        return ""
+    margin = "" if phase is None else f"a phase margin of {_rough(phase, 'deg')} and "
+    return Text(
+        f"The velocity loop alone is next to unstable, with {margin}Ms {_rough(peak)}: it rings in manual mode."
+    )
+
+
+def _rough(value: float, unit: str = "") -> Quantity:
+    """Return a quantity rounded to two digits, in the unit that it is usually read in."""
+    size = USUAL.of(unit)[1]
+    return Quantity(float(two_digits(size * value)) / size, unit, form="6")
+
+
+def two_digits(value: float) -> str:
+    """Return a number rounded to two digits, without an exponent up to a million."""
+    return number(float(f"{value:.2g}"), 6)
+
+
+def _of_the_table(tuned: Tuned) -> str:
+    if not tuned.at_drive:
+        return ""
+    return (
+        " The response to a force on the table is not known, and the table may become softer: strike the table or "
+        "give a "
+        "machine with its plant before cutting with it."
+    )
+
+
+def _advised(tuned: Tuned) -> str:
+    limit = f"; {tuned.held[0].what} is the limit" if tuned.held else ""
+    gained = tuned.gained()
+    limits, new = tuned.limits.sentence(), _new_values(tuned)
+    if gained is None:
+        state = "there is no control to compare with" if not tuned.before else "today's loop is unstable"
+        return Text(f"{new} keep {limits}, and {state}{limit}.")
+    change, gain_text = _change(tuned, gained), _gain_text(tuned, gained)
+    broken = broken_limits(tuned.before, tuned.limits)
+    if broken:
+        return Text(f"{new} keep {limits} with {gain_text}, and today's {broken}{limit}.")
+    drive = _against(tuned)
+    if tuned.recipe and change < 0.0:
+        return Text(f"Leave the control as it is: this rule gives {gain_text}{drive}{limit}.")
+    if tuned.verdict is Verdict.LEAVE:
+        best = "this rule" if tuned.recipe else "the best that was found"
+        return Text(f"Leave the control as it is: {best} has only {gain_text}{drive}{limit}.")
+    return Text(f"{new} give {gain_text} within {limits}{limit}.")
+
+
+def _gain_text(tuned: Tuned, gained: float) -> str:
+    """Return the gain in words: `50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
+    ratio = gained if tuned.goal.higher else 1.0 / gained
+    if ratio >= TIMES:
+        return Text(f"{_rough(ratio)} times the {declared_goal(tuned).what}")
+    direction = "more" if ratio >= 1.0 else "less"
+    return Text(f"{_rough(abs(ratio - 1.0), 'share')} {direction} {declared_goal(tuned).what}")
+
+
+def _change(tuned: Tuned, gained: float) -> float:
+    """Return the improvement of the goal in percent."""
+    return 100.0 * (gained - 1.0 if tuned.goal.higher else 1.0 - 1.0 / gained)
+
+
+def _new_values(tuned: Tuned) -> str:
+    """Return the start of the sentence; without reservation only if the response to a force on the table is known."""
+    if not tuned.at_drive:
+        return "Take the new values: they"
+    return "Against a force at the drive the new values" if declared_goal(tuned).on_table else "The new values"
+
+
+def _worse(tuned: Tuned) -> str:
+    """Return the figures that are worse than today, at the point where they fell most, as a clause."""
+    if not tuned.before or not all(loop.stable for loop in tuned.before):
+        return ""
+    clauses: list[str] = []
+    for name, now in tuned.tunables.items():
+        if name.rpartition(".")[2] == "Kv" and tuned.started[name] > (1.0 + _WORSE) * now:
+            clauses.append(_fall("Kv", tuned.started[name], now, "1/s"))
+    for figure in reported():
+        if not figure.compared:
+            continue
+        pairs = [(figure.read(a), figure.read(b)) for a, b in zip(tuned.before, tuned.after, strict=True)]
+        fell = [
+            ((a / b if figure.higher else b / a), a, b)
+            for a, b in pairs
+            if a is not None and b is not None and a * b > 0
+        ]
+        if fell and max(fell)[0] > 1.0 + _WORSE:
+            clauses.append(_fall(figure.label or figure.title, *max(fell)[1:], figure.unit))
+    return joined(", ", clauses)
+
+
+def _fall(title: str, before: float, after: float, unit: str) -> str:
+    return f"{title} {replace(_rough(before, unit), bare=True)} -> {_rough(after, unit)}"
+
+
+def goal_of(tuned: Tuned, row: Sequence[Figures]) -> float:
+    """Return the value of the goal, which is minimized, at the worst point."""
+    of = declared_goal(tuned).of
+    return max(of(loop, tuned.band) for loop in row)
+
+
+def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
+    """Return the limit that a control exceeds, as a clause; empty if it keeps all."""
+    for loop in before:
+        for verdict in judged(limits, loop, room):
+            if not verdict.keeps:
+                return Text(f"have {verdict.text}, not {limits.text(verdict.limit)}")
+    return ""
+
 
 FILTERS = ("kept", "free", "placed")
 
@@ -48,7 +922,7 @@ def tune_control(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """The control with the tunables that are best for the goal while all limits hold at every point.
+    """Return the control with the tunables that are best for the goal while all limits hold at every point.
 
         minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
@@ -127,7 +1001,7 @@ def _tuner(
     velocity: float,
     progress: Progress | None,
 ) -> Tuner:
-    """The tuner for checked arguments."""
+    """Return the tuner for checked arguments."""
     figure = goals().get(goal)
     if figure is None or figure.goal is None:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(goals())}")
@@ -138,22 +1012,22 @@ def _tuner(
             f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} is empty: the lower "
             "frequency comes first"
         )
-    given = (points,) if isinstance(points, (OperatingPoint, Loop)) else tuple(points)
-    made = tuple(
-        modelled_point(each, f"axis {i + 1}" if len(given) > 1 else "model", velocity=velocity)
-        if isinstance(each, Loop)
-        else each
-        for i, each in enumerate(given)
+    sources = (points,) if isinstance(points, (OperatingPoint, Loop)) else tuple(points)
+    operating_points = tuple(
+        modelled_point(source, f"axis {i + 1}" if len(sources) > 1 else "model", velocity=velocity)
+        if isinstance(source, Loop)
+        else source
+        for i, source in enumerate(sources)
     )
-    if not made:
-        raise ParameterError("shaping needs at least one point")
-    if len({each.sample_time for each in made}) > 1:
-        said = joined(", ", [f"'{each.name}' {Quantity(each.sample_time, 's'):6}" for each in made])
-        raise ParameterError(f"one control has one sample time, but the points have {said}")
-    _check_band(made, band)
+    if not operating_points:
+        raise ParameterError("a tuning needs at least one operating point")
+    if len({point.sample_time for point in operating_points}) > 1:
+        times = joined(", ", [f"'{point.name}' {Quantity(point.sample_time, 's'):6}" for point in operating_points])
+        raise ParameterError(f"one control has one sample time, but the points have {times}")
+    _check_band(operating_points, band)
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
-    tuner = Tuner(made, figure, kept, band, confidence, starts, seed, velocity, progress or Progress())
-    integrates = ControlResponse(control, made[0].sample_time, (), velocity).integrates
+    tuner = Tuner(operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress())
+    integrates = ControlResponse(control, operating_points[0].sample_time, (), velocity).integrates
     if figure.goal.returns and not integrates(()):
         raise ParameterError(
             f"goal = '{goal}' needs a control with integral action: without it ('{control.law.kind}' as it is) a force "
@@ -164,13 +1038,13 @@ def _tuner(
 
 
 def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> None:
-    for each in points:
-        inside = np.count_nonzero((each.frequency >= band[0]) & (each.frequency <= band[1]))
+    for point in points:
+        inside = np.count_nonzero((point.frequency >= band[0]) & (point.frequency <= band[1]))
         if inside < 3:
             raise ParameterError(
                 f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} holds {inside} "
-                f"lines of '{each.name}', which has {Quantity(each.frequency[0], 'Hz', bare=True)} to "
-                f"{Quantity(each.frequency[-1], 'Hz')}: at least 3"
+                f"lines of '{point.name}', which has {Quantity(point.frequency[0], 'Hz', bare=True)} to "
+                f"{Quantity(point.frequency[-1], 'Hz')}: at least 3"
             )
 
 
@@ -178,14 +1052,14 @@ _MUCH = 0.02  # of the goal, by a tenth of a sample
 
 
 def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
-    """Figures before and after, the active limits, advice, and the proof."""
+    """Return figures before and after, the active limits, advice, and the proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
     before = _figures(tuner, today)
     after = _figures(tuner, control)
     loops = tuple(replace(point.loop, control=control) for point in tuner.points if point.loop is not None)
     proof = of_measurement(
-        [each for each, point in zip(after, tuner.points, strict=True) if point.loop is None], tuner.limits
+        [loop for loop, point in zip(after, tuner.points, strict=True) if point.loop is None], tuner.limits
     )
     for point in tuner.points:
         if point.loop is None:
@@ -193,7 +1067,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         else:
             loop = replace(point.loop, control=control)
             proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
-    cascades = [cascade_loops(each, tuner.points[0]) for each in (today, control)] if before else []
+    cascades = [cascade_loops(version, tuner.points[0]) for version in (today, control)] if before else []
     whole = tuner.criteria(best.control, best.names, whole=True)
     return Tuned(
         control=control,
@@ -215,45 +1089,45 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         spread=best.spread,
         unsettled=best.unsettled,
         proof=proof,
-        cascade=tuple(each for each in cascades if each is not None),
+        cascade=tuple(gains for gains in cascades if gains is not None),
         recipe=recipe,
     )
 
 
 def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
-    """At every point, on all lines; empty for a control that has no response."""
+    """Return the figures at every point, on all lines; empty for a control that has no response."""
     try:
-        found = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
+        answers = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
     except ParameterError:
         return ()
-    return tuple(figures(each, tuner.limits.reading_noise) for each in found)
+    return tuple(figures(answer, tuner.limits.reading_noise) for answer in answers)
 
 
 def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
-    """Bounds with a force, those at one place together."""
+    """Return the active bounds, merged if they are close in frequency."""
     summed: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for bound in best.end.judged.bounds:
         force = best.end.force.get(bound.key, 0.0)
         if force > 1e-4 and bound.figure is not None:
             summed.setdefault((bound.kind, bound.point), []).append((force, bound.frequency))
-    found: list[HeldBack] = []
+    held: list[HeldBack] = []
     for (kind, point), parts in summed.items():
         groups: list[list[tuple[float, float]]] = []
-        for part in sorted(parts, key=lambda each: each[1]):
+        for part in sorted(parts, key=lambda pair: pair[1]):
             if groups and part[1] < 1.3 * groups[-1][-1][1]:
                 groups[-1].append(part)
             else:
                 groups.append([part])
         for group in groups:
-            force = sum(each[0] for each in group)
-            where = sum(each[0] * each[1] for each in group) / force
-            found.append(HeldBack(kind, tuner.points[point].name, where, 100.0 * force * math.log(1.1)))
-    return tuple(sorted(found, key=lambda each: -each.gain))
+            force = sum(part[0] for part in group)
+            where = sum(part[0] * part[1] for part in group) / force
+            held.append(HeldBack(kind, tuner.points[point].name, where, 100.0 * force * math.log(1.1)))
+    return tuple(sorted(held, key=lambda limit: -limit.gain))
 
 
 def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
-    """Gain by less dead time, from the multipliers of the optimum, and loss by the noise."""
-    found: list[str] = []
+    """Return the gain by less dead time, from the multipliers of the optimum, and the loss by the noise."""
+    advice: list[str] = []
     step = 0.1 * tuner.points[0].sample_time
 
     def sooner(point: OperatingPoint) -> OperatingPoint:
@@ -272,26 +1146,26 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
         how = Text(
             f"{'one sample' if small else 'a tenth of a sample'} ({Quantity(10.0 * step if small else step, 's'):6 us})"
         )
-        found.append(
+        advice.append(
             Text(
                 f"{how} less dead time, from computation, filters or bus, would gain about "
                 f"{Quantity(gained * (10.0 if small else 1.0), 'share'):2}"
             )
         )
     if tuner.noisy and best.cost > 5e-3:
-        found.append(Text(f"a measurement without noise would gain {Quantity(best.cost, 'share'):2}"))
-    found += _edges(tuner, best)
+        advice.append(Text(f"a measurement without noise would gain {Quantity(best.cost, 'share'):2}"))
+    advice += _edges(tuner, best)
     if any(point.at_drive for point in tuner.points):
-        found.append(
+        advice.append(
             "all compliances are against a force at the drive, not on the table: strike the table (--disturbance), or "
             "give a machine whose plant agrees with the response (--baseline)"
         )
-    return tuple(found)
+    return tuple(advice)
 
 
 def _edges(tuner: Tuner, best: Best) -> list[str]:
-    """The tunables that ended at the edge of their range, in words."""
-    found: list[str] = []
+    """Return the tunables that ended at the edge of their range, in words."""
+    texts: list[str] = []
     nyquist = 0.5 / tuner.points[0].sample_time
     for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True):
         if min(value - low, high - value) > 1e-6:
@@ -305,17 +1179,17 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
             if tuner.limits.limit(FORCE_NOISE) is None:
                 reason += f", since no limit on the {FORCE_NOISE.title} prevents it"
         there = Quantity(size, unit, form="SI")
-        found.append(Text(f"{shown} = {there} is the {end} end of the range of the search{reason}"))
-    found += [
+        texts.append(Text(f"{shown} = {there} is the {end} end of the range of the search{reason}"))
+    texts += [
         f"filters.{bound.key[1]} (notch) would amplify instead of attenuate, so it is flat"
         for bound in best.end.judged.bounds
         if bound.figure is None and best.end.force.get(bound.key, 0.0) > 1e-3 and bound.slack < 0.02
     ]
-    return found
+    return texts
 
 
 def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
-    """The decrease of the goal, by the Lagrangian, with the other axis."""
+    """Return the decrease of the goal with another axis, by the Lagrangian."""
     slack = {bound.key: bound.slack for bound in there.bounds}
     eased = sum(
         end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack
@@ -324,15 +1198,15 @@ def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
 
 
 def _of_today(today: Control, control: Control, name: str) -> float:
-    """The value of a tunable in today's control; NaN if another block stands there, or none."""
+    """Return the value of a tunable in today's control; NaN if it has another block there, or none."""
     place, last = name.rpartition(".")[::2]
     blocks: list[object] = [today, control]
     for step in place.split("."):
         blocks = [
-            (each[int(step)] if int(step) < len(each) else None)
-            if isinstance(each, tuple)
-            else getattr(each, step, None)
-            for each in blocks
+            (block[int(step)] if int(step) < len(block) else None)
+            if isinstance(block, tuple)
+            else getattr(block, step, None)
+            for block in blocks
         ]
     value = getattr(blocks[0], last, None) if type(blocks[0]) is type(blocks[1]) else None
     return float(value) if value is not None else math.nan

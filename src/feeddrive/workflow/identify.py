@@ -38,7 +38,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
-from feeddrive.tuning.filter_pack import read_block
+from feeddrive.tuning.filters import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import columns_said, narrow, write_report, written

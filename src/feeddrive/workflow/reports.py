@@ -24,7 +24,7 @@ REPORTS = {
     "papers.claims:Experiment": "papers.claims:paper_report",
     "path.planned:Planned": "report.plan_report:plan_report",
     "study.answers.answers:Answers": "study.answers.page:study_report",
-    "tuning.tuned:Tuned": "workflow.tune_files:tuned_report",
+    "tuning.tune:Tuned": "workflow.tune_files:tuned_report",
     "workflow.circle:MeasuredCircle": "workflow.circle:measured_circle_report",
     "jobs.run_laws:JobResult": "jobs.run_laws:job_report",
 }

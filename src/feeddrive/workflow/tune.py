@@ -21,11 +21,10 @@ from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.study.study import StudyLike, read_study
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
-from feeddrive.tuning.tune import assess, tune_control
-from feeddrive.tuning.tuned import Tuned, Verdict
+from feeddrive.tuning.tune import Tuned, Verdict, assess, tune_control
 from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option, stem

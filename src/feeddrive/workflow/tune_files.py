@@ -33,12 +33,11 @@ from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.closed_loop import Figures, reported
-from feeddrive.tuning.filter_pack import aligned
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
+from feeddrive.tuning.filters import aligned
 from feeddrive.tuning.proof import ROOM
 from feeddrive.tuning.recipes import JudgedRecipe
-from feeddrive.tuning.tunables import readable
-from feeddrive.tuning.tuned import TIMES, Tuned, broken_limits, two_digits
+from feeddrive.tuning.tune import TIMES, Tuned, broken_limits, readable, two_digits
 from feeddrive.workflow.certify import write_certificate
 from feeddrive.workflow.tune_summary import summary
 

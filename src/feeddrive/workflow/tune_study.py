@@ -28,7 +28,7 @@ from feeddrive.report.report import Picture, Report, Section, Verdict, facts, fu
 from feeddrive.study.fresh import Measured
 from feeddrive.study.robust import Robust, RobustTuner, in_percent, said
 from feeddrive.tuning.candidates import candidates, control_with
-from feeddrive.tuning.tunables import law_tunables
+from feeddrive.tuning.tune import law_tunables
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.tune_files import Story, machine_text, tables
 from feeddrive.workflow.tune_summary import summary

@@ -9,7 +9,7 @@ from typing import Any
 from feeddrive.language.quantity import USUAL, Quantity
 from feeddrive.tuning.closed_loop import Figures, reported
 from feeddrive.tuning.recipes import JudgedRecipe
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.tune import Tuned
 
 
 def summary(found: Tuned, said: Sequence[str], rules: Sequence[JudgedRecipe]) -> dict[str, Any]:

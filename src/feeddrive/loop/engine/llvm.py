@@ -22,7 +22,7 @@ _SHIFTER = 6755399441055744.0
 
 
 class Printer:
-    """Writes the lines of one function, block after block."""
+    """A writer of the lines of one function, block after block."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -36,26 +36,26 @@ class Printer:
         self.flag = " contract" if plan.arithmetic == "fma" else ""
 
     def fresh(self) -> str:
-        """A new local name."""
+        """Return a new local name."""
         self.count += 1
         return f"%v{self.count}"
 
     def emit(self, text: str) -> str:
-        """A line that defines a new value."""
+        """Write a line that defines a new value; return its name."""
         name = self.fresh()
         self.lines.append(f"  {name} = {text}")
         return name
 
     def varies(self, node: int) -> bool:
-        """Whether a node is a vector."""
+        """True if a node is a vector."""
         return self.plan.lanes > 1 and self.plan.kinds.varying[node]
 
     def type(self, vector: bool, scalar: str = "double") -> str:
-        """The type of a value."""
+        """Return the type of a value."""
         return f"<{self.plan.lanes} x {scalar}>" if vector else scalar
 
     def value(self, node: int, vector: bool) -> str:
-        """A node's value in the shape that is needed."""
+        """Return a node's value as scalar or vector, as needed."""
         held = self.names[node]
         if not vector or self.varies(node):
             return held
@@ -65,43 +65,43 @@ class Printer:
         return self.spread[held]
 
     def splat(self, held: str, kind: str) -> str:
-        """A scalar in every lane."""
+        """Broadcast a scalar to every lane."""
         lanes = self.plan.lanes
         first = self.emit(f"insertelement <{lanes} x {kind}> poison, {kind} {held}, i32 0")
         mask = f"<{lanes} x i32> zeroinitializer"
         return self.emit(f"shufflevector <{lanes} x {kind}> {first}, <{lanes} x {kind}> poison, {mask}")
 
     def whole(self, value: int, vector: bool) -> str:
-        """A 64-bit whole number as an operand."""
+        """Return a 64-bit integer as an operand."""
         signed = value - 2**64 if value >= 2**63 else value
         return str(signed) if not vector else "<" + ", ".join([f"i64 {signed}"] * self.plan.lanes) + ">"
 
     def real(self, value: float, vector: bool) -> str:
-        """A double as an operand."""
+        """Return a double as an operand."""
         text = number(value)
         return text if not vector else "<" + ", ".join([f"double {text}"] * self.plan.lanes) + ">"
 
     def load(self, base: str, place: int, vector: bool) -> str:
-        """A number from memory that is laid out by lanes."""
+        """Load a number from memory that is laid out by lanes."""
         at = self.emit(f"getelementptr double, ptr {base}, i64 {place * self.plan.lanes}")
         return self.emit(f"load {self.type(vector)}, ptr {at}, align 8")
 
     def taken(self) -> list[str]:
-        """The lines written so far, which are then forgotten."""
+        """Return the lines written so far and start anew."""
         lines, self.lines = self.lines, []
         return lines
 
     def begin(self, label: str) -> None:
-        """A new block."""
+        """Start a new block."""
         self.block = label
         self.lines.append(f"{label}:")
 
     def store(self, held: str, at: str) -> None:
-        """A number to memory that is laid out by lanes."""
+        """Store a number to memory that is laid out by lanes."""
         self.lines.append(f"  store {self.type(self.plan.lanes > 1)} {held}, ptr {at}, align 8")
 
     def node(self, index: int) -> None:
-        """One operation."""
+        """Write one operation."""
         node = self.plan.graph.nodes[index]
         name, inner = node[0], arguments(node)
         if name in ("input", "table", "ring") or (index in self.plan.together and index in self.names):
@@ -154,19 +154,19 @@ class Printer:
             raise AssertionError(f"no text for the operation '{name}'")
 
     def select(self, index: int, inner: tuple[int, ...], vector: bool) -> None:
-        """A choice between two values, by one truth for all lanes or one for each."""
+        """Write a choice between two values, by one truth for all lanes or one for each."""
         group = self.plan.together.get(index, (index,))
         if Branch(group[0], 1) in self.branches or Branch(group[0], 2) in self.branches:
             self.branch(group)
             return
         kind = self.type(vector, "i1" if self.plan.kinds.truth[index] else "double")
-        each = vector and self.varies(inner[0])
-        condition = f"{self.type(each, 'i1')} {self.names[inner[0]]}"
+        per_lane = vector and self.varies(inner[0])
+        condition = f"{self.type(per_lane, 'i1')} {self.names[inner[0]]}"
         a, b = self.value(inner[1], vector), self.value(inner[2], vector)
         self.names[index] = self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
 
     def branch(self, group: tuple[int, ...]) -> None:
-        """Choices by one truth of which only the branch that is taken is computed."""
+        """Write choices by one truth, of which only the branch taken is computed."""
         first, nodes = group[0], self.plan.graph.nodes
         labels = {branch: f"branch{first}.{branch}" for branch in (1, 2)}
         self.lines.append(f"  br i1 {self.names[arguments(nodes[first])[0]]}, label %{labels[1]}, label %{labels[2]}")
@@ -184,7 +184,7 @@ class Printer:
             self.names[index] = self.emit(f"phi {kind} {', '.join(ends[index])}")
 
     def power_of_two(self, k: str, vector: bool) -> str:
-        """2ᵏ by writing k + 1023 where a double keeps its exponent."""
+        """Write 2ᵏ by placing k + 1023 in the exponent bits of a double."""
         kind, whole = self.type(vector), self.type(vector, "i64")
         shifted = self.emit(f"fadd {kind} {k}, {self.real(_SHIFTER, vector)}")
         bits = self.emit(f"bitcast {kind} {shifted} to {whole}")
@@ -193,7 +193,7 @@ class Printer:
         return self.emit(f"bitcast {whole} {placed} to {kind}")
 
     def exponent(self, x: str, vector: bool) -> str:
-        """The exponent bits as a double."""
+        """Return the exponent bits as a double."""
         kind, whole = self.type(vector), self.type(vector, "i64")
         bits = self.emit(f"bitcast {kind} {x} to {whole}")
         down = self.emit(f"lshr {whole} {bits}, {self.whole(52, vector)}")
@@ -201,17 +201,17 @@ class Printer:
         return self.minus(self.from_whole(kept, vector), 1023.0, vector)
 
     def from_whole(self, bits: str, vector: bool) -> str:
-        """A whole number below 2⁵² as a double: written into the bits of 2⁵², which is then taken away."""
+        """Convert an integer below 2⁵² to a double: write it into the bits of 2⁵², then subtract 2⁵²."""
         kind, whole = self.type(vector), self.type(vector, "i64")
         held = self.emit(f"or {whole} {bits}, {self.whole(0x4330000000000000, vector)}")
         return self.minus(self.emit(f"bitcast {whole} {held} to {kind}"), 2.0**52, vector)
 
     def minus(self, x: str, constant: float, vector: bool) -> str:
-        """X - constant."""
+        """Subtract a constant."""
         return self.emit(f"fsub {self.type(vector)} {x}, {self.real(constant, vector)}")
 
     def uniform(self, values: list[str], vector: bool) -> str:
-        """The mix of `primitives.uniform`."""
+        """Write the mix of `primitives.uniform`."""
         whole, kind = self.type(vector, "i64"), self.type(vector)
         bits = self.whole(0, vector)
         for value, stride in zip(values, STRIDES, strict=True):
@@ -230,13 +230,13 @@ class Printer:
         return self.emit(f"fmul {kind} {centred}, {self.real(2.0**-52, vector)}")
 
     def library(self, name: str, x: str, vector: bool) -> str:
-        """A function of the system's library, lane by lane."""
+        """Call a function of the system's library, lane by lane."""
         if not vector:
             return self.emit(f"call double @{name}(double {x})")
         return self.by_lane(lambda one: self.emit(f"call double @{name}(double {one})"), x)
 
     def gather(self, table: int, place: int, vector: bool) -> str:
-        """A read from a table at a place that is inside it."""
+        """Read from a table at a valid index."""
 
         def read(one: str) -> str:
             offset = self.emit(f"fptosi double {one} to i64")
@@ -246,7 +246,7 @@ class Printer:
         return self.by_lane(read, self.names[place]) if vector else read(self.names[place])
 
     def get(self, ring: int, place: int, vector: bool) -> str:
-        """A cell of a ring: of all lanes at once, or of each lane another one."""
+        """Read a cell of a ring: the same one in all lanes, or another one in each."""
         if not vector:
             return self.emit(f"load double, ptr {self.cell(ring, self.names[place], 0)}, align 8")
         if not self.varies(place):
@@ -259,7 +259,7 @@ class Printer:
         return total
 
     def put(self, ring: int, place: int, value: int) -> None:
-        """Another value into a cell of a ring, in place."""
+        """Overwrite a cell of a ring in place."""
         held = self.value(value, self.plan.lanes > 1)
         if not self.varies(place):
             self.store(held, self.cell(ring, self.names[place], 0))
@@ -270,7 +270,7 @@ class Printer:
             self.lines.append(f"  store double {one}, ptr {self.cell(ring, at, lane)}, align 8")
 
     def cell(self, ring: int, place: str, lane: int) -> str:
-        """Where a cell of a ring lies in the memory of the states."""
+        """Return the address of a cell of a ring in the memory of the states."""
         offset = self.emit(f"fptosi double {place} to i64")
         if self.plan.lanes > 1:
             offset = self.emit(f"mul i64 {offset}, {self.plan.lanes}")
@@ -279,7 +279,7 @@ class Printer:
         return self.emit(f"getelementptr double, ptr {self.names[ring]}, i64 {offset}")
 
     def by_lane(self, function: Callable[[str], str], x: str) -> str:
-        """A scalar operation for each lane."""
+        """Write a scalar operation for each lane."""
         lanes = self.plan.lanes
         kind = self.type(True)
         total = "poison"
@@ -290,7 +290,7 @@ class Printer:
 
 
 def intrinsics(plan: Plan) -> list[str]:
-    """Declarations of everything that the operations of a plan call."""
+    """Return declarations of everything that the operations of a plan call."""
     used = {plan.graph.nodes[i][0] for i in plan.order}
     kinds = [("f64", "double")]
     if plan.lanes > 1:

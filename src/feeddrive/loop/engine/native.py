@@ -17,10 +17,10 @@ _ENTRY = "feeddrive_run"
 
 
 class Native:
-    """A compiled plan. It owns the machine code."""
+    """A compiled plan, which owns its machine code."""
 
     def __init__(self, plan: Plan, source: str, *, quick: bool = False) -> None:
-        """`quick` as in `native`."""
+        """Compile a plan; `quick` as in `native`."""
         self.plan = plan
         self._code = machine_code(source, [_ENTRY], effort=0 if quick else 2)
         self.key = self._code.key
@@ -36,7 +36,7 @@ class Native:
         outputs: np.ndarray | None,
         tables: Sequence[np.ndarray],
     ) -> None:
-        """`count` samples from sample `first` on; `states` goes in and comes out, `outputs` is filled.
+        """Compute `count` samples from sample `first` on; `states` is updated, `outputs` is filled.
 
         constants (n, lanes), inputs (count, n), states (n, lanes), outputs (count, n, lanes): float64, C order, but the
         inputs may have any strides.
@@ -47,12 +47,12 @@ class Native:
         self.run_at(count, first, memory, inputs.strides)
 
     def run_at(self, count: int, first: int, memory: Sequence[int], strides: Sequence[int]) -> None:
-        """The same with the addresses of constants, inputs, states, outputs and tables; strides of inputs in bytes."""
+        """Run with the addresses of constants, inputs, states, outputs and tables; strides of inputs in bytes."""
         self._call(count, first, *memory, *[stride // _NUMBER for stride in strides])
 
 
 def native(plan: Plan, *, flush: bool = True, quick: bool = False) -> Native:
-    """The machine code of a plan.
+    """Return the machine code of a plan.
 
     flush  whether numbers below the normal ones count as zero; plain Python has them
     quick  compile in a third of the time, to slower code: for what runs once

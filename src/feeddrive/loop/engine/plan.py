@@ -20,7 +20,9 @@ from feeddrive.loop.trace import Carried, Program
 
 
 class Kinds(NamedTuple):
-    """For every node, in order: does it change from sample to sample, from lane to lane, is it a truth value?"""
+    """For every node, in order: whether it changes from sample to sample, from lane to lane, and whether it is a truth
+    value.
+    """
 
     moving: list[bool]
     varying: list[bool]
@@ -30,7 +32,7 @@ class Kinds(NamedTuple):
 def classify(
     graph: Graph, moving: Collection[int], varying: Collection[int], carried: Collection[tuple[int, int]]
 ) -> Kinds:
-    """Kinds of all nodes.
+    """Return the kinds of all nodes.
 
     moving   nodes that are given at each sample (inputs, the sample index)
     varying  leaves that differ between lanes (constants, states that start differently)
@@ -83,7 +85,7 @@ class Plan:
 
 
 def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), arithmetic: str = "exact") -> Plan:
-    """The plan of a program whose leaves named in `varying` differ between lanes."""
+    """Return the plan of a program whose leaves named in `varying` differ between lanes."""
     roots = [*program.outputs.values(), *(node for state in program.states for node in (state.before, state.after))]
     leaves = {**program.constants, **program.inputs, **program.tables}
     graph, place = lower(program.graph, [*roots, *leaves.values()], arithmetic)
@@ -129,12 +131,14 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
     return unordered
 
 
-def _in_order(made: Plan, needed: list[int], ends: list[int]) -> Plan:
-    return replace(made, order=_ordered(made.graph, needed, ends, made.together, single=made.lanes == 1))
+def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
+    return replace(
+        unordered, order=_ordered(unordered.graph, needed, ends, unordered.together, single=unordered.lanes == 1)
+    )
 
 
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
-    """For each choice all choices by the same truth that can be made where the first of them is made.
+    """Return, for each choice, all choices by the same truth that can be made where the first of them is made.
 
     Several results that only one side needs, such as the forces of a tooth in the work, are then one branch.  What they
     choose from was traced before the first of them, so that none of them waits for another one.
@@ -155,7 +159,7 @@ def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[
 def _ordered(
     graph: Graph, needed: list[int], ends: list[int], together: Mapping[int, tuple[int, ...]], *, single: bool
 ) -> tuple[int, ...]:
-    """The order of evaluation: that of the trace with lanes; of a single run the longest chains first.
+    """Return the order of evaluation: that of the trace with lanes; for a single run the longest chains first.
 
     The longest chains are those of the next states with the most operations in a row, with all that they need.  A
     single run waits for such a chain from sample to sample: a processor that meets it early fills the waiting with the
@@ -196,12 +200,12 @@ def _ordered(
 
 
 def _chosen_from(graph: Graph, group: Sequence[int]) -> list[int]:
-    """What some choices need."""
+    """Return the operations that some choices need."""
     return [i for index in group for i in arguments(graph.nodes[index])]
 
 
 def reads_first(graph: Graph, needed: Collection[int]) -> dict[int, list[int]]:
-    """For each write to a ring the reads of its cells as they were before, which come first.
+    """Return, for each write to a ring, the reads of its cells as they were before, which come first.
 
     Raises StructureError where a ring is written twice from one state, which memory that is written in place cannot do.
     """
@@ -226,12 +230,12 @@ ARITHMETIC = ("exact", "libm", "fma")
 
 
 def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, dict[int, int]]:
-    """The graph below the roots in the operations that printers know, and where each old node went."""
-    return rebuilt(graph, roots, lambda made, name, values: composed(made, name, values, arithmetic))
+    """Return the graph below the roots in the operations that printers know, and the new node of each old one."""
+    return rebuilt(graph, roots, lambda target, name, values: composed(target, name, values, arithmetic))
 
 
 def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> Any:
-    """One operation on symbols, in plain arithmetic where a printer has no word for it."""
+    """Return one operation on symbols, in plain arithmetic where a printer has no operation for it."""
     if name in ELEMENTARY and arithmetic != "libm":
         return getattr(mathematics, name)(*values)
     if name == "quantise":
@@ -247,7 +251,7 @@ def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> 
 
 
 def _inside(place: Symbol, length: int) -> Symbol:
-    """A place that is one of the memory, whatever the number is."""
+    """Return the index clamped to the valid memory range."""
     held = ops.clip(place, 0.0, float(length - 1))
     return ops.where(ops.equal(held, held), held, 0.0)
 
@@ -265,7 +269,7 @@ class Branch(NamedTuple):
 
 
 def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
-    """The operations that belong to each branch, in order; an inner branch keeps its own."""
+    """Return the operations that belong to each branch, in order; an inner branch keeps its own."""
     places = _places(plan)
     costs: dict[Branch, int] = {}
     nodes = plan.graph.nodes
@@ -279,18 +283,18 @@ def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
         if place is not None:
             costs[place] = costs.get(place, 0) + _COSTS.get(nodes[index][0], 1)
     kept = {branch for branch, cost in costs.items() if cost >= LEAST_COST}
-    found: dict[Branch, list[int]] = {branch: [] for branch in kept}
+    members: dict[Branch, list[int]] = {branch: [] for branch in kept}
     for index in plan.order:
         place = places.get(index)
         while place is not None and place not in kept:
             place = places[place.select]
         if place is not None:
-            found[place].append(index)
-    return found
+            members[place].append(index)
+    return members
 
 
 def _places(plan: Plan) -> dict[int, Branch | None]:
-    """For each operation the innermost branch that alone needs it; None where the loop itself does."""
+    """Return, for each operation, the innermost branch that alone needs it; None where the loop itself does."""
     nodes, moving = plan.graph.nodes, plan.kinds.moving
     needs: dict[int, list[Branch | None]] = {node: [None] for _, node in plan.outputs}
     for state in plan.states:
@@ -306,19 +310,19 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
         group = plan.together.get(index, (index,))
         if group[-1] in places and index != group[-1]:
             continue
-        wanted = [branch for each in group for branch in needs[each]]
+        wanted = [branch for node in group for branch in needs[node]]
         place = None if nodes[index][0] in ("get", "put") else _common(wanted, places)
-        for each in group:
-            places[each] = place
-            inner = arguments(nodes[each])
+        for node in group:
+            places[node] = place
+            inner = arguments(nodes[node])
             for position, argument in enumerate(inner):
-                chosen = nodes[each][0] == "select" and position > 0 and inner[1] != inner[2]
+                chosen = nodes[node][0] == "select" and position > 0 and inner[1] != inner[2]
                 needs.setdefault(argument, []).append(Branch(group[0], position) if chosen else place)
     return places
 
 
 def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> Branch | None:
-    """The innermost branch around all of some branches."""
+    """Return the innermost branch around all of some branches."""
     around = _around(branches[0], places)
     for branch in branches[1:]:
         others = _around(branch, places)
@@ -327,7 +331,7 @@ def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> 
 
 
 def _around(branch: Branch | None, places: dict[int, Branch | None]) -> list[Branch]:
-    """A branch and all branches around it, from the inside out."""
+    """Return a branch and all branches around it, from the inside out."""
     branches: list[Branch] = []
     while branch is not None:
         branches.append(branch)

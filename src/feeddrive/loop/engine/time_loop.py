@@ -25,7 +25,7 @@ _ATTRIBUTES = 'nounwind alignstack=64 "min-legal-vector-width"="512" "prefer-vec
 
 
 def text(plan: Plan, name: str, target: str, *, flush: bool = True) -> str:
-    """The module of a plan for a target triple; `flush`: on x86 and aarch64 numbers below the normal ones become 0."""
+    """Return the module of a plan for a target triple; `flush`: on x86 and aarch64 subnormal numbers become 0."""
     writer = _TimeLoop(plan)
     entry = writer.entry()
     body = writer.body()
@@ -80,7 +80,7 @@ class _TimeLoop:
         self.last = ""  # the block in which a sample ends
 
     def entry(self) -> list[str]:
-        """Everything that does not move, and the first states."""
+        """Write everything that is constant over the run, and the first states."""
         plan, printer = self.plan, self.printer
         moving = plan.kinds.moving
         for i, (_, node) in enumerate(plan.tables):
@@ -113,7 +113,7 @@ class _TimeLoop:
         return printer.taken()
 
     def body(self) -> list[str]:
-        """One sample."""
+        """Write one sample."""
         plan, printer = self.plan, self.printer
         outside = dict(printer.spread)
         printer.block = "loop"
@@ -142,7 +142,7 @@ class _TimeLoop:
         return printer.taken()
 
     def done(self) -> list[str]:
-        """The last states go back to memory; those that are the same in all lanes to all of them."""
+        """Write the last states back to memory; those that are the same in all lanes to all of them."""
         plan, printer = self.plan, self.printer
         lasts = {state.name: printer.emit(self._join(state.name)) for state in self.carried}
         for state in self.carried:
@@ -154,13 +154,13 @@ class _TimeLoop:
         return printer.taken()
 
     def _join(self, name: str) -> str:
-        """A state's value: the first one on the way from the entry, else that at the end of a sample."""
+        """Write a state's value: the first one when coming from the entry, else that at the end of a sample."""
         kind = self.printer.type(self.printer.varies(self.plan.states[self.places[name]].before))
         return f"phi {kind} [ {self.begins[name]}, %entry ], [ {self.ends[name]}, %{self.last} ]"
 
 
 def _flush(target: str) -> tuple[list[str], list[str], list[str]]:
-    """Declarations, and the lines that set and restore the mode in which numbers below the normal ones are 0."""
+    """Return declarations, and the lines that set and restore the mode in which subnormal numbers are 0."""
     if target.startswith("x86_64"):
         return (
             ["declare void @llvm.x86.sse.stmxcsr(ptr)", "declare void @llvm.x86.sse.ldmxcsr(ptr)"],

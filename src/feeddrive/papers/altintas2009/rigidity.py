@@ -37,7 +37,7 @@ from feeddrive.papers.altintas2009.testbed import (
 from feeddrive.papers.claims import Claim, stated
 from feeddrive.plot.curves import Row, curves_chart
 from feeddrive.report.report import Picture
-from feeddrive.tuning.delay_map import DelayMap, delay_map
+from feeddrive.tuning.scaling import DelayMap, delay_map
 from feeddrive.tuning.tune import tune_control
 
 F = np.geomspace(0.1, 1000.0, 1200)

@@ -25,7 +25,7 @@ from feeddrive.studio.pictures import charts
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import words_of
 from feeddrive.tuning.by_hand import Look
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.tune import Tuned
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.request import Field, fields_of
 from feeddrive.workflow.tune import TuneRequest

@@ -20,11 +20,17 @@ from feeddrive.studio.parts import Parts
 from feeddrive.studio.pictures import PICTURES, USUAL, charts, choices
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.verdicts import figure_words, verdict_words, with_verdicts
-from feeddrive.tuning.bandwidth import quickened, speed_powers, speed_range
 from feeddrive.tuning.by_hand import ByHand, Look
-from feeddrive.tuning.filter_grips import filter_dragged, filter_grips, filter_stepped
-from feeddrive.tuning.filter_pack import begun_filter, filter_kinds, with_filters
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.criteria import Limits
+from feeddrive.tuning.filters import (
+    begun_filter,
+    filter_dragged,
+    filter_grips,
+    filter_kinds,
+    filter_stepped,
+    with_filters,
+)
+from feeddrive.tuning.scaling import quickened, speed_powers, speed_range
 
 TODAY, NOW = "today", "now"
 SNAPSHOTS = ("A", "B", "C")

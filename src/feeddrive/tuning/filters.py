@@ -1,0 +1,434 @@
+"""Filters by hand: start values for the loop, response, differences of two packs, and grips on the loop gain."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from feeddrive.analysis.margins import Margins
+from feeddrive.blocks.catalogue import find, members
+from feeddrive.blocks.families import Filter
+from feeddrive.blocks.filter.low_pass2 import LowPass2
+from feeddrive.blocks.filter.notch import Notch
+from feeddrive.blocks.filter.second_order import SecondOrder
+from feeddrive.language import tree
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import declarations
+from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.recent import Recent
+from feeddrive.language.text import Text
+from feeddrive.loop.control import Control
+
+B = TypeVar("B", bound=Block)
+HIGHEST_FILTER = 0.45  # of the sample rate: upper limit of filter frequencies that are chosen or searched
+HIGHEST = 0.49  # of the sample rate: of any frequency that is moved
+_RISE = 3.0  # dB by which a resonance stands out of the loop gain below it
+_AROUND = 1.1  # factor of the frequency of a resonance within which it counts
+_BEYOND = 3.0  # times the crossover: where a filter begins if nothing stands out
+_COSTS = 10.0  # degrees of phase at the crossover that a filter may take to begin with
+_PASSES = 0.5  # gain near half the sample rate below which a filter is a low-pass
+_MOST_NARROWED = 10.0  # times narrower than by default
+_HALVINGS = 20
+
+
+def filter_kinds() -> tuple[str, ...]:
+    """Return all kinds of filters, including user-defined ones."""
+    return tuple(members(Filter))  # type: ignore[type-abstract]
+
+
+def written_filter(block: Filter) -> str:
+    """Return a filter in the syntax of the command line: notch:frequency=164.0,damping_zero=0.05,damping_pole=0.5."""
+    return f"{block.kind}:{','.join(f'{name}={value!r}' for name, value in tree.leaves(block))}"
+
+
+def read_filter(text: str) -> Filter:
+    """Return the filter of a text in the syntax of `written_filter`, in SI; omitted fields have their defaults.
+
+    Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
+    """
+    return read_block(Filter, text)  # type: ignore[type-abstract]
+
+
+def read_block(family: type[B], text: str) -> B:
+    """Return a block of a family from the syntax of the command line, its numbers in SI: cascade_ppi:Kv=38,Kp=9e4.
+
+    Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
+    """
+    kind, _, rest = text.partition(":")
+    block_type: type[Any] = find(family, kind.strip())
+    known = [name for name, declared in declarations(block_type).items() if declared.role == "parameter"]
+    values = dict[str, float]()
+    for pair in filter(None, (part.strip() for part in rest.split(","))):
+        name, equals, value = (part.strip() for part in pair.partition("="))
+        if not equals:
+            raise ParameterError(f"'{pair}' of '{text}': write it as NAME=VALUE, as notch:frequency=164")
+        if name not in known:
+            raise ParameterError(f"{block_type.kind} has no number '{name}'{nearest(name, known)}")
+        try:
+            values[name] = float(value)
+        except ValueError:
+            raise ParameterError(f"{block_type.kind}.{name} = '{value}' is no number") from None
+    missing = [
+        field.name
+        for field in dataclasses.fields(block_type)  # type: ignore[arg-type]
+        if field.name in known and field.name not in values and field.default is dataclasses.MISSING
+    ]
+    if missing:
+        units = ", ".join(f"{name} in {declarations(block_type)[name].unit or '1'}" for name in missing)
+        raise ParameterError(f"'{text}' needs {units}: write {kind}:{missing[0]}=VALUE")
+    return block_type(**values)
+
+
+def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) -> np.ndarray:
+    """Return the gain of a filter on lines in Hz, from its own step: H = c (z - A)⁻¹ b + d, z = e^(j2πfT)."""
+    prepared = block.prepare(sample_time)
+    rest = block.start(prepared, 0.0)
+    count = sum(1 for _ in tree.leaves(rest))
+
+    def stepped(state: np.ndarray, value: float) -> list[float]:
+        after, output = block.step(prepared, tree.rebuild(rest, iter(state)), value)
+        return [*(float(number) for _, number in tree.leaves(after)), float(output)]
+
+    rows = [stepped(row, 0.0) for row in np.eye(count)] + [stepped(np.zeros(count), 1.0)]
+    whole = np.array(rows).T  # [A b; c d]
+    z = np.exp(2j * np.pi * np.asarray(frequency) * sample_time)
+    inverse = z[:, None, None] * np.eye(count) - whole[:count, :count]
+    states = np.linalg.solve(inverse, np.broadcast_to(whole[:count, count:], (z.size, count, 1)))
+    return (whole[count:, :count] @ states)[:, 0, 0] + whole[count, count]
+
+
+def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None = None) -> Filter:
+    """Return a filter with start values for a loop gain: at a frequency in Hz, or where it is likely to be needed.
+
+    A filter that passes high frequencies begins at the resonance beyond the crossover that brings the loop nearest to
+    -1, of those that stand out of the loop gain by 3 dB; without one at three times the crossover.  Where it would take
+    more than 10° of the phase at the crossover it begins narrower: all its damping ratios smaller by a common factor.
+    A low-pass begins at the lowest frequency at which it takes no more than 10°.  Never above 0.45 times the sample
+    rate.
+
+    Raises ParameterError for a filter with a number that is neither a frequency nor has a default.
+    """
+    filter_type: type[Any] = find(Filter, kind)  # type: ignore[type-abstract]
+    highest = HIGHEST_FILTER / sample_time
+    names = list[str]()
+    for field in dataclasses.fields(filter_type):  # type: ignore[arg-type]
+        declared = declarations(filter_type)[field.name]
+        if field.default is dataclasses.MISSING and declared.role == "parameter":
+            if declared.unit != "Hz":
+                raise ParameterError(
+                    f"{filter_type.kind}.{field.name} has no default and is no frequency: add the filter by its "
+                    f"numbers, feeddrive adjust --add {filter_type.kind}:{field.name}=VALUE"
+                )
+            names.append(field.name)
+
+    ratios = {
+        field.name: field.default
+        for field in dataclasses.fields(filter_type)  # type: ignore[arg-type]
+        if field.name.startswith("damping") and isinstance(field.default, (int, float))
+    }
+    crossover = loop.crossover or float(loop.loop_gain.frequency[0])
+
+    def placed(frequency: float, narrow: float = 1.0) -> Filter:
+        dampings = {name: float(f"{narrow * value:.4g}") for name, value in ratios.items()}
+        return filter_type(**dict.fromkeys(names, float(f"{frequency:.4g}")), **dampings)
+
+    def mild(block: Filter) -> bool:
+        return abs(np.degrees(np.angle(filter_response(block, np.array([crossover]), sample_time)[0]))) <= _COSTS
+
+    through = abs(filter_response(placed(0.1 * highest), np.array([highest]), sample_time)[0])
+    if through < _PASSES:
+        low = min(crossover, highest)
+        return placed(at or _least(lambda frequency: mild(placed(frequency)), low, highest))
+    where = at or min(_resonance(loop, crossover), highest)
+    return placed(where, 1.0 / _least(lambda factor: mild(placed(where, 1.0 / factor)), 1.0, _MOST_NARROWED))
+
+
+def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the smallest admissible value from low to high, if admissibility rises with the value; the highest if none
+    is.
+    """
+    if admits(low):
+        return low
+    for _ in range(_HALVINGS):
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if admits(middle) else (middle, high)
+    return high
+
+
+def _resonance(loop: Margins, crossover: float) -> float:
+    """Return the frequency in Hz of the peak of |L| beyond its crossover that comes closest to -1."""
+    from scipy.signal import find_peaks  # not with every command
+
+    beyond = loop.loop_gain.frequency > crossover
+    f, L = loop.loop_gain.frequency[beyond], loop.loop_gain.response[beyond]
+    level = 20.0 * np.log10(np.maximum(np.abs(L), 1e-30))
+    peaks, _ = find_peaks(level, prominence=_RISE)
+    if not peaks.size:
+        return min(_BEYOND * crossover, float(loop.loop_gain.frequency[-1]))
+    near = [np.min(np.abs(1.0 + L[(f > f[k] / _AROUND) & (f < f[k] * _AROUND)])) for k in peaks]
+    return float(f[peaks[int(np.argmin(near))]])
+
+
+@dataclasses.dataclass(frozen=True)
+class Difference:
+    """The edits from one control to another: filters removed by index, others appended, then numbers set.
+
+    removed  places in the old pack
+    added    behind those that are left
+    values   below the control with the new pack: numbers that are others now
+    """
+
+    removed: tuple[int, ...]
+    added: tuple[Filter, ...]
+    values: Mapping[str, float]
+
+    @property
+    def nothing(self) -> bool:
+        """True if the controls are equal."""
+        return not (self.removed or self.added or self.values)
+
+
+def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filter]) -> Control:
+    """Return the control without the filters at some indices of its pack, and with others appended.
+
+    Raises ParameterError for a place that there is not.
+    """
+    for place in removed:
+        if not 0 <= place < len(control.filters):
+            there = ", ".join(f"filters.{i} ({filter_.kind})" for i, filter_ in enumerate(control.filters)) or "none"
+            raise ParameterError(f"there is no filters.{place} to remove; the filters are: {there}")
+    kept = [filter_ for i, filter_ in enumerate(control.filters) if i not in removed]
+    return dataclasses.replace(control, filters=(*kept, *added))
+
+
+def difference(before: Control, after: Control) -> Difference | None:
+    """Return the edits from one control to another; None if they differ in more than filters and numbers.
+
+    Which filters stay is that of `aligned`.
+    """
+    kept = aligned(before.filters, after.filters)
+    removed = tuple(i for i in range(len(before.filters)) if i not in kept)
+    added = after.filters[len(kept) :]
+    begun = with_filters(before, removed, added)
+    if tree.structure(begun) != tree.structure(after) or not _same_tables(begun, after):
+        return None
+    old = dict(tree.leaves(begun))
+    return Difference(removed, added, {name: value for name, value in tree.leaves(after) if value != old[name]})
+
+
+def _same_tables(one: Any, other: Any) -> bool:
+    pairs = zip(tree.tables(one), tree.tables(other), strict=True)
+    return all(np.array_equal(a, b) for (_, a), (_, b) in pairs)
+
+
+def aligned(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...]:
+    """Return the indices of the old blocks that stay, in order, and become the first of the new ones: as many as
+    possible, and among these the choice with the fewest changed numbers.
+    """
+    ways = (_kept(before, after[:count]) for count in range(len(after), 0, -1))
+    return next((way for way in ways if way is not None), ())
+
+
+def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | None:
+    """Return the indices of the old blocks that become all the new ones, in order; None if that is impossible."""
+    best: dict[int, tuple[int, tuple[int, ...]]] = {0: (0, ())}  # numbers that differ and places, by how many are done
+    for i, old in enumerate(before):
+        for done in sorted(best, reverse=True):
+            if done < len(after) and tree.structure(old) == tree.structure(after[done]):
+                cost = best[done][0] + sum(
+                    a != b for (_, a), (_, b) in zip(tree.leaves(old), tree.leaves(after[done]), strict=True)
+                )
+                if done + 1 not in best or cost < best[done + 1][0]:
+                    best[done + 1] = cost, (*best[done][1], i)
+    return best[len(after)][1] if len(after) in best else None
+
+
+WIDTH = "width"
+_LEAST_DAMPING, _MOST_DAMPING = 1e-3, 10.0  # of a damping ratio that is dragged
+_NARROWEST, _WIDEST = 0.005, 1.5  # of the damping ratio of a notch's poles
+_LOWEST_DRAWN = -60.0  # dB: no place is drawn below it
+_ACROSS, _UP = 1.02, 0.5  # a step of a key: a factor of the frequency, dB
+
+
+class _Height(NamedTuple):
+    """A damping ratio that sets the gain of its filter at one of its frequencies, in proportion or inversely."""
+
+    damping: str
+    rising: bool
+
+
+_HEIGHTS: Mapping[tuple[type[Filter], str], _Height] = {
+    (Notch, "frequency"): _Height("damping_zero", True),  # H = ζn/ζd
+    (LowPass2, "frequency"): _Height("damping", False),  # |H| = 1/(2 damping)
+    (SecondOrder, "frequency_zero"): _Height("damping_zero", True),  # numerator 2 damping_zero
+    (SecondOrder, "frequency_pole"): _Height("damping_pole", False),  # denominator 2 damping_pole
+}
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A draggable point of a filter on the open loop gain.
+
+    name   filters.0.frequency, or filters.0.width for the edge of a notch
+    x, y   Hz, and dB on |L|; of a width on |L| at the middle of the notch
+    low, high  between which x may lie, Hz
+    label  what it moves
+    text   its value in words
+    """
+
+    name: str
+    x: float
+    y: float
+    low: float
+    high: float
+    label: str
+    text: str
+
+
+def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[Grip, ...]:
+    """Return all grips of the filter pack on a loop gain: each frequency of a filter, and the upper edge of a notch.
+
+    The edge lies where a notch that is deep attenuates by 3 dB, at f (ζ + √(1 + ζ²)) with ζ its damping_pole.
+    """
+    grips, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time)
+    for i, block in enumerate(control.filters):
+        kind = block.kind.replace("_", " ")
+        for name in _frequencies(block):
+            x, height = float(getattr(block, name)), _HEIGHTS.get((type(block), name))
+            which = name.removeprefix("frequency").replace("_", " ")
+            label = f"filter {i}, {kind}{which}: frequency" + (
+                "" if height is None else " and depth" if isinstance(block, Notch) else " and damping"
+            )
+            own = _decibel(_gain(block, x, sample_time))
+            grips.append(
+                Grip(
+                    f"filters.{i}.{name}",
+                    x,
+                    _on(loop, x),
+                    *ends,
+                    label,
+                    Text(f"{Quantity(x, 'Hz')}, gain {Quantity(own, 'dB'):.1f} there"),
+                )
+            )
+        if isinstance(block, Notch):
+            ratio, f = float(block.damping_pole), float(block.frequency)
+            edge = _edge(block, sample_time)
+            text = Text(f"{Quantity(2.0 * ratio * f, 'Hz')} wide, damping of the poles {ratio:.3g}")
+            grips.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), *ends, f"filter {i}, {kind}: width", text))
+    return tuple(grips)
+
+
+def filter_dragged(
+    control: Control, name: str, x: float, y: float | None, loop: Margins, sample_time: float
+) -> dict[str, float]:
+    """Return the numbers of a filter whose grip is dragged to a frequency in Hz and a height on |L| in dB; None keeps
+    the depth.
+
+    loop is that of the control.  The loop gain at the grip is y afterwards, as far as the damping ratios go: a notch
+    attenuates, from 0 to 60 dB.  The width of a notch changes both of its damping ratios, and not its depth.
+    Raises ParameterError for a grip that there is not.
+    """
+    i, part, block = _held(control, name)
+    low, high = float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time
+    at = min(max(x, low), high)
+    if part == WIDTH:
+        return _widened(block, i, at)
+    moved = replace(block, **{part: _digits(at)})
+    values = {f"filters.{i}.{part}": float(getattr(moved, part))}
+    height = _HEIGHTS.get((type(block), part))
+    if height is None or y is None:
+        return values
+    place = float(getattr(moved, part))
+    now = max(float(getattr(block, height.damping)), _LEAST_DAMPING)
+    shown = replace(moved, **{height.damping: now})
+    before, after = (_decibel(_gain(version, place, sample_time)) for version in (block, shown))
+    change = 10.0 ** ((y - (_on(loop, place, cut=False) - before + after)) / 20.0)
+    wanted = now * change if height.rising else now / change
+    most = float(block.damping_pole) if isinstance(block, Notch) else _MOST_DAMPING
+    least = _LEAST_DAMPING * most if isinstance(block, Notch) else _LEAST_DAMPING
+    values[f"filters.{i}.{height.damping}"] = _digits(min(max(wanted, least), most))
+    return values
+
+
+def filter_stepped(
+    control: Control, name: str, across: float, up: float, loop: Margins, sample_time: float
+) -> dict[str, float]:
+    """Return the numbers after steps of the arrow keys: 2 % of the frequency or the width across, 0.5 dB upwards."""
+    _, part, block = _held(control, name)
+    if part == WIDTH:
+        ratio = float(block.damping_pole) * _ACROSS ** (across + up)  # type: ignore[attr-defined]
+        return _of_width(block, _held(control, name)[0], ratio)
+    x = float(getattr(block, part)) * _ACROSS**across
+    y = _on(loop, float(getattr(block, part)), cut=False) + _UP * up if up else None
+    return filter_dragged(control, name, x, y, loop, sample_time)
+
+
+def _held(control: Control, name: str) -> tuple[int, str, Filter]:
+    known = {
+        f"filters.{i}.{part}": (i, part, block)
+        for i, block in enumerate(control.filters)
+        for part in (*_frequencies(block), *((WIDTH,) if isinstance(block, Notch) else ()))
+    }
+    if name not in known:
+        raise ParameterError(f"there is no filter grip '{name:.60}'{nearest(name, list(known))}")
+    return known[name]
+
+
+def _frequencies(block: Filter) -> list[str]:
+    return [
+        name
+        for name, declared in declarations(type(block)).items()
+        if declared.role == "parameter" and declared.unit == "Hz" and getattr(block, name) is not None
+    ]
+
+
+def _edge(block: Notch, sample_time: float) -> float:
+    """Return the upper edge in Hz; the lower one if the upper lies too near half the sample rate."""
+    f, ratio = float(block.frequency), float(block.damping_pole)
+    apart = ratio + float(np.sqrt(1.0 + ratio * ratio))
+    return f * apart if f * apart <= HIGHEST_FILTER / sample_time else f / apart
+
+
+def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:
+    f = float(block.frequency)  # type: ignore[attr-defined]
+    return _of_width(block, i, 0.5 * abs(edge / f - f / edge))
+
+
+def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
+    """Return both damping ratios of a notch for another damping ratio of its poles; the depth stays."""
+    assert isinstance(block, Notch)
+    wanted = _digits(min(max(ratio, _NARROWEST), _WIDEST))
+    depth = float(block.damping_zero) / float(block.damping_pole)
+    return {f"filters.{i}.damping_pole": wanted, f"filters.{i}.damping_zero": _digits(depth * wanted)}
+
+
+def _on(loop: Margins, frequency: float, *, cut: bool = True) -> float:
+    """Return |L| in dB at a frequency in Hz; `cut` bounds it below, for drawing."""
+    f, L = loop.loop_gain.frequency, loop.loop_gain.response
+    k = min(max(int(np.searchsorted(f, frequency)), 1), f.size - 1)
+    x, low, high = np.log(np.array([frequency, f[k - 1], f[k]]))
+    share = min(max(float((x - low) / (high - low)), 0.0), 1.0)
+    level = (1.0 - share) * _decibel(L[k - 1]) + share * _decibel(L[k])
+    return max(level, _LOWEST_DRAWN) if cut else level
+
+
+_gains: Recent[complex] = Recent(256)
+
+
+def _gain(block: Filter, frequency: float, sample_time: float) -> complex:
+    """Return the gain of a filter at a frequency in Hz; cached, since only one of many filters moves at a time."""
+    key = tree.structure(block), tuple(value for _, value in tree.leaves(block)), frequency, sample_time
+    return _gains.get(key, lambda: complex(filter_response(block, np.array([frequency]), sample_time)[0]))
+
+
+def _decibel(gain: complex) -> float:
+    return 20.0 * float(np.log10(max(abs(gain), 1e-30)))
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.4g}")

@@ -1,0 +1,340 @@
+"""Poles: of a pole placement on its axis, those that a law places by its numbers, and those that gains move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from feeddrive.analysis.stability import Stability, stability
+from feeddrive.blocks.controller.active_disturbance_rejection import ActiveDisturbanceRejection
+from feeddrive.blocks.controller.dadsc import DADSC
+from feeddrive.blocks.controller.generalized_predictive import GeneralizedPredictive
+from feeddrive.blocks.controller.linear_adrc import LinearADRC
+from feeddrive.blocks.controller.lqg import LQG
+from feeddrive.blocks.controller.pole_placement import PolePlacement
+from feeddrive.blocks.observer.gpi_observer import GpiObserver
+from feeddrive.blocks.plant.two_bodies import Gains
+from feeddrive.language import tree
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import declarations
+from feeddrive.language.errors import ParameterError, UnstableError, nearest
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text, joined
+from feeddrive.loop.control import Control
+from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.control_response import READINGS
+
+_SMALLEST = 0.02  # of a tunable: lower end of the search for a stable value
+_HALVINGS = 20
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(Result):
+    """The gains of a pole placement in SI, its five poles in rad/s, and the poles reached in the sampled loop.
+
+    poles    as placed, of the model in continuous time, slowest first
+    reached  of the loop with its axis, delay, filters and sampling, as s = ln z / T, slowest first
+    """
+
+    gains: Gains
+    poles: np.ndarray
+    reached: np.ndarray
+    stability: Stability
+
+    def table(self) -> Table:
+        """The gains, the placed poles, and the same number of the slowest poles reached."""
+        units = ("N/m", "N/m", "N s/m", "N s/m", "N/(m s)")
+        rows = [
+            [name, Quantity(value, unit, form="6 SI")]
+            for name, value, unit in zip(Gains._fields, self.gains, units, strict=True)
+        ]
+        rows += [["pole placed", _words(pole)] for pole in self.poles]
+        rows += [["pole of the loop", _words(pole)] for pole in self.reached[: self.poles.size]]
+        return Table(self.stability.sentence(), ["pole placement", "value"], rows)
+
+
+def _words(pole: complex) -> str:
+    size = abs(pole)
+    return Text(
+        f"{number(pole.real)}{Quantity(pole.imag):+.4g}j 1/s ({Quantity(size / (2.0 * np.pi), 'Hz')}, damping "
+        f"{Quantity(-pole.real / size):.3f})"
+    )
+
+
+def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
+    """Return gains and poles of a loop under pole placement.
+
+    Raises ParameterError for another law, and UnstableError, with |z|, its bound and the nearest stable value of each
+    tunable, if the poles cannot be reached on this axis because of delay, filters and modes that the model leaves out.
+    Poles that no gain could place are refused by the law itself: see `blocks/plant/two_bodies.py`.
+    """
+    law = loop.control.law
+    if not isinstance(law, PolePlacement):
+        raise ParameterError(f"control.law is '{law.kind}', which is not a pole placement: take pole_placement")
+    sampled = stability(loop, velocity=velocity)
+    if not sampled.stable:
+        near = list(_stable_tunables(loop, velocity))
+        remedy = joined("; or ", near) or "none by lowering a single tunable"
+        raise UnstableError(
+            f"control.law: the poles cannot be reached on this axis: {sampled.sentence()} (|z| = "
+            f"{Quantity(sampled.growth):.6f}, must be < 1); the nearest stable values: {remedy}. If the axis has a "
+            f"mode there that the model leaves out, put a notch at {Quantity(sampled.frequency, 'Hz')}"
+        )
+    poles = np.roots([float(a) for a in reversed(law.polynomial())])
+    z = sampled.model.poles()
+    reached = np.log(z[np.abs(z) > 1e-12].astype(complex)) / sampled.model.sample_time
+    return Placement(law.gains(), poles[np.argsort(np.abs(poles))], reached[np.argsort(np.abs(reached))], sampled)
+
+
+def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
+    """Yield, for each tunable alone, the largest value below the present one at which the loop is stable, in words."""
+    for tunable in loop.control.law.tunables:
+        present = float(tree.get(loop.control.law, tunable))
+
+        def is_stable(share: float, tunable: str = tunable, present: float = present) -> bool:
+            law = tree.vary(loop.control.law, {tunable: share * present})
+            varied = replace(loop, control=replace(loop.control, law=law))
+            return stability(varied, velocity=velocity).stable
+
+        shares = np.geomspace(1.0, _SMALLEST, 31)
+        stable = next((i for i, share in enumerate(shares) if i and is_stable(float(share))), None)
+        if stable is None:
+            continue
+        low, high = float(shares[stable]), float(shares[stable - 1])
+        for _ in range(_HALVINGS):
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if is_stable(middle) else (low, middle)
+        unit = tree.declaration(loop.control.law, tunable).unit
+        least, now = (Quantity(value, unit, form="SI") for value in (low * present, present))
+        yield Text(f"{tunable} = {least} instead of {now}")
+
+
+_LEAST, _MOST = 0.01, 1.0  # of a damping ratio that is dragged
+_BUTTERWORTH = float(np.sqrt(0.5))
+
+
+class _Placed(NamedTuple):
+    """A pair or a real pole: the fields of its frequency and of its damping ratio, and the ratio if it has no field."""
+
+    label: str
+    frequency: str
+    damping: str = ""
+    ratio: float = 1.0
+
+
+_PLACED: Mapping[type[Block], tuple[_Placed, ...]] = {
+    PolePlacement: (
+        _Placed("real pole", "bandwidth"),
+        _Placed("rigid pair", "rigid_frequency", "rigid_damping"),
+        _Placed("axial pair", "axial_frequency", "axial_damping"),
+    ),
+    LinearADRC: (_Placed("tracking error", "omega_c", "zeta_c"), _Placed("observer, three real poles", "omega_o")),
+    ActiveDisturbanceRejection: (_Placed("tracking error", "omega_c", "zeta_c"),),
+    GpiObserver: (_Placed("observer, its pairs", "omega_o", "zeta_o"), _Placed("observer, real pole", "p0")),
+    LQG: (
+        _Placed("tracking error", "omega_c", ratio=_BUTTERWORTH),
+        _Placed("filter, own frequency", "omega_o", ratio=_BUTTERWORTH),
+    ),
+    GeneralizedPredictive: (_Placed("observer of the prediction", "omega_o"),),
+    DADSC: (
+        _Placed("sliding line", "tracking_rate"),
+        _Placed("reaching it", "reaching_rate"),
+        _Placed("adaptation", "adaptation_rate"),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class PlacedPole:
+    """A pole that a law or an observer places by its numbers, without delay and sampling.
+
+    name       of its frequency below the control, as law.axial_frequency, whether it has a number or follows a rule
+    s          1/s, of a pair the one in the upper half plane
+    frequency, damping  names of the numbers that are moved with it; empty where there is none
+    """
+
+    name: str
+    label: str
+    s: complex
+    frequency: str
+    damping: str
+
+
+def placed_poles(control: Control) -> tuple[PlacedPole, ...]:
+    """Return all poles that the law and its observers place; empty for a law whose gains are not given by poles."""
+    return tuple(_placed(control))
+
+
+def _placed(control: Control) -> Iterator[PlacedPole]:
+    blocks: list[tuple[str, Any]] = [("law", control.law)]
+    blocks += [(f"compensation.{i}", block) for i, block in enumerate(control.compensation)]
+    blocks += [(f"{where}.observer", block.observer) for where, block in blocks if getattr(block, "observer", None)]
+    for where, block in blocks:
+        for pole in _PLACED.get(type(block), ()):
+            stated = getattr(block, pole.frequency)
+            size = _by_rule(block, pole.frequency) if stated is None else _rate(block, pole.frequency)
+            if size is None:
+                continue
+            ratio = min(float(getattr(block, pole.damping)), 1.0) if pole.damping else pole.ratio
+            name = f"{where}.{pole.frequency}"
+            yield PlacedPole(
+                name,
+                pole.label,
+                size * complex(-ratio, np.sqrt(1.0 - ratio * ratio)),
+                "" if stated is None else name,
+                f"{where}.{pole.damping}" if pole.damping else "",
+            )
+
+
+def _rate(block: Block, field: str) -> float:
+    """Return a frequency in rad/s."""
+    value = float(getattr(block, field))
+    return 2.0 * np.pi * value if declarations(type(block))[field].unit == "Hz" else value
+
+
+def _by_rule(block: Block, field: str) -> float | None:
+    """Return an omitted frequency, which follows from others, in rad/s; None for a pole that then does not exist."""
+    if not isinstance(block, PolePlacement):
+        return None
+    real = _rate(block, "bandwidth")
+    if field == "rigid_frequency":
+        return real
+    rigid = real if block.rigid_frequency is None else _rate(block, "rigid_frequency")
+    return float(np.sqrt(float(block.polynomial()[0]) / (real * rigid**2)))  # the last of all factors of s⁰
+
+
+def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
+    """Return the numbers that place a pole as near to s (1/s) as possible: its distance from 0 is the frequency, its
+    angle the damping ratio, from 0.01 to 1.
+
+    Raises ParameterError for a pole that there is not.
+    """
+    known = {pole.name: pole for pole in placed_poles(control)}
+    if name not in known:
+        raise ParameterError(f"the law places no pole '{name:.60}'{nearest(name, known)}")
+    values, pole, size = dict[str, float](), known[name], abs(s)
+    if pole.frequency:
+        along = size if pole.damping else max((s * np.conj(pole.s)).real / abs(pole.s), 0.0)  # on its own ray
+        scale = 2.0 * np.pi if tree.declaration(control, pole.frequency).unit == "Hz" else 1.0
+        values[pole.frequency] = _digits(max(along, 1e-3 * abs(pole.s)) / scale)
+    if pole.damping and size > 0.0:
+        values[pole.damping] = _digits(min(max(-s.real / size, _LEAST), _MOST))
+    return values
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+_MOVES = 0.2  # |d ln s/d ln p| from which a pole counts as moved by the gains
+_SLOWEST, _FASTEST = 1e-4, 0.9  # of half the sample rate, of the poles that can be moved
+_SINGLE = 1e-6  # |wᴴ v| of unit eigenvectors below which a pole is not alone, and has no slope
+_STEP = 0.25  # of a logarithm: largest change of a gain in one step
+_STEPS, _SHORTENINGS = 6, 3
+_NEAR = 1e-3  # of |s|: near enough
+_WEAK = 0.05  # of the strongest direction of the gains: weaker ones are not used
+
+Model = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Gains -> [A B; c d] of the control, n + 1 rows and n + 2 columns, and its slopes to them."""
+
+
+class LoopPole(NamedTuple):
+    """A pole of the closed loop in 1/s, and its slopes to the logarithms of the gains."""
+
+    s: complex
+    slope: np.ndarray
+
+
+def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return Φ of the closed loop of an axis, from `cut` to both readings, and a control [A B; c d]; and its slopes.
+
+    x ← A_x x + b (d C x + c ξ),    ξ ← A ξ + B C x
+    """
+    n, many = matrix.shape[0] - 1, axis.A.shape[0]
+    b = axis.B[:, axis.inputs.index("cut")]
+    C = axis.C[[axis.outputs.index(reading) for reading in READINGS]]
+    force = np.concatenate([matrix[n, n:] @ C, matrix[n, :n]])
+    loop = np.zeros((many + n, many + n))
+    loop[:many] = b[:, None] * force
+    loop[:many, :many] += axis.A
+    loop[many:] = np.concatenate([matrix[:n, n:] @ C, matrix[:n, :n]], axis=1)
+    changes = np.zeros((many + n, many + n, slopes.shape[2]))
+    readings = np.einsum("irp,rj->ijp", slopes[:, n:], C)
+    along = np.concatenate([readings, slopes[:, :n]], axis=1)
+    changes[:many] = b[:, None, None] * along[n]
+    changes[many:] = along[:n]
+    return loop, changes
+
+
+def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPole]:
+    """Return the poles s = ln z/T of the closed loop in the upper half plane that its gains > 0 move, slowest first.
+
+        d z/d p = wᴴ (∂Φ/∂p) v / (wᴴ v),   v and w the right and the left eigenvector
+
+    Left out are those that are not single or faster than 0.9 of half the sample rate, and those that no gain moves by
+    a fifth of its own change.
+    """
+    from scipy.linalg import eig, matrix_balance
+
+    T = axis.sample_time
+    loop, changes = closed(axis, *model(gains))
+    loop, (scale, _) = matrix_balance(loop, permute=False, separate=True)  # states are in m and in N
+    changes = changes * (scale / scale[:, None])[:, :, None]
+    solved: Any = eig(loop, left=True, right=True)
+    z, left, right = solved
+    nyquist, poles = np.pi / T, list[LoopPole]()
+    for k in range(z.size):
+        if z[k].imag < 0.0 or (z[k].imag == 0.0 and z[k].real <= 0.0):
+            continue
+        s, alone = complex(np.log(z[k]) / T), np.vdot(left[:, k], right[:, k])
+        if not (_SLOWEST * nyquist < abs(s) < _FASTEST * nyquist) or abs(alone) < _SINGLE:
+            continue
+        change = np.einsum("i,ijp,j->p", np.conj(left[:, k]), changes, right[:, k]) / alone
+        slope = change * gains / (z[k] * T)
+        if np.max(np.abs(slope), initial=0.0) > _MOVES * abs(s):
+            poles.append(LoopPole(s, slope))
+    return sorted(poles, key=lambda pole: abs(pole.s))
+
+
+def nearest_pole(poles: list[LoopPole], s: complex) -> LoopPole | None:
+    """Return the pole nearest to a place; None if there is none."""
+    return min(poles, key=lambda pole: abs(pole.s - s), default=None)
+
+
+def pole_moved(
+    axis: StateSpace, model: Model, gains: np.ndarray, s: complex, wanted: complex
+) -> tuple[np.ndarray, complex]:
+    """Return the gains that move the pole at s (1/s) as near to a wanted place as possible, and where it then is.
+
+    Newton's method over the logarithms of the gains, with the smallest change of them all: no step changes one by more
+    than a quarter of itself, and none is taken that does not bring the pole nearer.  A real pole moves along the real
+    axis until it meets another one.
+    """
+    wanted = complex(wanted.real, max(wanted.imag, 0.0))
+    pole = nearest_pole(loop_poles(axis, model, gains), s)
+    if pole is None:
+        return gains, s
+    for _ in range(_STEPS):
+        apart = wanted - pole.s
+        if abs(apart) <= _NEAR * abs(wanted):
+            break
+        rows, right = [np.real(pole.slope)], [apart.real]
+        if pole.s.imag > 0.0:
+            rows, right = [*rows, np.imag(pole.slope)], [*right, apart.imag]
+        change = np.linalg.pinv(np.array(rows), rcond=_WEAK) @ np.array(right)
+        change *= min(1.0, _STEP / max(float(np.max(np.abs(change))), 1e-300))
+        for _ in range(_SHORTENINGS):
+            tried = gains * np.exp(change)
+            candidate = nearest_pole(loop_poles(axis, model, tried), pole.s + complex(pole.slope @ change))
+            if candidate is not None and abs(wanted - candidate.s) < abs(apart):
+                gains, pole = tried, candidate
+                break
+            change = 0.5 * change
+        else:
+            break
+    return gains, pole.s
