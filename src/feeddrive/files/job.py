@@ -33,7 +33,7 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.cutting import ProcessSection
 from feeddrive.files.from_toml import read_field, read_section
-from feeddrive.files.machine import MachineFile, found, read_machine
+from feeddrive.files.machine import MachineFile, find_bundled, read_machine
 from feeddrive.files.mapping import LogSection
 from feeddrive.files.planned_program import PlannedProgram, ProgramSection, planned_program
 from feeddrive.files.read_log import LogRequest, log_request
@@ -165,7 +165,7 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
         return replace(path, log=replace(path.log, path=Path(log)))
     if not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ParameterError(f"a job is a file, a bundled name or fd.read_job(...), not a {type(path).__name__}")
-    place = found(path, "jobs")
+    place = find_bundled(path, "jobs")
     return job_of(read_toml(place, "a job"), place, log)
 
 

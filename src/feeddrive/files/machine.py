@@ -196,7 +196,7 @@ def read_machine(
         raise ParameterError(
             f"a machine is a file, a bundled name or fd.read_machine(...), not a {type(path).__name__}"
         )
-    file = read_toml(found(path, "machines"), "a machine file", quoting=quoting)
+    file = read_toml(find_bundled(path, "machines"), "a machine file", quoting=quoting)
     file = with_values(file, values) if values else file
     section = read_section(MachineSection, file.root())
     loops = {name: _loop(section, name, axis) for name, axis in section.axis.items()}
@@ -255,7 +255,7 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
             raise section.error(f"{error}", "geometry", type(error)) from None
 
 
-def found(path: str | Path, folder: str) -> Path:
+def find_bundled(path: str | Path, folder: str) -> Path:
     """The path itself, or the file bundled in a folder under that name. Raises FileError if there is neither."""
     given = Path(path)
     if given.exists() or given.suffix:

@@ -19,7 +19,7 @@ from feeddrive.workflow.request import OUT, option
 
 
 class BenchmarkRequest(EvaluationRequest):
-    """Which plants and laws, and whether they are searched anew."""
+    """Plants, laws and seed of a benchmark, and whether laws are searched anew."""
 
     plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
     law: tuple[str, ...] = option("A law that is wanted, beside P-PI; may be repeated; default: all", default=())
@@ -33,7 +33,6 @@ class BenchmarkRequest(EvaluationRequest):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the version of the rules."""
         return Path("results") / f"benchmark_{self.rules}"
 
 
@@ -41,7 +40,7 @@ class BenchmarkRequest(EvaluationRequest):
 def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmark]:
     """Run every law with its stored design on the fixed plants of the benchmark, and print the table to be cited.
 
-    Laws of one's own (--blocks) have no stored design: they are searched first.  With `retune` all are, except those
+    User-defined laws (--blocks) have no stored design: they are searched first.  With `retune` all are, except those
     that `keep` has already.  Raises ParameterError for a plant, a law or rules that are not there.
     """
     if request.retune and request.keep is None:
@@ -62,25 +61,25 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
                 stored=not request.retune,
                 progress=progress,
             )
-        found = score(
+        scored = score(
             rules, plants, laws=request.law, designs=[keep], own=request.seed, engine=engine, progress=progress
         )
         if request.out is not None:
             progress.step("report")
-            files["Report"] = write_benchmark(found, request.out)
-    judgment, verdict = advice(found, asked=bool(request.law))
-    missing = [reasons(found)] if found.unplaced() else []
+            files["Report"] = write_benchmark(scored, request.out)
+    judgment, verdict = advice(scored, asked=bool(request.law))
+    missing = [reasons(scored)] if scored.unplaced() else []
     named = missing if request.law else []  # who asks for a law is told why it has no place
     return Outcome(
-        found,
-        [found.table(), *([found.recipe_table()] if found.recipes else []), *named],
+        scored,
+        [scored.table(), *([scored.recipe_table()] if scored.recipes else []), *named],
         [
             "each figure: times better than P-PI, the geometric mean over the plants on which both have a place",
-            f"to be cited as: {citation(found)}",
+            f"to be cited as: {citation(scored)}",
         ],
         verdict,
         files=files,
         judgment=judgment,
-        page=partial(benchmark_report, found),
-        details=[found.winners(), *([] if named else missing)],
+        page=partial(benchmark_report, scored),
+        details=[scored.winners(), *([] if named else missing)],
     )

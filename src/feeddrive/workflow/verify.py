@@ -13,7 +13,7 @@ from feeddrive.workflow.request import Request, argument, option
 
 
 class VerifyRequest(Request):
-    """Which export, how long the trial is, and with which compiler."""
+    """The export, the length of the trial, and the compiler."""
 
     directory: Path = argument("A directory that `feeddrive export` wrote")
     samples: int | None = option(
@@ -29,13 +29,13 @@ class VerifyRequest(Request):
 def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
     """Run the equality proof of an export again, with this machine's compiler."""
     progress.step(f"verifying {request.directory}")
-    found = verify_export(
+    verified = verify_export(
         request.directory, samples=request.samples, seed=request.seed, flags=request.flag, command=request.compiler
     )
-    text = found.sentences()
+    text = verified.sentences()
     files: dict[str, Path] = {}
     if request.out is not None:
         write_whole(request.out, text + "\n")
         files["Certificate"] = request.out
-    judgment = Judgment.NOT_EQUAL if found.differing else Judgment.EQUAL if found.holds else Judgment.CHANGED
-    return Outcome(found, text.splitlines(), files=files, judgment=judgment)
+    judgment = Judgment.NOT_EQUAL if verified.differing else Judgment.EQUAL if verified.holds else Judgment.CHANGED
+    return Outcome(verified, text.splitlines(), files=files, judgment=judgment)

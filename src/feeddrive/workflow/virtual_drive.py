@@ -19,7 +19,7 @@ from feeddrive.workflow.request import Request, argument, option
 
 
 class VirtualDriveRequest(Request):
-    """Which axes stand on which bus."""
+    """The axes, their bus, and the drive file to write."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     interface: str = option("ethercat: veth1; canopen: socketcan:vcan0, udp_multicast:239.74.163.2")
@@ -102,5 +102,5 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
             serve_ethercat(firmwares, request.interface, ready=ready, stopped=stopped, watchdog=request.watchdog_ms)
         else:
             serve_canopen(firmwares[0], request.interface, request.station, ready=ready, stopped=stopped)
-    states = ", ".join(f"'{each.state.words}'" for each in firmwares)
+    states = ", ".join(f"'{firmware.state.words}'" for firmware in firmwares)
     return Outcome(firmwares[0].cycles, verdict=f"{firmwares[0].cycles} cycles; last in {states}.")
