@@ -42,7 +42,7 @@ def write_comp_file(block: PitchCompensation, path: str | Path, *, units: float 
 
 
 def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 0) -> PitchCompensation:
-    """The compensation in a file, in machine units, `units` to a meter.
+    """Read the compensation in a file, in machine units, `units` to a meter.
 
     LinuxCNC interpolates between any rising positions; here they are evenly spaced, as `write_comp_file` makes them.
     Raises FileError, with the line, for a row that has no three numbers, positions that do not rise by one spacing,
