@@ -67,7 +67,7 @@ class _Later(TyperCommand):
 
     @params.setter
     def params(self, _: Any) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Those of the command itself count."""
+        """Ignore the assignment: the parameters are those of the command itself."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Return the context of the command itself."""

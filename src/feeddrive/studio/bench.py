@@ -1,4 +1,4 @@
-"""What is tuned on the page: an axis at one or more places, measured or modelled, and today's control of it."""
+"""The axis that is tuned on the page, at one or more places, measured or modelled, with today's control."""
 
 from __future__ import annotations
 

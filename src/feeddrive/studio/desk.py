@@ -1,4 +1,4 @@
-"""What the rooms of one page share: the source that is worked on, the numbers of its control now, and what was done."""
+"""The state that the rooms of one page share: the source, the current control, and the completed steps."""
 
 from __future__ import annotations
 

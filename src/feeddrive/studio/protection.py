@@ -1,4 +1,4 @@
-"""Who may talk to the page's server: this machine's own browser, from its own page, with the cookie of this start.
+"""The access control of the page's server: the browser of this machine, on its page, with the cookie of this start.
 
 Host      only the addresses under which the server listens: a name that a foreign page points here is refused
 (DNS rebinding)
