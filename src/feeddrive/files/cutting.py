@@ -86,7 +86,9 @@ class ProcessSection(Section):
         pattern="0*[1-9][0-9]{0,5}",
         example="a tool has a number of the program, as [process.tool.1]",
     )
-    section: tuple[CutSection, ...] = part("what lines cut, over what comments say: (ap=4 ae=0.3 down)", default=())
+    section: tuple[CutSection, ...] = part(
+        "cutting conditions of lines, in place of those in comments: (ap=4 ae=0.3 down)", default=()
+    )
 
     def check(self) -> None:
         """Raise ParameterError if a line belongs to two sections."""

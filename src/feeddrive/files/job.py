@@ -71,7 +71,7 @@ class LawSection(Section):
         "[law.axis.NAME.control] for others"
     )
 
-    name: str = text("of the row; not that of another row, and not 'today'", shortest=1, example='"half the gain"')
+    name: str = text("name of the row; not that of another row, and not 'today'", shortest=1, example='"half the gain"')
     control: Control | None = part("control of the axis of the rows, in place of today's", default=None)
     axis: Mapping[str, ControlOfAxis] | None = named(
         "controls of axes by name: [law.axis.y.control]", least=1, absent=True
@@ -89,18 +89,18 @@ class JobSection(Section):
     exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("reference",), ("log",), ("program",))
     needs: ClassVar[str] = "a job needs one of the sections [reference], [log] and [program]"
 
-    title: str | None = text("of the report", default=None)
+    title: str | None = text("title of the report", default=None)
     machine: str = file_name("machine file beside the job, or the name of a bundled one", example='"file.toml"')
     axis: str | None = text("name of the axis of the rows, if the machine has several", default=None)
-    seed: int = choice("of the noise", least=0, most=2**53 - 1, default=0)
-    rule: str = text("what makes the rows comparable; printed in the report", default="")
-    duration: Number | None = parameter("s", "of the runs", above=0, below=1e6, default=None)
+    seed: int = choice("seed of the noise", least=0, most=2**53 - 1, default=0)
+    rule: str = text("rule that makes the rows comparable; printed in the report", default="")
+    duration: Number | None = parameter("s", "duration of the runs", above=0, below=1e6, default=None)
     reference: Reference | None = part("the motion", default=None)
     load: Load | None = part("a force on the table", default=None)
     others: Mapping[str, Other] = named("motions of the other axes: [others.y.reference]; axes without one stand still")
     log: LogSection | None = part("a measured log, whose reference is replayed", default=None)
     program: ProgramSection | None = part("a part program, planned, which moves all axes that it names", default=None)
-    process: ProcessSection | None = part("what the part program cuts", default=None)
+    process: ProcessSection | None = part("the cut of the part program", default=None)
     law: tuple[LawSection, ...] = part("rows of the comparison after today's control", default=())
 
     def check(self) -> None:

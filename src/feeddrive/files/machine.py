@@ -58,7 +58,7 @@ class AxisSection(Section):
 class MachineSection(Section, kind="loop"):  # which files have written as the kind of the whole
     """A machine: axes with their physics and today's control."""
 
-    name: str = text("of the machine", default="")
+    name: str = text("name of the machine", default="")
     source: str = text("where the numbers come from", default="")
     remark: str = text("anything else", default="")
     sample_time: Number = parameter("s", "time from sample to sample", above=0)

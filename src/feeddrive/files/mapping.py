@@ -123,7 +123,7 @@ class ColumnSection(Section):
     )
 
     column: str = text("name of the column")
-    unit: str = text("of the numbers; none: as the file states it, or SI", default="")
+    unit: str = text("unit of the numbers; none: as the file states it, or SI", default="")
     factor: Number | None = parameter(
         "", "number · factor is in the unit, or without one in the SI unit of the role", default=None
     )
@@ -143,9 +143,13 @@ class LogSection(Section):
     file: str | None = file_name("name of the log, beside this file", default=None, example='"run.csv"')
     skip_samples: int = choice("samples at the start that do not count", least=0, most=2**53 - 1, default=0)
     sample_time: Number | None = parameter(
-        "s", "of a log without a column of time, or whose stamps are rounded", above=0, below=_LONGEST, default=None
+        "s",
+        "sample time of a log without a column of time, or whose stamps are rounded",
+        above=0,
+        below=_LONGEST,
+        default=None,
     )
-    axis: str = text("of a log with several: that of the columns, as they name it", default="")
+    axis: str = text("axis of the columns, as they name it, in a log of several axes", default="")
     channels: abc.Mapping[str, ColumnSection] = named("columns by role", names=tuple(ROLES))
     optional: abc.Mapping[str, ColumnSection] = named("the same for columns that may be missing", names=tuple(ROLES))
 

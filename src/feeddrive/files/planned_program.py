@@ -72,7 +72,9 @@ class RecordedSection(ProgramSection):
 
     recorded: str = file_name("log of the setpoints, beside the job or a bundled one")
     columns: Mapping[str, str] = named("names of the columns by axis", least=1)
-    sample_time: Number | None = parameter("s", "of a log without a column of time", above=0, below=1e9, default=None)
+    sample_time: Number | None = parameter(
+        "s", "sample time of a log without a column of time", above=0, below=1e9, default=None
+    )
     average: Number = parameter("s", "length of one of the four averages", above=0, below=1e9, default=4e-3)
 
 

@@ -23,7 +23,7 @@ class BenchmarkRequest(EvaluationRequest):
 
     plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
     law: tuple[str, ...] = option("A law that is wanted, beside P-PI; may be repeated; default: all", default=())
-    seed: int = option("Seed of one's own for the runs; 0: the seeds of the rules", default=0, least=0)
+    seed: int = option("Seed of the runs; 0: the seeds of the rules", default=0, least=0)
     retune: bool = option("Search every law that has no design in --keep yet; this takes hours", default=False)
     keep: Path | None = option(
         "Directory of designs that are kept as they are found, to go on after a stop; they come before the stored ones",

@@ -56,7 +56,7 @@ class CertifyRequest(Request):
         "|dP/P|: uncertainty of models, default 0.2; least uncertainty of measured plants, default 0.05", default=None
     )
     beyond: float = option("least |dP/P| above the last measured line", default=1.0)
-    arithmetic: str = option("of the coefficients: float64, float32, fixed24 ...", default="float64")
+    arithmetic: str = option("arithmetic of the coefficients: float64, float32, fixed24 ...", default="float64")
     float32: bool = option("the same as --arithmetic float32", default=False)
     confidence: float = option("probability that all measured lines lie in the discs", default=0.95)
     velocity: float = option("velocity of the axis at which it is proven", default=0.05, unit="m/s")

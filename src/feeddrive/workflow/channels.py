@@ -175,9 +175,9 @@ class ChannelsRequest(Request):
     """The log whose columns are guessed, and where the mapping goes."""
 
     log: LogLike = argument("A log of any known format")
-    axis: str | None = option("of a log with several, as x or 0", default=None)
+    axis: str | None = option("axis of a log with several, as x or 0", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
     out: Path | None = option("File for the mapping (TOML)", short="-o", default=None)
 
 

@@ -55,20 +55,20 @@ class CircleRequest(Request):
         "Logs of one circle each (MAT, CSV, Parquet), best in both directions at two feeds; or one machine file "
         "(TOML), or the name of a bundled machine, which then runs the circles"
     )
-    x: str = option("column of the first axis, as x:mm; of a machine its axis", default="x")
-    y: str = option("column of the second axis; of a machine its axis", default="y")
+    x: str = option("column of the first axis, as x:mm; for a machine the name of the axis", default="x")
+    y: str = option("column of the second axis; for a machine the name of the axis", default="y")
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of logs without a clock", unit="s", default=None, above=0.0)
+    sample_time: float | None = option("sample time of logs without a clock", unit="s", default=None, above=0.0)
     encoders: bool = option("the columns are readings of encoders, which do not see the tool", default=False)
     radius: float | None = option(
-        "nominal; of a log that of the fit to 0.1 mm if left out, of a machine 20 mm",
+        "nominal radius; if left out, that of the fit to 0.1 mm for a log, 20 mm for a machine",
         unit="m",
         entered="mm",
         default=None,
         above=0.0,
     )
     feed: tuple[float, ...] = option(
-        "of the circles of a machine; may be repeated", unit="m/s", entered="mm/min", default=(), above=0.0
+        "feed of the circles of a machine; may be repeated", unit="m/s", entered="mm/min", default=(), above=0.0
     )
     pitch_x: float | None = option(
         "pitch of the screw of x, to look for its error", unit="m", entered="mm", default=None, above=0.0

@@ -61,7 +61,7 @@ class CoggingRequest(DriveLogsRequest):
 
     logs: tuple[Path, ...] = argument("Logs of slow runs over the travel, one way or to and fro")
     period: str | None = option(
-        "after which the force repeats, as 24:mm or 90:deg; a turn of the motor if left out", default=None
+        "period after which the force repeats, as 24:mm or 90:deg; a turn of the motor if left out", default=None
     )
     position: str | None = option("column along the table: name:unit or name*factor:unit", default=None)
     angle: str | None = option("column of the motor's angle, as theta:deg", default=None)
@@ -70,7 +70,7 @@ class CoggingRequest(DriveLogsRequest):
         default=False,
     )
     backward: tuple[Path, ...] = option("a map measured in the other direction; may be repeated", default=())
-    orders: str | None = option("in a period, as 1..60 or 7,14,28; up to 128 if left out", default=None)
+    orders: str | None = option("orders in a period, as 1..60 or 7,14,28; up to 128 if left out", default=None)
 
     def check(self) -> None:
         """Raise ParameterError for options that do not fit each other."""

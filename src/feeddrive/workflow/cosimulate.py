@@ -21,10 +21,10 @@ class CosimulateRequest(Request):
     job: JobLike = argument("A job file (TOML) with a reference, or the name of a bundled job")
     fmu: Path = argument("The plant: an FMU 2.0 or 3.0. It is a program, and it is run")
     variable: tuple[str, ...] = option(
-        "Which variable of the FMU is what, as force=F_drive or reading=x:mm; may be repeated", default=()
+        "Role of a variable of the FMU, as force=F_drive or reading=x:mm; may be repeated", default=()
     )
     set: tuple[str, ...] = option("A parameter of the FMU, as m=160; may be repeated", default=())
-    dead_time: float = option("Before a command acts", default=0.0, unit="s")
+    dead_time: float = option("Dead time before a command acts", default=0.0, unit="s")
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:

@@ -47,7 +47,7 @@ class DriveLogsRequest(Request):
     axis: str | None = option("its axis, if it has several", default=None)
     channels: MappingLike | None = option(CHANNELS, default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of logs without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of logs without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
     out: Path | None = option(OUT, short="-o", default=None)
 

@@ -17,7 +17,7 @@ class EvaluationRequest(Request):
     """Base of the requests of such commands; their own fields come first."""
 
     workers: int | None = option(
-        "How many cases are computed side by side; default: as many as there are cores",
+        "Number of cases computed side by side; default: the number of cores",
         default=None,
         least=1,
         most=MOST_WORKERS,

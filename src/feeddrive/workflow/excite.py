@@ -41,19 +41,19 @@ class ExciteRequest(Request):
     """The axis, the place, band and amplitude of the excitation, and its limits."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
-    band: str = option("Hz, as 5..500")
+    band: str = option("band in Hz, as 5..500")
     amplitude: float = option("peak: N on the force, m on the setpoint; N m and rad of an axis that turns")
     axis: str | None = option("the axis, if the machine has several", default=None)
-    where: str = option("force or setpoint", default="force")
-    resolution: float = option("from line to line", default=1.0, unit="Hz")
+    where: str = option("signal that is excited: force or setpoint", default="force")
+    resolution: float = option("distance from line to line", default=1.0, unit="Hz")
     periods: int = option("periods in steady state", default=8, least=2)
     realisations: int = option("number of repetitions with other phases", default=2, least=1)
-    grid: str = option("full, odd, odd_odd or random_odd", default="random_odd")
-    offset_velocity: float | None = option("under the excitation; found if left out", unit="m/s", default=None)
-    travel: float | None = option("limit", unit="m", default=None)
-    speed: float | None = option("limit", unit="m/s", default=None)
-    force: float | None = option("limit", unit="N", default=None)
-    seed: int = option("of grid, phases and noise", default=0)
+    grid: str = option("excited lines: full, odd, odd_odd or random_odd", default="random_odd")
+    offset_velocity: float | None = option("velocity under the excitation; found if left out", unit="m/s", default=None)
+    travel: float | None = option("limit of the travel", unit="m", default=None)
+    speed: float | None = option("limit of the speed", unit="m/s", default=None)
+    force: float | None = option("limit of the force", unit="N", default=None)
+    seed: int = option("seed of grid, phases and noise", default=0)
     out: Path | None = option(OUT, short="-o", default=None)
 
     @property

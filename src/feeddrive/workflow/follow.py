@@ -34,22 +34,24 @@ class FollowRequest(Request):
         "A table in text that grows, as a log that is being written; - for rows from a pipe, as of halsampler; or the "
         "drive file (TOML) of a drive, which is sampled and neither enabled nor moved"
     )
-    channel: str | None = option("that triggers; none: the first window that is whole is kept", default=None)
-    level: float = option("at which it triggers, in the unit of the channel", default=0.0)
-    edge: str = option("in which direction it passes the level", default=RISING, options=("rising", "falling"))
+    channel: str | None = option("channel that triggers; none: the first complete window is kept", default=None)
+    level: float = option("trigger level, in the unit of the channel", default=0.0)
+    edge: str = option("direction in which the channel passes the level", default=RISING, options=("rising", "falling"))
     hysteresis: float = option(
-        "by which the channel must have been on the other side before, in its unit", default=0.0, least=0.0
+        "distance beyond the level on the other side that arms the trigger, in the channel's unit",
+        default=0.0,
+        least=0.0,
     )
-    hold: float = option("after a trigger, the time in which no other one counts", default=0.0, unit="s", least=0.0)
+    hold: float = option("time after a trigger in which no other one counts", default=0.0, unit="s", least=0.0)
     window: float = option("length of the window", default=1.0, unit="s", least=1e-4)
     before: float = option("share of the window before the trigger", default=0.2, least=0.0, most=0.95)
     sample_time: float | None = option(
-        "of a table without a column of time", default=None, unit="s", above=0.0, most=10.0
+        "sample time of a table without a column of time", default=None, unit="s", above=0.0, most=10.0
     )
     time_unit: str | None = option(
-        "of a column of time that states none; default: s", default=None, options=("s", "ms", "us", "ns")
+        "unit of a column of time that states none; default: s", default=None, options=("s", "ms", "us", "ns")
     )
-    timeout: float = option("without a window, after which it ends", default=60.0, unit="s", above=0.0)
+    timeout: float = option("time without a window after which the command ends", default=60.0, unit="s", above=0.0)
     out: Path | None = option(OUT_FILE + "; .parquet", short="-o", default=None)
 
     def usual_out(self) -> Path:

@@ -30,20 +30,22 @@ class ForceRequest(Request):
     """The unit of a column, and the data of motor, drive and screw."""
 
     signal: str = argument(f"What the column is in: {', '.join(SIGNALS[:-1])} or {SIGNALS[-1]}")
-    column: str = option("its name in the log", default="signal")
-    rated: str | None = option("what 100 % is, as 3.2:Nm or 850:N or, of a current, 5.6:A", default=None)
+    column: str = option("name of the column in the log", default="signal")
+    rated: str | None = option("rated value, 100 %, as 3.2:Nm or 850:N or, of a current, 5.6:A", default=None)
     torque_constant: float | None = option(
-        "of the motor, for each A that is logged", unit="N m/A", above=0.0, default=None
+        "torque constant of the motor, for each A that is logged", unit="N m/A", above=0.0, default=None
     )
     motor_constant: float | None = option(
-        "of a linear motor, for each A that is logged", unit="N/A", above=0.0, default=None
+        "force constant of a linear motor, for each A that is logged", unit="N/A", above=0.0, default=None
     )
     amplitude: bool = option("the log has the amplitude of the current, and the constant is for A RMS", default=False)
     full: float = option(
         "the command at full output: 10 for ±10 V, pwmgen.scale for pid.output", above=0.0, default=10.0
     )
-    at_full: str | None = option("what the drive gives then, as 12:A, 9.6:Nm, 300:percent or 2500:N", default=None)
-    lead: float | None = option("of the screw, for a force at the table", unit="m", above=0.0, default=None)
+    at_full: str | None = option(
+        "output of the drive at full command, as 12:A, 9.6:Nm, 300:percent or 2500:N", default=None
+    )
+    lead: float | None = option("lead of the screw, for a force at the table", unit="m", above=0.0, default=None)
     gear: float = option("turns of the motor in one turn of the screw", default=1.0, above=0.0)
     inverted: bool = option("a positive signal pushes towards smaller positions", default=False)
     out: Path | None = option("File for the lines (TOML), as --channels takes it", short="-o", default=None)

@@ -58,13 +58,17 @@ class FrfRequest(Request):
     logs: tuple[LogLike, ...] = argument("Logs of the same measurement (MAT, CSV, Parquet), one a realisation")
     input: str | None = option("column of the input, name or name:unit", default=None)
     output: tuple[str, ...] = option("column of an output, name or name:unit; may be repeated", default=())
-    reference: tuple[str, ...] = option("column of what was added to the loop; none for no such", default=())
-    method: str = option("auto, periodic, impact, local-polynomial, h1, h2, hv, indirect or joint", default="auto")
-    band: str | None = option("Hz, as 5..500", default=None)
+    reference: tuple[str, ...] = option(
+        "column of the signal that was added to the loop; none: without one", default=()
+    )
+    method: str = option(
+        "estimator: auto, periodic, impact, local-polynomial, h1, h2, hv, indirect or joint", default="auto"
+    )
+    band: str | None = option("band in Hz, as 5..500", default=None)
     period: int | None = option("samples of one period; found if left out", default=None)
     skip: int | None = option("periods dropped at the start; by a test", default=None)
     segment: int | None = option("samples of a stretch of averaged spectra", default=None)
-    sample_time: float | None = option("for logs without time", unit="s", default=None)
+    sample_time: float | None = option("sample time of logs without a clock", unit="s", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
     channels: MappingLike | None = option(CHANNELS, default=None)

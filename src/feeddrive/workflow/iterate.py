@@ -54,11 +54,11 @@ class IterateRequest(Request):
     )
     controller: MachineLike | None = option("the machine file of the loop that ran the log", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
-    form: str = option("model-free, model-based or axis-model", default="model-free")
+    form: str = option("form of the step: model-free, model-based or axis-model", default="model-free")
     columns: str | None = option("parameters to tune, as mass,viscous,coulomb_positive", default=None)
     gamma: float = option("share of the step; 0.5 if gains are known roughly", default=1.0)
     stribeck_velocity: float | None = option("adds a Stribeck column", unit="m/s", default=None)
-    least_mass: float = option("the mass stays above it", default=0.0, unit="kg")
+    least_mass: float = option("lower bound of the mass", default=0.0, unit="kg")
     skip: int = option("samples at the start of the log that do not count", default=0)
     smoothing: int | None = option("samples over which the set position is averaged", default=None)
     set_position: str | None = option("column of the set position, name:unit", default=None)
@@ -66,13 +66,15 @@ class IterateRequest(Request):
     force: str | None = option("column of the commanded force", default=None)
     command: str | None = option("column of the command in the drive's unit", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
     channels: MappingLike | None = option(CHANNELS, default=None)
     trials: int = option("simulated trials", default=6)
-    prefilter: bool = option("of all axes of a job: trajectory prefilters instead of the feedforward", default=False)
+    prefilter: bool = option(
+        "tune trajectory prefilters of all axes of a job instead of the feedforward", default=False
+    )
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
-    seed: int = option("of the noise of simulated trials", default=0)
+    seed: int = option("seed of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
 
     def named(self) -> dict[str, str | None]:

@@ -48,7 +48,10 @@ class LobesRequest(Request):
     )
     rigid: bool = option("the drives count as rigid: the modes alone give way", default=False)
     direction: float | None = option(
-        "of the feed, from x towards y; that of the cut, or 0, if left out", unit="rad", entered="deg", default=None
+        "direction of the feed, from x towards y; that of the cut, or 0, if left out",
+        unit="rad",
+        entered="deg",
+        default=None,
     )
     depth: float | None = option(
         "axial depth of the cut; that of the cutter if left out", unit="m", entered="mm", above=0, default=None

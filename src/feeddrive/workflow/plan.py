@@ -51,9 +51,9 @@ class PlanRequest(Request):
     offsets: Path | None = option("parameters (.var): work offsets, G28, G30", default=None)
     tables_inch: bool = option("tools and offsets are in inches", default=False)
     skip_deleted: bool = option("leave out lines that begin with /", default=False)
-    front_end: str = option("what reads the program", default="auto", options=("auto", "own", "rs274"))
+    front_end: str = option("reader of the program", default="auto", options=("auto", "own", "rs274"))
     tolerance: float | None = option(
-        "of corners where the program states none (G64 without P); it stops there if this is left out",
+        "tolerance of corners where the program states none (G64 without P); it stops there if left out",
         default=None,
         unit="m",
         entered="mm",
@@ -64,7 +64,7 @@ class PlanRequest(Request):
         default=None,
     )
     sample_time: float | None = option(
-        "from setpoint to setpoint; that of the machine's loops if it is left out",
+        "time from setpoint to setpoint; that of the machine's loops if left out",
         default=None,
         unit="s",
         entered="ms",

@@ -33,15 +33,15 @@ class PlayRequest(Request):
     """The profiles, their drives, the share of the amplitude, and how the motion starts."""
 
     profiles: tuple[Path, ...] = argument(
-        "What `feeddrive excite` wrote to be sent, one a log; or what `feeddrive plan` wrote, a directory"
+        "Files to be sent that `feeddrive excite` wrote, one a log; or the directory that `feeddrive plan` wrote"
     )
     drive: tuple[Path, ...] = option(
         "a drive file (TOML): bus, scaling, limits; for a plan one for each axis, all on one EtherCAT segment"
     )
-    share: float = option("of the excitation; begin with 0.1", default=1.0, least=0.0, most=1.0)
+    share: float = option("share of the excitation; begin with 0.1", default=1.0, least=0.0, most=1.0)
     ramp: float = option("time over which the amplitude rises and falls", default=0.0, unit="s", least=0.0)
     reset_fault: bool = option("reset a fault of the drive first", default=False)
-    unpaced: bool = option("as fast as the drive answers; for a virtual drive only", default=False)
+    unpaced: bool = option("cycle as fast as the drive answers; for a virtual drive only", default=False)
     yes: bool = option("do not ask before the axis moves", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -70,8 +70,8 @@ class ListenRequest(Request):
     """The drive to log, and for how long."""
 
     drive: Path = option("a drive file (TOML): bus, scaling, limits")
-    seconds: float = option("for how long", default=1.0, unit="s", least=0.001, most=3600.0)
-    unpaced: bool = option("as fast as the drive answers; for a virtual drive only", default=False)
+    seconds: float = option("duration of the log", default=1.0, unit="s", least=0.001, most=3600.0)
+    unpaced: bool = option("cycle as fast as the drive answers; for a virtual drive only", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:

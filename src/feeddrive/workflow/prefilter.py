@@ -29,7 +29,7 @@ class PrefilterRequest(Request):
     """The log, the derivatives that may be used, and known data of the loop that ran it."""
 
     log: LogLike = argument("A log of set position and position (MAT, CSV, Parquet)")
-    regressors: str = option("which derivatives of the reference may be used", default="v,a,j,s")
+    regressors: str = option("derivatives of the reference that may be used", default="v,a,j,s")
     controller: MachineLike | None = option(
         "the machine file of the loop: its clock, limit and prefilter", default=None
     )
@@ -39,7 +39,7 @@ class PrefilterRequest(Request):
     position: str | None = option("column of the position of the table", default=None)
     force: str | None = option("column of the commanded force", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
     channels: MappingLike | None = option(CHANNELS, default=None)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)

@@ -30,8 +30,8 @@ from feeddrive.language.errors import ParameterError
 
 OUT = "Directory to write; one that feeddrive wrote before is replaced"
 OUT_FILE = "File to write"
-CHANNELS = "which column is what (TOML), as `feeddrive channels` writes it"
-UNIT = "of columns that state none, as mm, in or kN; may be repeated"
+CHANNELS = "mapping of columns to roles (TOML), as `feeddrive channels` writes it"
+UNIT = "unit of columns that state none, as mm, in or kN; may be repeated"
 
 
 @dataclass(frozen=True)

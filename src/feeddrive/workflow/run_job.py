@@ -52,7 +52,7 @@ DEMOS = {"axis": "emps", "mill": "circle_diamond_square"}
 class DemoRequest(Request):
     """The demo, and where its results go."""
 
-    what: str = argument("What is shown", default="axis", options=tuple(DEMOS))
+    what: str = argument("The demo to run", default="axis", options=tuple(DEMOS))
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:

@@ -77,7 +77,7 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
     source: MachineLike | Loop | FRF | OperatingPoint | None = argument(
         "A machine file (TOML), the name of a bundled machine, or a measured response in m/N", default=None
     )
-    goal: str = option("what is made best", default="rope-snap", options=tuple(goals()))
+    goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
     law: str | None = option("another law, as pole_placement; with --study also every", default=None)
     recipe: str | None = option("a tuning rule instead of a search", options=tuple(RECIPES), default=None)
     reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
@@ -87,8 +87,8 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         above=0.0,
         default=None,
     )
-    band: str | None = option("of the stiffness, as 1..30 in Hz", default=None)
-    filters: str = option("kept, free, or placed: free, and notches where they pay", default="placed")
+    band: str | None = option("band of the stiffness, as 1..30 in Hz", default=None)
+    filters: str = option("filters: kept, free, or placed (free, and notches where they pay)", default="placed")
     baseline: MachineLike | None = option("today's machine file, to compare with and to write into", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
     at: tuple[MachineLike | Loop | FRF | OperatingPoint, ...] = option(
@@ -100,9 +100,11 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         default=(),
     )
     disturbance: Path | FRF | None = option("response to a force on the table", default=None)
-    disturbance_motor: Path | FRF | None = option("the same of the motor's encoder", default=None)
-    unit: str | None = option("of the responses, as um/N, if the files do not say it", default=None)
-    sample_time: float | None = option("of the control", unit="s", above=0.0, default=None)
+    disturbance_motor: Path | FRF | None = option(
+        "response of the motor's encoder to a force on the table", default=None
+    )
+    unit: str | None = option("unit of the responses, as um/N, if the files do not state it", default=None)
+    sample_time: float | None = option("sample time of the control", unit="s", above=0.0, default=None)
     delay: float = option(
         "dead time that the response does not hold: 0 if it leads from the commanded force",
         default=0.0,
@@ -110,13 +112,15 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         least=0.0,
     )
     confidence: float = option("probability that all limits hold on the true axis", default=0.95)
-    starts: int = option("searches; the best end counts", default=2, least=1, most=20)
-    seed: int = option("of the searches after the first", default=0)
+    starts: int = option("number of searches; the best end counts", default=2, least=1, most=20)
+    seed: int = option("seed of the searches after the first", default=0)
     study: StudyLike | None = option(
         "a study file or the name of a bundled one, in place of a machine: one control for all its machines",
         default=None,
     )
-    share: float = option("of the study's machines, for which limits and goal count", default=1.0, least=0.5, most=1.0)
+    share: float = option(
+        "share of the study's machines for which limits and goal count", default=1.0, least=0.5, most=1.0
+    )
     samples: int | None = option("machines of the study that the tuner may see", default=None, least=1, most=5000)
     fresh: int | None = option("further machines on which the result is proven", default=None, least=16, most=1_000_000)
     allow: tuple[str, ...] = option(

@@ -17,9 +17,9 @@ class VerifyRequest(Request):
 
     directory: Path = argument("A directory that `feeddrive export` wrote")
     samples: int | None = option(
-        "of the trial; default: 1000000, 5000 in single precision", least=1, most=MOST, default=None
+        "samples of the trial; default: 1000000, 5000 in single precision", least=1, most=MOST, default=None
     )
-    seed: int = option("of the random samples", default=1, least=0)
+    seed: int = option("seed of the random samples", default=1, least=0)
     compiler: str | None = option("another compiler than gcc, cc or clang", default=None)
     flag: tuple[str, ...] = option("a flag for it, such as -O3; may be repeated", default=())
     out: Path | None = option("File for the certificate (text)", short="-o", default=None)

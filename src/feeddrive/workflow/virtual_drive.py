@@ -27,14 +27,14 @@ class VirtualDriveRequest(Request):
     bus: str = option("kind of bus", default="ethercat", options=("ethercat", "canopen"))
     station: int = option("number of the CANopen node", default=1, least=1, most=127)
     cycle_us: float | None = option(
-        "bus cycle: samples of the machine file; default: 1",
+        "bus cycle; default: the sample time of the machine file",
         unit="s",
         entered="us",
         above=0.0,
         default=None,
     )
-    position: float = option("where the axis stands", default=0.0, unit="m")
-    seed: int = option("of the noise of the encoders", default=0)
+    position: float = option("position of the axis at the start", default=0.0, unit="m")
+    seed: int = option("seed of the noise of the encoders", default=0)
     watchdog_ms: float | None = option(
         "fault without frames for so long, by the clock; default: none",
         unit="s",
