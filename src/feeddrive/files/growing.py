@@ -285,7 +285,7 @@ class GrowingTable:
         if reader not in (read_csv, read_halsampler):
             raise LogError(
                 f"{self.name}: is of a format whose rows cannot be read while it grows; followed are CSV and other "
-                "tables in text, and halsampler: bring it when it is complete"
+                "tables in text, and halsampler: open it when it is complete"
             )
         text = text_of(head)
         layout = layout_of(head.decode(text.encoding, "replace").replace("\r", ""))
@@ -296,7 +296,7 @@ class GrowingTable:
                 return False
             raise LogError(
                 f"{self.name}: holds no rows of numbers, or fewer than {_LEAST}, in its first {HEAD // 1000} kB: "
-                "shorten what stands above them, or record fewer columns"
+                "shorten the text above them, or record fewer columns"
             )
         self._encoding = text.encoding
         numbered = False

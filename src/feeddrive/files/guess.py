@@ -392,12 +392,12 @@ def _second(
     if role in mapping:
         mapping[motor] = mapping.pop(role)
         del reasons[role]
-        reasons[motor] = "the first of two of its kind"
+        reasons[motor] = "the first of two such channels"
     else:
         needs[motor] = needs.pop(role)
     _take(name, reading, load, mapping, reasons, needs)
     if load in mapping:
-        reasons[load] = "the second of two of its kind"
+        reasons[load] = "the second of two such channels"
 
 
 def _known(unit: str) -> bool:

@@ -252,7 +252,8 @@ def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineF
     own = next((i for i, coupling in enumerate(machine.couplings) if isinstance(coupling, MillingCut)), None)
     if own is not None:
         raise process.error(
-            f"the machine cuts by itself: couplings.{own} of {machine.file.name} is a milling_cut, and both forces "
+            f"the machine has a cut of its own: couplings.{own} of {machine.file.name} is a milling_cut, and both "
+            "forces "
             "would act; take it out of the machine, or leave out [process]"
         )
     try:

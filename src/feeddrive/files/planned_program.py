@@ -194,6 +194,7 @@ def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:
     """Return True where the tool is in the work, for each time."""
     begins = np.array([cut.begin for cut in cuts])
     depths = np.array([cut.axial_depth for cut in cuts])
+    # rounding of k T must not put a sample before the begin of its cut
     return depths[np.searchsorted(begins, times + 1e-9, side="right") - 1] > 0.0
 
 

@@ -44,7 +44,7 @@ class HeldPoles:
             return [_grip(pole.name, pole.label, pole.s, nyquist, units) for pole in placed], sentence
         names, loop_poles = self._gains(), self._of_loop()
         if not loop_poles:
-            return [], "No gain of this law moves a pole by itself: move its numbers."
+            return [], "No single gain of this law moves a pole: change its numbers."
         moved = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
         sentence = f"Dragged are poles of the loop; {moved} follow with the smallest change that takes the pole there."
         return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in loop_poles], sentence

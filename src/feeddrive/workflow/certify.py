@@ -258,6 +258,7 @@ def plants_table(certificate: Certificate, *, rotary: bool = False) -> Table:
         [
             plant["name"],
             float(plant["dead_time_s"]),
+            # a free mass has its poles at z = 1, and rounding may put them just inside
             sum(abs(pole) > 1.0 - 1e-12 for pole in certificate.loops[plant["name"]].plant.poles()),
             source(plant["source"]),
         ]

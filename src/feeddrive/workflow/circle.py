@@ -193,7 +193,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
                     phase=phase,
                     direction=direction,
                     center=at,
-                    run_up_time=min(0.3, np.pi * radius / feed),
+                    run_up_time=min(0.3, np.pi * radius / feed),  # at most the time of half a turn
                 )
                 for name, phase, at in zip(axes, (0, 90), center, strict=True)
             }

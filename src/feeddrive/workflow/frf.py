@@ -397,7 +397,7 @@ def sentences(estimate: FrequencyEstimate) -> list[str]:
 def levels(estimate: FrequencyEstimate) -> Table:
     """Noise and distortion as a share of the response, in the median over octaves of the band."""
     f, size = estimate.frequency, estimate.frf.magnitude
-    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)
+    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)  # a band has no upper edge: the last line must lie below it
     rows: list[list[Cell]] = []
     for low, high in pairwise(edges):
         row: list[Cell] = [Text(f"{Quantity(low, 'Hz', bare=True)} .. {Quantity(high, 'Hz')}")]

@@ -174,8 +174,8 @@ def _identified(
                 for roles in ((*_POSITIONS, *_ANGLES), ("force", "torque", "command"))
             )
             raise NotIdentifiableError(
-                f"{channels['name']}: position and force are swapped: '{acting}' moves as '{moving}' makes it; name "
-                f"them the other way round, as --position '{acting}:mm' --force '{moving}:N' with their units"
+                f"{channels['name']}: position and force are swapped: '{acting}' moves as '{moving}' makes it; "
+                f"exchange their names, as --position '{acting}:mm' --force '{moving}:N' with their units"
             ) from None
         raise
     return replace(identified, doubt=doubt.why or identified.doubt)

@@ -1,4 +1,4 @@
-"""`feeddrive new law NAME`: a package with a law of one's own, its battery, and a machine file to try it on."""
+"""`feeddrive new law NAME`: a package with a user-defined law, its battery, and a machine file to try it on."""
 
 from __future__ import annotations
 

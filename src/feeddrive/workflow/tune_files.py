@@ -184,7 +184,7 @@ def _cells(row: Sequence[Figures], limits: Limits) -> list[Cell]:
         min(phases, default=None),
         min(figures.stiffness.minimum for figures in row),
         max(figures.rope_snap for figures in row),
-        "broken" if broken_limits(row, limits, ROOM) else "kept",
+        "exceeded" if broken_limits(row, limits, ROOM) else "kept",
     ]
 
 

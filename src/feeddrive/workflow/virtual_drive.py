@@ -27,7 +27,7 @@ class VirtualDriveRequest(Request):
     bus: str = option("kind of bus", default="ethercat", options=("ethercat", "canopen"))
     station: int = option("number of the CANopen node", default=1, least=1, most=127)
     cycle_us: float | None = option(
-        "bus cycle; default: the sample time of the machine file",
+        "bus cycle, a whole multiple of the sample time of the machine file; default: one sample",
         unit="s",
         entered="us",
         above=0.0,
