@@ -1,4 +1,4 @@
-"""What a part program cuts: the section [process] of a job says which tool cuts how deep and wide, how fast it turns.
+"""The cut of a part program: the section [process] of a job states the depths and widths of its tools and the speed.
 
 [process.tool.1]                   # of `T1 M6` in the program; a program without T uses the only one
 kind = "mechanistic_cutter"

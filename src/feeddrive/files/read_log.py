@@ -75,7 +75,7 @@ def read_log(
 
 
 def read_arrays(path: str | Path | OpenedFile) -> dict[str, np.ndarray]:
-    """The columns of numbers of a file that is no log over time: a cogging map, a friction curve.
+    """Read the columns of numbers of a file that is no log over time: a cogging map, a friction curve.
 
     No time column is needed.  Values are those of the file, NaN included; a matrix of numpy gives column_1, ...
     Raises FileError or LogError as `read_log`.

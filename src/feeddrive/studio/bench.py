@@ -85,7 +85,7 @@ class Bench:
         return self.loop is not None and self.loop.axis.rotary
 
     def needed_loop(self) -> Loop:
-        """The loop. Raises ParameterError, with what to do, for measured responses without a machine."""
+        """Return the loop. Raise ParameterError, with what to do, for measured responses without a machine."""
         if self.loop is None:
             raise ParameterError(
                 "a measured response alone moves no axis: bring today's machine file too, or identify one from it"

@@ -194,7 +194,7 @@ def serve_at(
     address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 
     def fresh(used: Callable[[], None] = lambda: None) -> str:
-        """An address that opens the page, once where no password is asked for."""
+        """Return an address that opens the page, once where no password is asked for."""
         return address if password else f"{address}?token={door.tokens.issue(used)}"
 
     redirects = list[Path]()  # what opens the browser, until it has done so

@@ -324,7 +324,7 @@ def write_certificate(path: str | Path, certificate: Certificate) -> Path:
 
 
 def read_certificate(path: str | Path) -> Certificate:
-    """The certificate in a file. Raises FileError, with the checker's reason, for one that is not proven."""
+    """Read the certificate in a file. Raise FileError, with the checker's reason, for one that is not proven."""
     content = read_whole(path, check.MOST_BYTES)
     try:
         document = check.parse(content)

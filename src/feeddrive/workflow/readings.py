@@ -1,4 +1,4 @@
-"""In which units a log was read, and whether a feed drive can do what it then says.
+"""The units in which a log was read, and the check whether a feed drive can do what it then shows.
 
 A command stops before it works on a travel of 200 m or a mass of 0.1 kg: the two likeliest readings are shown side by
 side, and nothing is written until the unit is told.

@@ -196,7 +196,7 @@ class Request(Declared):
         return f"fd.workflow.{name.replace('-', '_')}({', '.join(words)})"
 
     def usual_out(self) -> Path | None:
-        """The default output path of a command; None for a command without one."""
+        """Return the default output path of a command; None for a command without one."""
         return None
 
 

@@ -1,4 +1,4 @@
-"""All figures of a tuning as plain numbers, for summary.json."""
+"""The figures of a tuning as plain numbers, for summary.json."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class Block:
 
 
 class Blocks:
-    """All blocks of a file by their address."""
+    """The blocks of a file by their address."""
 
     def __init__(self, name: str, content: bytes) -> None:
         self.name = name

@@ -246,7 +246,7 @@ class Goal(Room):
         return replace(chart, panels=(replace(first, high=high), *others))
 
     def _peak_limit(self) -> float:
-        """The limit of Ms in dB."""
+        """Return the limit of Ms in dB."""
         return 20.0 * float(np.log10(self.settings.get(_PEAK, FIELDS[_PEAK].default)))
 
     @staticmethod
