@@ -208,15 +208,26 @@ def test_a_changed_certificate_is_refused(change: Callable[[Document], None], re
 
 
 def test_every_number_counts(text: str, seeded: Seeded) -> None:
-    """Any one character that is changed is noticed, if only by the digest."""
+    """Any one character that changes a value is noticed, if only by the digest."""
     rng = np.random.default_rng(seeded(0))
+    numbers = json.loads(text)
     for place in rng.integers(0, len(text), 60):
         old = text[place]
         if old.isspace():
             continue
         new = text[:place] + ("7" if old != "7" else "3") + text[place + 1 :]
+        if is_json(new) and json.loads(new) == numbers:
+            continue  # the 17th digit of a decimal number may leave its float64 as it is
         with pytest.raises(check.RefusedError):
             check.verified(check.parse(new.encode()))
+
+
+def is_json(text: str) -> bool:
+    try:
+        json.loads(text)
+    except ValueError:
+        return False
+    return True
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,9 @@ class Drawn:
         self.random = random.Random(seed)
         self.label = 10
         self.loops = self.random.choice(["do", "while"])  # beside while; a break of a while ends a do loop around it
+        # rs274 restores the tolerance behind a drilling cycle as a number in the units of the program now; LinuxCNC
+        # itself converts it (TO_PROG_LEN in emccanon.cc), as feeddrive does
+        self.tolerance_or_units = self.random.choice([["G64 P.1 Q.2"], ["G20", "G21"]])
 
     def number(self) -> str:
         draw = self.random
@@ -48,7 +51,7 @@ class Drawn:
                 ["G1 " + self.axes(), self.axes()],
                 [f"G91 {draw.choice(['G2', 'G3'])} {half}{draw.choice(['', ' P3', ' Z-1', ' A5'])}", "G90"],
                 [f"G17 G0 X{self.number()} Y0", f"G2 X[#5420+1] Y1 R{draw.uniform(1, 3):.2f}"],
-                [draw.choice(["G20", "G21", "G17", "G18", "G19", "G61", "G61.1", "G64", "G64 P.1 Q.2", "G40", "G49"])],
+                [draw.choice([*self.tolerance_or_units, "G17", "G18", "G19", "G61", "G61.1", "G64", "G40", "G49"])],
                 [draw.choice(["G54", "G55", "G56", "G59.1", "G59.3"])],
                 [f"G10 L{draw.choice(['2', '20'])} P{draw.randint(0, 9)} {self.axes()}"],
                 [draw.choice(["G92 ", "G52 "]) + self.axes(), draw.choice(["G92.1", "G92.2", "G92.3"])],
@@ -158,6 +161,16 @@ def test_a_do_loop_goes_on_behind_a_while_that_was_left_or_skipped(condition: st
     assert [re.findall(r"\d\.", message) for message in messages] == [["1."], ["2."], ["3."]]
     done = subprocess.run(["rs274", "-g", str(path)], capture_output=True, stdin=subprocess.DEVNULL, timeout=60)
     assert done.stdout.count(b"MESSAGE") == 1
+
+
+def test_a_cycle_restores_the_tolerance_as_a_length(tmp_path: Path):
+    """A row of the page on part programs: 0.1 mm behind G20 are 0.0039 inch, of which rs274 makes 0.1 inch."""
+    path = tmp_path / "program.ngc"
+    path.write_text("F10\nM3 S10\nG64 P.1 Q.2\nG20\nG81 X1 Y0 Z-1 R1\nG80\nM2\n")
+    modes = [command for command in commands(path)[0] if "CANON_CONTINUOUS" in command]
+    assert modes == [f"SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, {text})" for text in ("0.100000", "0.003937")]
+    done = subprocess.run(["rs274", "-g", str(path)], capture_output=True, stdin=subprocess.DEVNULL, timeout=60)
+    assert done.stdout.count(b"CANON_CONTINUOUS, 0.100000") == 2
 
 
 @pytest.mark.parametrize("seed", range(20))
