@@ -196,7 +196,7 @@ def test_lines_that_end_below_the_resonance_make_no_machine(tmp_path: Path) -> N
         (("--unit", "rad/A"), "as its file says, not rad/A"),
         (("--force-constant", "-3"), "--force-constant = -3 (N at the table per unit of the command) must be > 0"),
         (("--model", "machine"), "needs a machine file"),
-        (("--model", "springs"), "--model = 'springs' (of frequency responses) must be one of"),
+        (("--model", "springs"), "--model = 'springs' (model of frequency responses) must be one of"),
     ],
 )
 def test_bad_options_are_named(tmp_path: Path, options: tuple[str, ...], said: str) -> None:

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import feeddrive as fd
 from feeddrive.cli.commands import app
-from feeddrive.files.machine import found
+from feeddrive.files.machine import find_bundled
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.machining import Regeneration, ToolMode, stability_lobes, tool_modes
 
@@ -47,7 +47,7 @@ runner = CliRunner()
 @pytest.fixture
 def mine(tmp_path: Path) -> Path:
     path = tmp_path / "mine.toml"
-    path.write_text(found("xy_table", "machines").read_text(encoding="utf-8") + CUT, encoding="utf-8")
+    path.write_text(find_bundled("xy_table", "machines").read_text(encoding="utf-8") + CUT, encoding="utf-8")
     return path
 
 

@@ -187,5 +187,5 @@ def test_a_tool_of_many_teeth_remembers_a_turn(tmp_path: Path) -> None:
 def test_a_machine_that_cuts_by_itself_takes_no_process(tmp_path: Path) -> None:
     machine = (BUNDLED / "machines" / "machining_center.toml").read_text(encoding="utf-8")
     (tmp_path / "m.toml").write_text(machine + OWN_CUT, encoding="utf-8")
-    with pytest.raises(ParameterError, match=r"the machine cuts by itself: couplings\.0 .* is a milling_cut"):
+    with pytest.raises(ParameterError, match=r"the machine has a cut of its own: couplings\.0 .* is a milling_cut"):
         read_job(written(tmp_path, job=JOB.replace('"machining_center"', '"m.toml"')))

@@ -220,7 +220,7 @@ def test_a_column_of_time_without_a_unit_is_in_the_one_that_is_given() -> None:
         (b"\1\2\3\n\n\n\n", "binary file"),
         (b"word\n" * 20_000, "no rows of numbers"),
         (b"1" * 1_100_000, "a line of more than 1 MB"),
-        (b"t_s,x\n" + b"0" * 100_000, "fewer than 3, in its first 64 kB: shorten what stands above them"),
+        (b"t_s,x\n" + b"0" * 100_000, "fewer than 3, in its first 64 kB: shorten the text above them"),
         (b"".join(b"%d" % k + b",1" * 15_000 + b"\n" for k in range(5)), "or record fewer columns"),
         (b"# " + b"a" * 70_000 + b"\nt_s,x\n" + b"0,1\n" * 9, "no rows of numbers, or fewer than 3"),
         (b"# Sampling period is 1000000 ns\n# a b\n" + b"1 2\n" * 9, "rows cannot be read while it grows"),

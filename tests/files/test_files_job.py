@@ -145,9 +145,9 @@ def test_what_is_wrong_with_a_machine(tmp_path: Path, old: str, new: str, messag
         (JOB.replace('machine = "m.toml"', ""), r"j\.toml: machine is missing"),
         (JOB + 'title = "x"', r"j\.toml:21: key 'law\.2\.control\.law\.title' is not known"),
         ("titel = 1\n" + JOB, r"j\.toml:1: key 'titel' is not known; did you mean title\?"),
-        ("seed = -1\n" + JOB, r"j\.toml:1: seed = -1 \(of the noise\) must be >= 0"),
+        ("seed = -1\n" + JOB, r"j\.toml:1: seed = -1 \(seed of the noise\) must be >= 0"),
         ("axis = 'y'\n" + JOB, r"j\.toml:1: axis: .*axis 'y' is not there"),
-        ("duration = 0\n" + JOB, r"j\.toml:1: duration = 0 s \(of the runs\) must be > 0 s and < 1000000 s"),
+        ("duration = 0\n" + JOB, r"j\.toml:1: duration = 0 s \(duration of the runs\) must be > 0 s and < 1000000 s"),
         (JOB + '[[law]]\nname = "half"\nset = {}', r"j\.toml:22: law\.3\.name must be a text that no other row has"),
         (JOB + '[[law]]\nname = "a"', r"j\.toml:21: law\.3: a row needs either set = .* or sections: \[law\.control\]"),
         (

@@ -59,7 +59,7 @@ def recorded(folder: Path, more: str = "") -> Path:
 
 def test_a_job_takes_recorded_setpoints_from_rest_to_rest(tmp_path: Path) -> None:
     job = fd.read_job(recorded(tmp_path))
-    assert "averaged four times over 2 rows" in job.program.said
+    assert "averaged four times over 2 rows" in job.program.description
     x, y = job.reference, job.others["y"].reference
     assert x is not None
     assert y is not None

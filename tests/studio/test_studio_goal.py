@@ -175,12 +175,12 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
             assert packed.testzip() is None
             assert all(each.startswith(name.removesuffix(".zip") + "/") for each in packed.namelist())
             assert len(packed.namelist()) > 1
-    assert not any("was changed since" in each for each in said["exports"]["parameters"]["said"])
+    assert not any("an earlier control" in each for each in said["exports"]["parameters"]["said"])
     do(session, "tune.undo")
     (result,) = do(session, "take.show").words["results"]
-    assert result["said"].startswith("This is of a control that was changed since")
+    assert result["said"].startswith("This result belongs to an earlier control")
     shown = do(session, "take.show").words["exports"]["parameters"]
-    assert shown["said"][0] == "This is of a control that was changed since: do it again for the control of now."
+    assert shown["said"][0] == "This result belongs to an earlier control. Run it again for the current one."
     do(session, "tune.redo")
     assert do(session, "take.show").words["exports"]["parameters"] == said["exports"]["parameters"]
     do(session, "take.machine")

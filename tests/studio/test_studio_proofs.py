@@ -212,7 +212,7 @@ def test_of_another_source_no_certificate_is_taken_away_and_of_another_control_i
     name, before = next(iter(session.desk.values.items()))
     asked(session, "tune.move", name=name, value=0.9 * before)
     (found,) = asked(session, "take.show")["results"]
-    assert found["said"] == "This is of a control that was changed since: do it again for the control of now."
+    assert found["said"] == "This result belongs to an earlier control. Run it again for the current one."
     asked(session, "tune.move", name=name, value=before)
     assert asked(session, "take.show")["results"] == [{"name": "certificate", "said": ""}]
     assert "error" not in asked(session, "bring.bundled", name="ball_screw")

@@ -188,7 +188,7 @@ class DriveClient:
     """
 
     def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True) -> None:
-        """Without `paced` the next cycle begins as soon as the drive has answered: for a virtual drive only."""
+        """Set up a drive. Without `paced` a cycle begins once the drive has answered: for a virtual drive only."""
         self.transport, self.drive = transport, drive
         self.scaling = drive.scaling
         self.pace = Pace(drive.cycle_time if paced else None)

@@ -41,7 +41,7 @@ class RefusedError(BusError):
 
 
 class Transport(Protocol):
-    """One drive on one bus.
+    """A drive on a bus.
 
     `where` is bus, interface and station, for errors.  The order is open, objects, `map`, `watch`, `operate`, `put` and
     `take` ..., close; all raise BusError.  Of drives that share a frame each is taken so far before the next step.
@@ -79,7 +79,7 @@ class Transport(Protocol):
         ...
 
     def state(self) -> str:
-        """The state of the station on the bus, as text, for an error after lost frames."""
+        """Return the state of the station on the bus, as text, for an error after lost frames."""
         ...
 
     def close(self) -> None:

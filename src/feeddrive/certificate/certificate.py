@@ -101,7 +101,7 @@ class Certificate(Result):
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
-        """One row a plant, the smallest reserve first."""
+        """Tabulate a plant in each row, the smallest reserve first."""
         rows: list[list[str | float | int | None]] = []
         for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
             radii = [x for band in plant["radius"] for x in band["r"]]

@@ -67,7 +67,7 @@ class _Later(TyperCommand):
 
     @params.setter
     def params(self, _: Any) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Those of the command itself count."""
+        """Ignore the assignment: the parameters are those of the command itself."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Return the context of the command itself."""
@@ -81,7 +81,7 @@ class Commands(TyperGroup):
         super().__init__(**settings)
         mode = self.rich_markup_mode
         self.later = [
-            _Later(name, help=command.said, rich_help_panel=command.group, rich_markup_mode=mode)
+            _Later(name, help=command.summary, rich_help_panel=command.group, rich_markup_mode=mode)
             for name, command in OFFERED.items()
         ]
         self.commands = {str(command.name): command for command in self.later}
@@ -91,7 +91,7 @@ class Commands(TyperGroup):
         for group in dict.fromkeys(command.group for command in OFFERED.values()):
             with formatter.section(group):
                 formatter.write_dl(
-                    [(name, command.said) for name, command in OFFERED.items() if command.group == group]
+                    [(name, command.summary) for name, command in OFFERED.items() if command.group == group]
                 )
 
     def main(
@@ -260,7 +260,7 @@ def _in_si(field: Field, value: Any) -> Any:
 
 def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose: bool, as_json: bool) -> None:
     """Run the command and show its outcome; end with the exit code of its judgment."""
-    request = command.made(**values)
+    request = command.build_request(**values)
     usual = request.usual_out()
     if usual is not None and request.out is None:
         request = replace(request, out=usual)

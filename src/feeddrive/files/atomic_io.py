@@ -40,7 +40,7 @@ _WHAT_TO_DO = {
 
 
 def refusal(path: str | Path, what: str, error: OSError) -> FileError:
-    """The FileError for an error of the operating system: file, reason, and what to do."""
+    """Return the FileError for an error of the operating system: file, reason, and what to do."""
     reason = (error.strerror or str(error) or type(error).__name__).lower()
     advice = _WHAT_TO_DO.get(error.errno or 0)
     return FileError(f"{path}: cannot be {what}: {reason}" + (f"; {advice}" if advice else ""))
@@ -56,7 +56,7 @@ def _check_name(path: str | Path) -> None:
 
 
 def read_whole(path: str | Path, most: int) -> bytes:
-    """The bytes of a regular file of at most `most` bytes.
+    """Read the bytes of a regular file of at most `most` bytes.
 
     Raises FileError for a file that is missing, a directory, a device or pipe (which might never end), too large, or
     unreadable.
@@ -81,7 +81,7 @@ def read_whole(path: str | Path, most: int) -> bytes:
 
 @contextlib.contextmanager
 def written_whole(path: str | Path) -> Generator[Path]:
-    """The name of an empty temporary file next to `path`, to be filled; renamed to `path` at the end of the block.
+    """Yield an empty temporary file next to `path`, to be filled; it is renamed to `path` at the end of the block.
 
     On any exception the temporary file is removed and an older `path` stays as it was; an OSError becomes a FileError.
     A symbolic link is followed, and the permissions of an older file are kept.
@@ -114,7 +114,7 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
 
 
 def _beside(target: Path, suffix: str) -> Path:
-    """A hidden unused name in the same directory; short, so that a long name still fits."""
+    """Return a hidden unused name in the same directory; short, so that a long name still fits."""
     return target.parent / f".{target.name[:60]}.{secrets.token_hex(6)}.{suffix}"
 
 
@@ -129,7 +129,7 @@ def _flush(path: Path, how: int) -> None:
 
 @contextlib.contextmanager
 def new_directory(path: str | Path) -> Generator[Path]:
-    """A directory to write results into; it appears under its name `path` at the end of the block, or not at all.
+    """Yield a directory to write results into; it appears as `path` at the end of the block, or not at all.
 
     An older `path` is replaced only if it is empty, or if feeddrive wrote it and it contains no other files.
     Raises FileError, before the work starts, if it cannot be replaced or written.
@@ -178,7 +178,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """The error with the name of the final file instead of the temporary one."""
+    """Return the final path of a file that an error names by its temporary path; None if it names no file."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)
@@ -186,7 +186,7 @@ def _seen(name: object, temporary: Path, target: Path) -> Path | None:
 
 
 def files_of(directory: Path) -> list[str]:
-    """Names of all files in a directory and below, without the marker, in order."""
+    """Return the names of all files in a directory and below, without the marker, in order."""
     return sorted(
         str((Path(folder) / name).relative_to(directory))
         for folder, _, names in os.walk(directory)

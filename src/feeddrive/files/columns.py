@@ -76,7 +76,7 @@ class Column:
             ) from None
 
     def text(self) -> str:
-        """The column in one word, as `of` parses it if the name holds neither * nor a colon."""
+        """Return the column in one word, as `of` parses it if the name holds neither * nor a colon."""
         factor = "" if self.factor is None else f"*{float(self.factor)!r}"
         return f"{self.name}{factor}{f':{self.unit}' if self.unit else ''}"
 
@@ -99,7 +99,7 @@ class Column:
         return replace(self, unit=unit, factor=None if self.factor is None else float(self.factor))
 
     def scale(self, role: str) -> float | None:
-        """The factor from the numbers in the file to the unit of the role; None if neither unit nor factor says it."""
+        """Return the factor from the numbers in the file to the unit of the role; None if nothing states it."""
         if role in OWN_UNIT or not self.unit:
             return self.factor
         size = units.factor(self.unit, ROLES[role])
@@ -175,7 +175,7 @@ def is_time(name: str) -> bool:
 
 
 def free_name(name: str, taken: dict[str, int]) -> str:
-    """The name, or one that no other column has: force, force_again, force_again3, ...; `taken` counts them."""
+    """Return the name, or one that no other column has: force, force_again, force_again3, ...; `taken` counts them."""
     free = name
     while free in taken:
         taken[name] += 1
@@ -190,7 +190,7 @@ def is_wanted(name: str, wanted: frozenset[str] | None) -> bool:
 
 
 def unit_of(text: str) -> str | None:
-    """A unit as makers write it (`µm`, `mm/s²`, `%`, `[ms]`) as `language.units` writes it; None if it is not known."""
+    """Return a unit of a maker (`µm`, `mm/s²`, `%`, `[ms]`) as `language.units` writes it; None if it is not known."""
     plain = text.strip().strip("[]").strip()
     plain = plain.replace("µ", "u").replace("μ", "u").replace("²", "2").replace("³", "3").replace("^", "")
     plain = plain.replace("·", " ").replace("*", " ")
@@ -207,7 +207,7 @@ def unit_of(text: str) -> str | None:
 
 
 def factor_of(path: str, role: str, column: Column, unit: str) -> float:
-    """The factor from the column's unit to that of its role: as given, else by the file, else by the end of its name.
+    """Return the factor from the column's unit to its role's: as stated, else by the file, else by the end of its name.
 
     A name that ends with `_in` means input and not inch.
     """
@@ -248,7 +248,7 @@ def check_sign(path: str, column: Column, unit: str, si: str) -> None:
 
 
 def unit_at_the_end(name: str, role: str) -> str:
-    """The unit of a role with which the name of a column ends, `x_cmd_mm`; empty without one."""
+    """Return the unit of a role with which the name of a column ends, `x_cmd_mm`; empty without one."""
     for start in [k + 1 for k, letter in enumerate(name) if letter == "_"]:
         try:
             units.factor(name[start:], ROLES[role])
@@ -268,7 +268,7 @@ def check_size(name: str, columns: int, rows: int) -> None:
 
 
 def most_unpacked(packed: int) -> int:
-    """Largest unpacked size in bytes of a file of this size: 100 times as much, and at least 100 MB."""
+    """Return the largest unpacked size in bytes of a file of this size: 100 times as much, and at least 100 MB."""
     return min(FREE_BYTES + MOST_TIMES * packed, MOST_BYTES)
 
 
@@ -283,7 +283,7 @@ def check_unpacked(name: str, numbers: int, packed: int) -> None:
 
 
 def arrow_numbers(column: Any) -> np.ndarray:
-    """The numbers of a column of a pyarrow table; NaN for cells without one.
+    """Return the numbers of a column of a pyarrow table; NaN for cells without one.
 
     Its own `to_numpy` imports pandas, if that is installed, which takes longer than a log of 4,000 rows.
     """

@@ -16,8 +16,9 @@ _MOST_BYTES = 1_000_000
 
 
 def comp_text(block: PitchCompensation, *, units: float = 1000.0, file_type: int = 0) -> str:
-    """The rows of a compensation file: nominal, forward, reverse in machine units, `units` to a meter (1000 for mm).
+    """Return the rows of a compensation file: nominal, forward, reverse in machine units, `units` to a meter.
 
+    units      1000 for mm
     file_type  COMP_FILE_TYPE of the joint. 0: positions that were reached, in motion towards larger and towards
                smaller positions; 1: what is to be added
     Raises ParameterError for another type and for more rows than LinuxCNC reads.
@@ -42,7 +43,7 @@ def write_comp_file(block: PitchCompensation, path: str | Path, *, units: float 
 
 
 def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 0) -> PitchCompensation:
-    """The compensation in a file, in machine units, `units` to a meter.
+    """Read the compensation in a file, in machine units, `units` to a meter.
 
     LinuxCNC interpolates between any rising positions; here they are evenly spaced, as `write_comp_file` makes them.
     Raises FileError, with the line, for a row that has no three numbers, positions that do not rise by one spacing,

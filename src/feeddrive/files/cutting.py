@@ -1,4 +1,4 @@
-"""What a part program cuts: the section [process] of a job says which tool cuts how deep and wide, how fast it turns.
+"""The cut of a part program: the section [process] of a job states the depths and widths of its tools and the speed.
 
 [process.tool.1]                   # of `T1 M6` in the program; a program without T uses the only one
 kind = "mechanistic_cutter"
@@ -55,7 +55,7 @@ _SURFACES = 3  # that a tooth may meet
 
 
 class CutSection(Section, kind="cut_section"):
-    """Lines of a part program that cut, and how."""
+    """Lines of a part program that cut, and their cutting conditions."""
 
     first_line: int = choice("first line of the part program", least=1, most=10**9)
     last_line: int = choice("last line of it", least=1, most=10**9)
@@ -69,7 +69,7 @@ class CutSection(Section, kind="cut_section"):
     )
 
     def check(self) -> None:
-        """The last line is not before the first."""
+        """Raise ParameterError if the last line is before the first."""
         if self.last_line < self.first_line:
             raise self.error(
                 f"{self.dotted()}: section.last_line = {self.last_line} must be >= section.first_line = "
@@ -78,7 +78,7 @@ class CutSection(Section, kind="cut_section"):
 
 
 class ProcessSection(Section):
-    """What the part program cuts."""
+    """The cutting process of a part program."""
 
     tool: Mapping[str, Cutter] = named(
         "tools by their numbers in the program: [process.tool.1]",
@@ -86,11 +86,13 @@ class ProcessSection(Section):
         pattern="0*[1-9][0-9]{0,5}",
         example="a tool has a number of the program, as [process.tool.1]",
     )
-    section: tuple[CutSection, ...] = part("what lines cut, over what comments say: (ap=4 ae=0.3 down)", default=())
+    section: tuple[CutSection, ...] = part(
+        "cutting conditions of lines, in place of those in comments: (ap=4 ae=0.3 down)", default=()
+    )
 
     def check(self) -> None:
-        """No line belongs to two sections."""
-        ordered = sorted(self.section, key=lambda each: each.first_line)
+        """Raise ParameterError if a line belongs to two sections."""
+        ordered = sorted(self.section, key=lambda section: section.first_line)
         for one, other in pairwise(ordered):
             if other.first_line <= one.last_line:
                 raise self.error(
@@ -101,7 +103,7 @@ class ProcessSection(Section):
 
 
 class Cut(NamedTuple):
-    """What the tool does from a time on: `tool` by number, depths in m (0: it does not cut), side, speed in rpm."""
+    """The cutting conditions from a time on: `tool` by number, depths in m (0: no cut), side, spindle speed in rpm."""
 
     begin: float
     line: int
@@ -117,7 +119,7 @@ _AIR = (0.0, None, "up")
 
 @dataclass(frozen=True)
 class Process:
-    """What the section [process] and the comments of the program say.
+    """The cutting process by the section [process] and the comments of the program.
 
     comments  depth, width and side from a line on, in order
     """
@@ -129,21 +131,21 @@ class Process:
     spindle: SpindleOfLines
 
     def cuts(self, times: np.ndarray, line: np.ndarray, traverse: np.ndarray) -> tuple[Cut, ...]:
-        """What is cut over time, from the line of each sample and whether it is a traverse.
+        """Return the cuts over time, from the line of each sample and whether it is a traverse.
 
         Raises ProgramError at a line that cuts without a spindle, with an unknown tool, or as the tool cannot.
         """
         changes = np.flatnonzero((np.diff(line) != 0) | (np.diff(traverse.astype(np.int8)) != 0)) + 1
-        found: list[Cut] = []
+        cuts: list[Cut] = []
         for first in (0, *changes.tolist()) if len(line) else ():
             cut = self._cut(float(times[first]), int(line[first]), bool(traverse[first]))
-            if not found or cut[2:] != found[-1][2:]:
-                found.append(cut)
-        return tuple(found)
+            if not cuts or cut[2:] != cuts[-1][2:]:
+                cuts.append(cut)
+        return tuple(cuts)
 
     def _cut(self, begin: float, line: int, traverse: bool) -> Cut:
-        own = next((each for each in self.sections if each.first_line <= line <= each.last_line), None)
-        depth, width, side = self._said(line) if own is None else (own.axial_depth, own.radial_depth, own.milling)
+        own = next((section for section in self.sections if section.first_line <= line <= section.last_line), None)
+        depth, width, side = self._by_comment(line) if own is None else (own.axial_depth, own.radial_depth, own.milling)
         speed, tool = self.spindle.at(line)
         if own is not None and own.spindle_speed is not None:
             speed = float(own.spindle_speed)
@@ -162,13 +164,13 @@ class Process:
         if tool == 0 and len(self.tools) == 1:
             tool = next(iter(self.tools))
         if tool not in self.tools:
-            there = ", ".join(f"[process.tool.{each}]" for each in self.tools)
+            there = ", ".join(f"[process.tool.{number}]" for number in self.tools)
             raise self._error(line, f"tool {tool} cuts, of which the job says nothing: it has {there}")
         self._fits(line, self.tools[tool], float(depth), None if width is None else float(width))
         return Cut(begin, line, tool, float(depth), None if width is None else float(width), side, speed)
 
     def _fits(self, line: int, cutter: Cutter, depth: float, width: float | None) -> None:
-        """The engagement is one that the tool can have."""
+        """Raise ProgramError for an engagement that the tool cannot have."""
         edge = cutter.edge()
         flute, diameter = edge.flute_length, float(edge.diameter)
         if flute is not None and depth > flute:
@@ -189,7 +191,7 @@ class Process:
             )
 
     def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:
-        """A cut on the axes for each tool that cuts, with what it does over time as its sections; substeps in s.
+        """Return a cut on the axes for each tool that cuts, its conditions over time as sections; substeps in s.
 
         Raises ParameterError for a machine without x and y.
         """
@@ -198,19 +200,19 @@ class Process:
         return tuple(
             self._coupling(number, cuts, "z" if "z" in axes else None, substep)
             for number in self.tools
-            if any(each.tool == number and each.axial_depth > 0.0 for each in cuts)
+            if any(cut.tool == number and cut.axial_depth > 0.0 for cut in cuts)
         )
 
     def _coupling(self, number: int, cuts: Sequence[Cut], along_z: str | None, substep: float) -> MillingCut:
         cutter = self.tools[number]
         diameter = float(cutter.edge().diameter)
         rows: list[tuple[float, float, float, float, float]] = []
-        speed = next(each.spindle_speed for each in cuts if each.tool == number and each.axial_depth > 0.0)
-        for each in cuts:
-            here = each.tool == number and each.axial_depth > 0.0
-            speed = each.spindle_speed if here else speed  # in the air the speed does not matter
-            entry, leave = arc(each.milling, each.radial_depth if here else None, diameter)
-            row = (each.begin, each.axial_depth if here else 0.0, float(entry), float(leave), speed)
+        speed = next(cut.spindle_speed for cut in cuts if cut.tool == number and cut.axial_depth > 0.0)
+        for cut in cuts:
+            here = cut.tool == number and cut.axial_depth > 0.0
+            speed = cut.spindle_speed if here else speed  # in the air the speed does not matter
+            entry, leave = arc(cut.milling, cut.radial_depth if here else None, diameter)
+            row = (cut.begin, cut.axial_depth if here else 0.0, float(entry), float(leave), speed)
             if not rows or row[1:] != rows[-1][1:]:
                 rows.append(row)
         if len(rows) == 1:
@@ -227,9 +229,9 @@ class Process:
             surfaces=_SURFACES,
         )
 
-    def _said(self, line: int) -> tuple[float, float | None, str]:
-        """By the last comment before a line."""
-        place = bisect_right(self.comments, line, key=lambda each: each[0])
+    def _by_comment(self, line: int) -> tuple[float, float | None, str]:
+        """Return depth, width and side by the last comment before a line."""
+        place = bisect_right(self.comments, line, key=lambda comment: comment[0])
         return self.comments[place - 1][1] if place else _AIR
 
     def _error(self, line: int, reason: str) -> ProgramError:
@@ -244,7 +246,7 @@ class SpindleOfLines:
         self._speed, self._tool = 0.0, 0
 
     def noted(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """The moves, as they pass."""
+        """Yield the moves, and note the spindle speed and the tool of their lines."""
         for move in moves:
             if isinstance(move, Spindle):
                 self._speed = move.spindle_speed * move.direction
@@ -258,12 +260,12 @@ class SpindleOfLines:
             yield move
 
     def at(self, line: int) -> tuple[float | None, int | None]:
-        """At a line; None for what it was not each time."""
+        """Return spindle speed and tool at a line; None for a value that differed between runs of the line."""
         return self._found.get(line, (0.0, 0))
 
 
 def process_of(section: ProcessSection, program: Path) -> Process:
-    """The process of a section, with the comments of its program. Raises ProgramError at a comment without meaning."""
+    """Return the process of a section, with the comments of its program. Raise ProgramError at a malformed comment."""
     tools = {int(name): cutter for name, cutter in section.tool.items()}
     return Process(program.name, tools, section.section, tuple(_comments(program)), SpindleOfLines())
 
@@ -273,23 +275,23 @@ def _comments(program: Path) -> Iterator[tuple[int, tuple[float, float | None, s
         for number, text in enumerate(file, 1):
             if "(" not in text and ";" not in text:
                 continue
-            for found in _COMMENT.finditer(text):
-                said = found[1] if found[1] is not None else found[2]
-                if _OFF.fullmatch(said):
+            for match in _COMMENT.finditer(text):
+                comment = match[1] if match[1] is not None else match[2]
+                if _OFF.fullmatch(comment):
                     yield number, _AIR
-                elif _WORD.search(said):
-                    yield number, _engagement(said, program.name, number, found.start() + 1)
+                elif _WORD.search(comment):
+                    yield number, _engagement(comment, program.name, number, match.start() + 1)
 
 
-def _engagement(said: str, program: str, line: int, column: int) -> tuple[float, float | None, str]:
-    """Depth and width in m and the side of a comment such as `ap=4 ae=0.3 down`."""
+def _engagement(comment: str, program: str, line: int, column: int) -> tuple[float, float | None, str]:
+    """Parse a comment such as `ap=4 ae=0.3 down` into depth and width in m, and the side."""
 
     def wrong(reason: str) -> ProgramError:
-        return ProgramError(program, line, column, f"({said})", f"{reason}: as in (ap=4 ae=0.3 down), in mm")
+        return ProgramError(program, line, column, f"({comment})", f"{reason}: as in (ap=4 ae=0.3 down), in mm")
 
     words: dict[str, float] = {}
-    for found in _WORD.finditer(said):
-        name, value = found[1].lower(), found[2].rstrip(",")
+    for match in _WORD.finditer(comment):
+        name, value = match[1].lower(), match[2].rstrip(",")
         if name in words:
             raise wrong(f"{name} is given twice")
         if not _NUMBER.fullmatch(value) or not 0.0 < float(value) < 1e6:
@@ -297,7 +299,7 @@ def _engagement(said: str, program: str, line: int, column: int) -> tuple[float,
         words[name] = float(value) * _MM
     if "ap" not in words:
         raise wrong("ae has no ap, the depth along the spindle, beside it")
-    sides = {each.lower() for each in _SIDE.findall(said)}
+    sides = {side.lower() for side in _SIDE.findall(comment)}
     if "ae" not in words:
         if sides - {"slot"}:
             raise wrong(f"{' and '.join(sorted(sides))} has no ae, the width across the feed, beside it")

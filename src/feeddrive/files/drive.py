@@ -19,7 +19,7 @@ from feeddrive.loop.loop import Loop
 
 @dataclass(frozen=True)
 class Drive:
-    """What the command line, and else the machine file, says of the drive that made the logs.
+    """The drive that made the logs, by the command line, else by the machine file.
 
     force_constant  N at the table per unit of the command or current, as it was typed
     lead, gear      of the screw, m, and turns of the motor in one of the screw
@@ -83,7 +83,7 @@ class Drive:
         return (1.0, role == "torque") if role in ("force", "torque") else self.per_unit(log.units.get(role, ""))
 
     def at_table(self, path: Path | OpenedFile, moving: str, unit: str, acting: str) -> float:
-        """The lever, m/rad, for a motion in a unit and a force, of which one is along the table, the other of a shaft.
+        """Return the lever, m/rad, for a motion in a unit and a force, one along the table, the other of a shaft.
 
         Raises ParameterError without a lead.
         """
@@ -97,7 +97,7 @@ class Drive:
 
 
 def drive_with(
-    given: MachineFile | None,
+    machine: MachineFile | None,
     loop: Loop | None,
     axis: str | None,
     force_constant: float | None = None,
@@ -106,14 +106,14 @@ def drive_with(
     *,
     turns: bool = False,
 ) -> Drive:
-    """The drive of a loop of a machine file, with what was typed; lead and gear are completed by its motor."""
+    """Return the drive of a loop of a machine file with the options; lead and gear are completed by its motor."""
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear
     turns = turns or (loop is not None and loop.axis.rotary)
-    return Drive(given, axis_name(loop, axis), loop, force_constant, lead, 1.0 if gear is None else gear, turns)
+    return Drive(machine, axis_name(loop, axis), loop, force_constant, lead, 1.0 if gear is None else gear, turns)
 
 
 def axis_name(loop: Loop | None, axis: str | None) -> str:
-    """The name of an axis: that of its loop in the machine file, else as it was given; x without both."""
+    """Return the name of an axis: that of its loop in the machine file, else as it was given; x without both."""
     return axis or "x" if loop is None else loop.name

@@ -73,7 +73,7 @@ _OTHERS = (
 
 
 def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The columns of a log of any known format. Raises LogError for a damaged file and for a file of another kind."""
+    """Read the columns of a log of any known format. Raise LogError for a damaged file and one of another kind."""
     content = unpacked(name, content)
     return reader_of(name, content)(name, content, wanted)
 
@@ -88,7 +88,7 @@ class OpenedFile:
         if isinstance(path, Log):  # as its file would have them
             self.path = Path(path.name)
             # begins with bytes that no text file has
-            self.content = b"\0" + b"".join(each.tobytes() for each in (path.time, *path.channels.values()))
+            self.content = b"\0" + b"".join(array.tobytes() for array in (path.time, *path.channels.values()))
             self.columns = Columns(
                 format="a log in memory",
                 values={"time": path.time, **path.channels},
@@ -126,7 +126,7 @@ class OpenedFile:
 
 
 def reader_of(name: str, content: bytes) -> Reader:
-    """The reader of a content. Raises LogError for a file of another kind."""
+    """Return the reader of a content. Raise LogError for a file of another kind."""
     if content.startswith(b"MATLAB 5.0 MAT-file"):
         return read_mat
     if content.startswith(_HDF5) or content[512:].startswith(_HDF5):
@@ -144,7 +144,7 @@ def reader_of(name: str, content: bytes) -> Reader:
 
 
 def _text_reader(content: bytes) -> Reader:
-    """The reader of a text: that of the maker whose header it has, else that of CSV."""
+    """Return the reader of a text: that of the maker whose header it has, else that of CSV."""
     for fits, reader in _TEXTS:
         if fits(content):
             return reader
@@ -163,7 +163,7 @@ def refuse_others(name: str, content: bytes, readable: str) -> None:
 
 
 def _is_toml(content: bytes) -> bool:
-    """Whether a text is TOML: a machine file, a job, the roles of columns. A table of numbers never is."""
+    """Return True if a text is TOML: a machine file, a job, a mapping of columns. A table of numbers never is."""
     if not _PAIR.match(content[:65536]) or len(content) > _MOST_TOML:
         return False
     try:
@@ -179,7 +179,7 @@ def _expected(name: str) -> str:
 
 
 def unpacked(name: str, content: bytes) -> bytes:
-    """The content, unpacked if packed by gzip. Raises LogError if it is empty, damaged or too large."""
+    """Return the content, unpacked if packed by gzip. Raise LogError if it is empty, damaged or too large."""
     if content[:2] == b"\x1f\x8b":
         content = _unpacked(name, content)
     if not content:
@@ -198,13 +198,13 @@ def _unpacked(name: str, content: bytes) -> bytes:
             # a file may have a million members: each is fed in pieces that grow, so the rest is not copied each time
             piece = _LEAST
             while not zip_.eof:
-                given = zip_.unconsumed_tail
-                if not given:
-                    given = packed[place : place + piece]
-                    place += len(given)
+                fed = zip_.unconsumed_tail
+                if not fed:
+                    fed = packed[place : place + piece]
+                    place += len(fed)
                     piece = min(2 * piece, _PIECE)
-                parts.append(zip_.decompress(given, _PIECE))
-                if not given and not parts[-1] and not zip_.eof:
+                parts.append(zip_.decompress(fed, _PIECE))
+                if not fed and not parts[-1] and not zip_.eof:
                     raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
                 size += len(parts[-1])
                 if size > most:

@@ -37,7 +37,7 @@ def read_frf(
     output: str | None = None,
     unit: str | None = None,
 ) -> FRF:
-    """The frequency response in a file; if there are several, the one of that name.
+    """Read the frequency response in a file; if there are several, the one of that name.
 
     columns        names for the columns of a file without heads, or instead of its heads:
                    ["f_Hz", "re", "im", "coherence"], ["f_Hz", "magnitude_dB", "phase_deg"]
@@ -47,12 +47,14 @@ def read_frf(
     Raises FileError (no such file, ...) or LogError (of another kind, damaged, NaN, frequencies that are negative or do
     not rise, a coherence above 1, a magnitude without phase), each with file, line and what to do.
     """
-    found = read_frfs(path, columns=columns)
-    if name is None and len(found) > 1:
-        raise ParameterError(f"{path}: holds {len(found)} responses: {', '.join(found)}; name the one that is meant")
-    if name is not None and name not in found:
-        raise ParameterError(f"{path}: there is no response '{name}'{nearest(name, found)}")
-    frf = found[name] if name is not None else next(iter(found.values()))
+    responses = read_frfs(path, columns=columns)
+    if name is None and len(responses) > 1:
+        raise ParameterError(
+            f"{path}: holds {len(responses)} responses: {', '.join(responses)}; name the one that is meant"
+        )
+    if name is not None and name not in responses:
+        raise ParameterError(f"{path}: there is no response '{name}'{nearest(name, responses)}")
+    frf = responses[name] if name is not None else next(iter(responses.values()))
     return replace(
         frf,
         input=frf.input if input is None else input,
@@ -62,7 +64,7 @@ def read_frf(
 
 
 def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
-    """All frequency responses in a file, by name, see `read_frf`; one that was read, by its output's name."""
+    """Read all frequency responses in a file, by name, see `read_frf`; one that was read has its output's name."""
     if isinstance(path, FRF):
         return {path.output: path}
     try:
@@ -74,9 +76,9 @@ def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = Non
 
 
 def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float | str]]:
-    """Controllers, filters and models of the mechanics in the XML of a SINUMERIK tuning tool (AST).
+    """Read controllers, filters and models of the mechanics in the XML of a SINUMERIK tuning tool (AST).
 
-    By the path of each in the file, its numbers and texts by member, as m_Kp, m_Tn, m_Kv.  The name "" has all other
+    Numbers and texts stand by path in the file and by member, as m_Kp, m_Tn, m_Kv.  The name "" has all other
     numbers and texts, so that members with other names in another version of the tool are not lost.
     Raises FileError or LogError (damaged, or of another kind).
     """
@@ -110,14 +112,14 @@ def _opened(path: str | Path | OpenedFile) -> OpenedFile:
 
 def _read_frfs(path: str | Path | OpenedFile, columns: Sequence[str] | None) -> dict[str, FRF]:
     where = str(path)
-    found: dict[str, FRF] = {}
+    responses: dict[str, FRF] = {}
     for table, stated in _tables(_opened(path), columns):
-        found |= _responses(where, table, stated)
-    return found
+        responses |= _responses(where, table, stated)
+    return responses
 
 
 def _tables(file: OpenedFile, columns: Sequence[str] | None) -> Iterable[tuple[Columns, Mapping[str, str]]]:
-    """Tables of frequency and responses, one for each vector of frequencies, and the statements of the file on them."""
+    """Return tables of frequency and responses, one for each frequency vector, and the file's statements on them."""
     where, content = str(file), file.unpacked
     if content.startswith(uff.STARTS):
         return uff.uff_tables(where, content)
@@ -129,15 +131,15 @@ def _tables(file: OpenedFile, columns: Sequence[str] | None) -> Iterable[tuple[C
 
 
 def _responses(where: str, table: Columns, stated: Mapping[str, str]) -> dict[str, FRF]:
-    """The responses of one table."""
+    """Return the responses of one table."""
     label, frequency = frequency_of(where, table)
     kept = _check_frequency(where, label, frequency, table)
     step = _number(stated.get("sample_time"))
-    found: dict[str, FRF] = {}
+    responses: dict[str, FRF] = {}
     for response in responses_of(where, table, label):
         if not response.unit and "unit" in stated:
             response.unit, response.factor = _stated_unit(where, stated["unit"])
-        found[response.name or "frf"] = FRF(
+        responses[response.name or "frf"] = FRF(
             frequency[kept],
             response.factor * _complex(where, response, table)[kept],
             input=stated.get("input", "input"),
@@ -147,11 +149,11 @@ def _responses(where: str, table: Columns, stated: Mapping[str, str]) -> dict[st
             coherence=_coherence(where, response, table, kept),
             variance=_variance(where, response, table, kept),
         )
-    return found
+    return responses
 
 
 def _stated_unit(where: str, unit: str) -> tuple[str, float]:
-    """The unit of a line `# unit: um/N` in SI and the factor to it; an unknown unit is not changed."""
+    """Return the unit of a line `# unit: um/N` in SI and the factor to it; an unknown unit is not changed."""
     try:
         return in_si(where, "unit", unit)
     except LogError:
@@ -159,7 +161,7 @@ def _stated_unit(where: str, unit: str) -> tuple[str, float]:
 
 
 def _renamed(where: str, table: Columns, columns: Sequence[str]) -> Columns:
-    """The table under given names; one for each column."""
+    """Return the table with other names, one for each column."""
     if len(columns) != len(table.values) or len(set(columns)) != len(columns):
         raise ParameterError(
             f"{where}: {len(table.values)} columns of numbers need {len(table.values)} different names, not {columns}"
@@ -168,7 +170,7 @@ def _renamed(where: str, table: Columns, columns: Sequence[str]) -> Columns:
 
 
 def _finite(where: str, table: Columns, column: str) -> np.ndarray:
-    """A column, all finite."""
+    """Return a column. Raise LogError for a number that is not finite."""
     values = table.values[column]
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
@@ -180,7 +182,7 @@ def _finite(where: str, table: Columns, column: str) -> np.ndarray:
 
 
 def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Columns) -> slice:
-    """The lines that are used: all, or all but a first one at 0 Hz, which a logarithmic frequency axis cannot show."""
+    """Return the lines to use: all, or all but a first one at 0 Hz, which a logarithmic frequency axis cannot show."""
     _finite(where, table, label)
     if frequency.size == 0:
         raise LogError(f"{where}: holds no lines")
@@ -205,7 +207,7 @@ def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Colum
 
 
 def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
-    """The complex numbers of a response, all of plausible size."""
+    """Return the complex numbers of a response. Raise LogError for an implausible size."""
     values = _from_parts(where, response, table)
     size = np.abs(values)
     if (most := float(np.max(size))) > _LARGEST:
@@ -217,7 +219,7 @@ def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
 
 
 def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
-    """The complex numbers of a response, from its parts or from magnitude and phase."""
+    """Return the complex numbers of a response, from its parts or from magnitude and phase."""
     places = response.places
     if {"re", "im"} <= set(places):
         return _finite(where, table, places["re"]) + 1j * _finite(where, table, places["im"])
@@ -241,7 +243,7 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
 
 
 def _coherence(where: str, response: Response, table: Columns, kept: slice) -> np.ndarray | None:
-    """The coherence, between 0 and 1; more by rounding counts as 1."""
+    """Return the coherence, between 0 and 1; more by rounding counts as 1."""
     column = response.places.get("coherence")
     if column is None:
         return None
@@ -275,23 +277,23 @@ _KEYS = ("input", "output", "unit", "sample_time")
 
 
 def _statements(content: bytes) -> dict[str, str]:
-    """`# key: value` lines at the start of a file that feeddrive wrote."""
-    found: dict[str, str] = {}
+    """Read the `# key: value` lines at the start of a file that feeddrive wrote."""
+    statements: dict[str, str] = {}
     for line in content[:4096].split(b"\n"):
         if not line.startswith(b"#"):
             break
         key, mark, value = line[1:].decode("utf-8", "replace").partition(":")
         if mark and key.strip() in _KEYS:
-            found[key.strip()] = value.strip()
-    return found
+            statements[key.strip()] = value.strip()
+    return statements
 
 
 def _number(text: str | None) -> float | None:
     try:
-        found = float(text) if text else 0.0
+        number = float(text) if text else 0.0
     except ValueError:
         return None
-    return found if 0.0 < found < 1e9 else None
+    return number if 0.0 < number < 1e9 else None
 
 
 def write_frf(path: str | Path, *frfs: FRF) -> None:
@@ -301,7 +303,7 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
     on their common lines.  Raises ParameterError (outputs of the same name, from different inputs or
     without a common line) or FileError if it cannot be written.
     """
-    wrong = [each for each in frfs if not isinstance(each, FRF)]  # pyright: ignore[reportUnnecessaryIsInstance]
+    wrong = [frf for frf in frfs if not isinstance(frf, FRF)]  # pyright: ignore[reportUnnecessaryIsInstance]
     if wrong or not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
         other = type(wrong[0] if wrong else path).__name__
         raise ParameterError(f"write_frf(path, frf, ...) writes FRFs, such as fd.compliance(loop, f), not a {other}")
@@ -325,7 +327,7 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
             "variance": frf.variance,
         }
         end = "" if one else f"_{frf.output}"
-        columns |= {f"{name}{end}": each[kept] for name, each in values.items() if each is not None}
+        columns |= {f"{name}{end}": column[kept] for name, column in values.items() if column is not None}
     first, units = frfs[0], {frf.unit for frf in frfs}
     stated = {
         "input": first.input,
@@ -335,24 +337,27 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
     }
     text = [f"# {key}: {plain(str(value))}" for key, value in stated.items() if value not in (None, "")]
     text.append(",".join(columns))
-    text += [",".join(map(repr, row)) for row in zip(*(each.tolist() for each in columns.values()), strict=True)]
+    text += [",".join(map(repr, row)) for row in zip(*(column.tolist() for column in columns.values()), strict=True)]
     write_whole(path, "\n".join(text) + "\n")
 
 
-def encoders(found: Mapping[str, FRF]) -> dict[str, FRF]:
-    """Which response is that of the motor's encoder and which that of the load's, by their names.
+def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
+    """Return the responses of the motor's and of the load's encoder, told apart by their names.
 
-    found   responses by name, as `read_frfs` gives them
+    responses   by name, as `read_frfs` returns them
 
     "motor" or "load" in the name or in the output's name decides; one response alone without such a name counts as
     the motor's. Roles without a name are left out.
     """
-    told = {
-        role: frf for role in ("motor", "load") for name, frf in found.items() if role in f"{name} {frf.output}".lower()
+    by_role = {
+        role: frf
+        for role in ("motor", "load")
+        for name, frf in responses.items()
+        if role in f"{name} {frf.output}".lower()
     }
-    return told if told or len(found) != 1 else {"motor": next(iter(found.values()))}
+    return by_role if by_role or len(responses) != 1 else {"motor": next(iter(responses.values()))}
 
 
 def digest(path: str | Path) -> str:
-    """SHA-256 of a file, by which a report identifies its inputs. Raises FileError."""
+    """Return the SHA-256 of a file, by which a report identifies its inputs. Raise FileError."""
     return hashlib.sha256(read_whole(path, MOST_BYTES)).hexdigest()

@@ -55,30 +55,32 @@ class Hint:
 
 @cache
 def hints(kind: type[Declared]) -> Mapping[str, Any]:
-    """By name the Hint of every part, the type of every choice, and either of them of what stands under names."""
+    """Return by name the Hint of every part, the type of every choice, and either for the values of a `named` field."""
     resolved = typing.get_type_hints(kind)
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     for name, declared in declarations(kind).items():
         if declared.role == "part":
-            found[name] = part_hint(resolved[name])
+            by_name[name] = part_hint(resolved[name])
         elif declared.role == "choice":
-            found[name] = resolved[name]
+            by_name[name] = resolved[name]
         elif declared.role == "named":
             value = typing.get_args(options_of_type(resolved[name])[0])[1]
-            found[name] = part_hint(value) if inspect.isclass(value) and issubclass(value, Declared) else value
-    return found
+            by_name[name] = part_hint(value) if inspect.isclass(value) and issubclass(value, Declared) else value
+    return by_name
 
 
 def part_hint(annotation: Any) -> Hint:
-    """The Hint of `Plant`, `Friction | None` or `tuple[Force, ...]`."""
+    """Return the Hint of `Plant`, `Friction
+    None` or `tuple[Force, ...]`.
+    """
     if typing.get_origin(annotation) is tuple:
         inner = part_hint(typing.get_args(annotation)[0])
         return Hint(inner.classes, many=True)
     if _is_union(annotation):
-        inner = [part_hint(each) for each in options_of_type(annotation)]
+        inner = [part_hint(option) for option in options_of_type(annotation)]
         return Hint(
-            tuple(found for each in inner for found in each.classes),
-            many=any(each.many for each in inner),
+            tuple(class_ for hint in inner for class_ in hint.classes),
+            many=any(hint.many for hint in inner),
             optional=types.NoneType in typing.get_args(annotation),
         )
     return Hint((annotation,))
@@ -89,34 +91,34 @@ def _is_union(annotation: Any) -> bool:
 
 
 def options_of_type(annotation: Choice) -> tuple[Choice, ...]:
-    """The types of a union but None, or the only type."""
+    """Return the types of a union without None, or the only type."""
     if not _is_union(annotation):
         return (annotation,)
-    return tuple(each for each in typing.get_args(annotation) if each is not types.NoneType)
+    return tuple(option for option in typing.get_args(annotation) if option is not types.NoneType)
 
 
 def members(hint: Hint) -> dict[str, type[Any]]:
-    """Kind -> class of every block or section that fits."""
-    found: dict[str, type[Any]] = {}
+    """Return the class of every block or section that fits, by kind."""
+    by_kind: dict[str, type[Any]] = {}
     for family in hint.classes:
         if issubclass(family, Section):
-            found.update({each.kind: each for each in _members_of(family)})
+            by_kind.update({section.kind: section for section in _members_of(family)})
             continue
-        found.update({family.kind: family} if not inspect.isabstract(family) else catalogue().get(family, {}))
-    return found
+        by_kind.update({family.kind: family} if not inspect.isabstract(family) else catalogue().get(family, {}))
+    return by_kind
 
 
 def _members_of(family: type[Section]) -> Iterator[type[Section]]:
-    """The classes of a family of sections: itself, if it has no others."""
+    """Yield the classes of a family of sections: itself, if it has no others."""
     below = family.__subclasses__()
     if not below:
         yield family
-    for each in below:
-        yield from _members_of(each)
+    for subclass in below:
+        yield from _members_of(subclass)
 
 
 def choice_value(table: TomlTable, key: str, declared: Declaration, annotation: Choice, value: Any) -> Any:
-    """The value of a choice in its own type. Raises ParameterError that names what is allowed."""
+    """Return the value of a choice in its own type. Raise ParameterError that names what is allowed."""
     held = _in_type(annotation, value)
     where = f"{table.dotted(key)} = {shown(value)} ({declared.meaning})"
     if declared.options:
@@ -141,10 +143,10 @@ def _as_text(option: Any) -> str:
 
 
 def _in_type(annotation: Choice, value: Any) -> Any:
-    """The value if it is of the type, lists as tuples; None if it is not."""
+    """Return the value if it is of the type, lists as tuples; None if it is not."""
     if _is_union(annotation):
-        tried = (_in_type(each, value) for each in options_of_type(annotation))
-        return next((found for found in tried if found is not None), None)
+        tried = (_in_type(option, value) for option in options_of_type(annotation))
+        return next((converted for converted in tried if converted is not None), None)
     if typing.get_origin(annotation) is tuple:
         return _tuple_in_type(typing.get_args(annotation), value)
     if annotation is float and type(value) is int:
@@ -158,7 +160,7 @@ def _tuple_in_type(inner: tuple[Any, ...], value: Any) -> tuple[Any, ...] | None
     expected = [inner[0]] * len(value) if inner[1:] == (Ellipsis,) else list(inner)
     if len(expected) != len(value):
         return None
-    held = tuple(_in_type(each, item) for each, item in zip(expected, value, strict=True))
+    held = tuple(_in_type(type_, item) for type_, item in zip(expected, value, strict=True))
     return None if None in held else held
 
 
@@ -166,7 +168,7 @@ _TYPES = {int: "a whole number", str: 'text in quotes ("...")', bool: "true or f
 
 
 def type_as_text(annotation: Choice) -> str:
-    """A type in words: `a whole number`."""
+    """Return a type in words: `a whole number`."""
     if _is_union(annotation):
         return " or ".join(map(type_as_text, options_of_type(annotation)))
     if typing.get_origin(annotation) is tuple:
@@ -186,7 +188,7 @@ _A_PROGRAM = (
 
 @dataclass(frozen=True)
 class _Around:
-    """What the reader of a table knows beside its keys.
+    """The context of a table for its reader, beside its keys.
 
     besides   keys that are read elsewhere
     unit_of   of sections that declare a field in `VARIED`
@@ -197,7 +199,7 @@ class _Around:
 
 
 def read_block(family: type[B], table: TomlTable) -> B:
-    """The block of a family that a table describes.
+    """Read the block of a family from a table.
 
     Raises ParameterError (a key is unknown, missing, given twice, of another type, not finite or out of bounds) or
     StructureError (parts that do not fit each other), both with file and line.
@@ -208,7 +210,7 @@ def read_block(family: type[B], table: TomlTable) -> B:
 def read_section(
     section: type[S], table: TomlTable, *, besides: Iterable[str] = (), unit_of: UnitOf | None = None
 ) -> S:
-    """The section that a table holds; its own family chooses the class.
+    """Read the section that a table holds; its own family chooses the class.
 
     besides   keys that are read elsewhere
     unit_of   the unit of fields that are declared in `VARIED`, of a table of such a section
@@ -219,7 +221,7 @@ def read_section(
 
 
 def read_field(section: type[Section], table: TomlTable, name: str) -> Any:
-    """One field of a section alone, before the others can be read. Raises as `read_section`."""
+    """Read one field of a section alone, before the others can be read. Raise as `read_section`."""
     if name not in table.values:
         if name not in defaults(section):
             _refuse_missing(section, table, [name])
@@ -230,7 +232,7 @@ def read_field(section: type[Section], table: TomlTable, name: str) -> Any:
 def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
     kind = _kind(hint, table)
     declared = _declared(kind, table, around)
-    found: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     keys: dict[str, str] = {}
     wrong = kind.refused_alternatives(table.values) if issubclass(kind, Section) else ""
     if wrong:
@@ -240,7 +242,7 @@ def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
     if inline:  # first, since what a section is about stands in it
         own = {key for key in values if _is_of(key, declared, inline)}
         others = {key: value for key, value in values.items() if key not in own}
-        found[inline] = _read(hints(kind)[inline], replace(table, values=others), _Around())
+        fields[inline] = _read(hints(kind)[inline], replace(table, values=others), _Around())
         values = {key: value for key, value in values.items() if key in own}
     for key, value in values.items():
         if key == "kind" and _names_kind(kind, value):
@@ -253,35 +255,38 @@ def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
                 f"{table.dotted(name)} is given twice, as {keys[name]} and as {key}; remove one of them", key
             )
         keys[name] = key
-        found[name] = _value(kind, table, key, name, declared[name], factor, replace(around, besides=frozenset()))
-    missing = [name for name in declared if name not in found and name not in defaults(kind)]
+        fields[name] = _value(kind, table, key, name, declared[name], factor, replace(around, besides=frozenset()))
+    missing = [name for name in declared if name not in fields and name not in defaults(kind)]
     if missing:
         _refuse_missing(kind, table, missing)
-    return _made(kind, table, found)
+    return _built(kind, table, fields)
 
 
 def _declared(kind: type[Declared], table: TomlTable, around: _Around) -> dict[str, Declaration]:
-    """The declarations of a kind as they hold in this table: of an axis that turns, or in the unit that varies."""
-    declared = {name: each.of_axis(table.rotary) for name, each in declarations(kind).items()}
-    if all(each.unit != VARIED for each in declared.values()):
+    """Return the declarations of a kind for this table: of an axis that turns, or in the unit that varies."""
+    declared = {name: declaration.of_axis(table.rotary) for name, declaration in declarations(kind).items()}
+    if all(declaration.unit != VARIED for declaration in declared.values()):
         return declared
     assert around.unit_of is not None, f"{kind.__name__} has a unit that its reader must be told"
     unit = around.unit_of(table)
-    return {name: replace(each, unit=unit) if each.unit == VARIED else each for name, each in declared.items()}
+    return {
+        name: replace(declaration, unit=unit) if declaration.unit == VARIED else declaration
+        for name, declaration in declared.items()
+    }
 
 
 def _inline(kind: type[Declared]) -> str:
-    """The part of a section whose keys stand among its own; empty if there is none, as in every block."""
+    """Return the part of a section whose keys stand among its own; empty if there is none, as in every block."""
     if not issubclass(kind, Section):
         return ""
-    return next((name for name, each in declarations(kind).items() if each.inline), "")
+    return next((name for name, declaration in declarations(kind).items() if declaration.inline), "")
 
 
 def _is_of(key: str, declared: Mapping[str, Declaration], inline: str) -> bool:
     """True if a key is one of the section itself, and not of its inline part."""
     return any(
-        key == name or (each.role in ("parameter", "table") and key.startswith(f"{name}_"))
-        for name, each in declared.items()
+        key == name or (declaration.role in ("parameter", "table") and key.startswith(f"{name}_"))
+        for name, declaration in declared.items()
         if name != inline
     )
 
@@ -294,7 +299,7 @@ def _names_kind(kind: type[Declared], value: Any) -> bool:
 def _value(
     kind: type[Declared], table: TomlTable, key: str, name: str, declared: Declaration, factor: float, around: _Around
 ) -> Any:
-    """The value of a field from the value of a key."""
+    """Return the value of a field from the value of a key."""
     value = table.values[key]
     match declared.role:
         case "parameter":
@@ -313,16 +318,16 @@ def _value(
             return _part(table, key, hints(kind)[name], around)
 
 
-def _made(kind: type[Declared], table: TomlTable, found: dict[str, Any]) -> Any:
-    """The value of its fields; errors of its check get file and line."""
+def _built(kind: type[Declared], table: TomlTable, fields: dict[str, Any]) -> Any:
+    """Build a value from its fields; errors of its check get file and line."""
     try:
         with np.errstate(all="ignore"):  # a value near 1e308 overflows in a check, which then refuses it
             if not issubclass(kind, Section):
-                return kind(**found)
-            made = object.__new__(kind)
-            object.__setattr__(made, "read_from", table)  # before the check, whose errors name file and line
-            kind.__init__(made, **found)
-            return made
+                return kind(**fields)
+            section = object.__new__(kind)
+            object.__setattr__(section, "read_from", table)  # before the check, whose errors name file and line
+            kind.__init__(section, **fields)
+            return section
     except (ParameterError, StructureError) as error:
         if issubclass(kind, Section) and str(error).startswith(table.file.name):
             raise
@@ -337,30 +342,30 @@ def _prefix(table: TomlTable) -> str:
 
 
 def _kind(hint: Hint, table: TomlTable) -> type[Declared]:
-    """The class that `kind` names, or the only one that fits; a family of sections chooses by its keys."""
+    """Return the class that `kind` names, or the only one that fits; a family of sections chooses by its keys."""
     first = hint.classes[0]
     if issubclass(first, Section):
         return first.choose(table)
     fitting = members(hint)
-    given = table.values.get("kind")
-    if given is None:
+    chosen = table.values.get("kind")
+    if chosen is None:
         if hint.single():
             return first
         raise table.error(f"{_prefix(table)}kind is missing; there are: {', '.join(fitting) or 'none'}")
-    if given == "fmu":
+    if chosen == "fmu":
         raise table.error(f"{table.dotted('kind')} = 'fmu': {_A_PROGRAM}", "kind")
-    if isinstance(given, str) and RENAMED.get(given) in fitting:
-        raise table.error(f"{table.dotted('kind')} = {shown(given)} is now called '{RENAMED[given]}'", "kind")
-    if not isinstance(given, str) or given not in fitting:
+    if isinstance(chosen, str) and RENAMED.get(chosen) in fitting:
+        raise table.error(f"{table.dotted('kind')} = {shown(chosen)} is now called '{RENAMED[chosen]}'", "kind")
+    if not isinstance(chosen, str) or chosen not in fitting:
         raise table.error(
-            f"{table.dotted('kind')} = {shown(given)} is not known{nearest(str(given), fitting)}; {OPT_IN}", "kind"
+            f"{table.dotted('kind')} = {shown(chosen)} is not known{nearest(str(chosen), fitting)}; {OPT_IN}", "kind"
         )
-    return fitting[given]
+    return fitting[chosen]
 
 
 def _named(kind: type[Declared], key: str, table: TomlTable, declared: Mapping[str, Declaration]) -> tuple[str, float]:
-    """The field that a key means, and the factor to its unit."""
-    declared = {name: each for name, each in declared.items() if each.role != "label"}
+    """Return the field that a key means, and the factor to its unit."""
+    declared = {name: declaration for name, declaration in declared.items() if declaration.role != "label"}
     if key in declared:
         return key, 1.0
     wrong = ""
@@ -388,8 +393,8 @@ def _number(table: TomlTable, key: str, name: str, declared: Declaration, value:
         number = units.scaled(_float(value), factor) if whole else value
         return checked("", table.dotted(name), declared, number)
     except ParameterError as error:
-        given = "" if key == name else f" (given as {key} = {shown(value)})"
-        raise table.error(f"{error}{given}", key) from None
+        as_written = "" if key == name else f" (given as {key} = {shown(value)})"
+        raise table.error(f"{error}{as_written}", key) from None
 
 
 def _float(value: int | float) -> float:
@@ -424,23 +429,23 @@ def _text(table: TomlTable, key: str, declared: Declaration, value: Any) -> str:
 
 
 def _under_names(table: TomlTable, key: str, declared: Declaration, hint: Any, around: _Around) -> dict[str, Any]:
-    """Sections or values by their names."""
+    """Read sections or values by their names."""
     group = table.optional(key)
     assert group is not None
     if len(group.values) < declared.shortest:
         raise group.error(_too_few(group.dotted(), declared, hint))
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     for name, value in group.values.items():
         if declared.options and name not in declared.options:
             raise group.error(f"key '{group.dotted(name)}' is not known{nearest(name, declared.options)}", name)
         if declared.pattern and not re.fullmatch(declared.pattern, name):
             raise group.error(f"{group.dotted(name)}: {declared.example}", name)
-        found[name] = (
+        by_name[name] = (
             _part(group, name, hint, around)
             if isinstance(hint, Hint)
             else choice_value(group, name, declared=replace(declared, options=()), annotation=hint, value=value)
         )
-    return found
+    return by_name
 
 
 def _too_few(place: str, declared: Declaration, hint: Any) -> str:
@@ -450,16 +455,16 @@ def _too_few(place: str, declared: Declaration, hint: Any) -> str:
 
 
 def _by_path(table: TomlTable, key: str, declared: Declaration) -> dict[str, float]:
-    """Numbers by path, whether they were written in quotes or as nested tables."""
+    """Read numbers by path, written in quotes or as nested tables."""
     group = table.optional(key)
     assert group is not None
-    found: dict[str, float] = {}
+    by_path: dict[str, float] = {}
     for path, value in _flat(group.values):
         if isinstance(value, bool) or not isinstance(value, int | float):
             remedy = f": {declared.example}" if declared.example else ""
             raise group.error(f"'{path}' must be a number in SI, not {value!r}{remedy}", path)
-        found[path] = _float(value)
-    return found
+        by_path[path] = _float(value)
+    return by_path
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -472,7 +477,7 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 def _part(table: TomlTable, key: str, hint: Hint, around: _Around) -> Any:
     if hint.many:
-        return tuple(_read(hint, each, around) for each in table.listed(key))
+        return tuple(_read(hint, entry, around) for entry in table.listed(key))
     value, first = table.values[key], hint.classes[0]
     if issubclass(first, Section) and first.shorthand:
         if isinstance(value, str):
@@ -493,9 +498,9 @@ def _refuse_missing(kind: type[Declared], table: TomlTable, missing: list[str]) 
     if first.role == "part":
         raise table.error(f"section [{table.dotted(name)}] is missing ({first.meaning})")
     values = {
-        table.dotted(name): ", ".join(filter(None, _described(each)))
-        for name, each in declared.items()
-        if each.role not in ("named", "part")
+        table.dotted(name): ", ".join(filter(None, _described(declaration)))
+        for name, declaration in declared.items()
+        if declaration.role not in ("named", "part")
     }
     if len(values) > 1:
         raise table.error(f"{', '.join(f'{place} ({what})' for place, what in values.items())} are missing")

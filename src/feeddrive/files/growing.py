@@ -43,7 +43,7 @@ FIRST = 8_000_000  # bytes of a long file that are read at first, from its end
 _MARK = 64  # bytes before the place of reading that tell a file written anew
 _LONGEST = 1_000_000  # bytes of a line
 _LEAST = 3  # rows by which a layout is known
-_SILENT = 1.0  # s without rows that are said
+_SILENT = 1.0  # s without rows, from which the state says so
 _MOST = 16_000_000  # bytes of a pipe that wait for a page
 
 
@@ -67,15 +67,15 @@ class GrowingBytes(Protocol):
     name: str
 
     def head(self) -> bytes:
-        """The first bytes, `HEAD` at most, as far as they are there."""
+        """Return the first bytes, `HEAD` at most, as far as they are there."""
         ...
 
     def read(self) -> Grown:
-        """What has come since the last call. Raises FileError."""
+        """Return the bytes that have come since the last call. Raise FileError."""
         ...
 
     def waits(self) -> str:
-        """What is waited for; empty if nothing is."""
+        """Return what is waited for; empty if nothing is."""
         ...
 
 
@@ -93,26 +93,26 @@ class GrowingFile:
         self._missing = False
 
     def head(self) -> bytes:
-        """Of the file as it was at the last `read`."""
+        """Return the first bytes of the file as it was at the last `read`."""
         return self._head
 
     def waits(self) -> str:
-        """For the file, if it is not there."""
+        """Return that the file is not there; empty if it is."""
         return "waits for the file: it is not there" if self._missing else ""
 
     def read(self) -> Grown:
-        """The new bytes. Of a file that is long at first only the last `FIRST` bytes, from the begin of a line."""
+        """Read the new bytes; of a file that is long at first only the last `FIRST` bytes, from the start of a line."""
         try:
             if self._inside is not None and not Path(os.path.realpath(self.path)).is_relative_to(
                 os.path.realpath(self._inside)
             ):
                 raise FileError(f"{self.name}: leads out of {self._inside}: name it on the command line (--follow)")
-            found = os.stat(self.path)
-            if not stat.S_ISREG(found.st_mode):
+            status = os.stat(self.path)
+            if not stat.S_ISREG(status.st_mode):
                 raise FileError(f"{self.name}: is no file that grows, but a directory, a device or a pipe")
             self._missing = False
-            same = (found.st_dev, found.st_ino) == self._which and found.st_size == self._at
-            if same and found.st_mtime_ns == self._written:
+            same = (status.st_dev, status.st_ino) == self._which and status.st_size == self._at
+            if same and status.st_mtime_ns == self._written:
                 return Grown(b"")
             with self.path.open("rb") as file:
                 return self._more(file)
@@ -123,16 +123,16 @@ class GrowingFile:
             raise refusal(self.name, "read", error) from None
 
     def _more(self, file: BinaryIO) -> Grown:
-        found = os.fstat(file.fileno())
-        which = found.st_dev, found.st_ino
+        status = os.fstat(file.fileno())
+        which = status.st_dev, status.st_ino
         file.seek(max(0, self._at - len(self._mark)))
-        anew = which != self._which or found.st_size < self._at or file.read(len(self._mark)) != self._mark
-        self._written, self._which = found.st_mtime_ns, which
+        anew = which != self._which or status.st_size < self._at or file.read(len(self._mark)) != self._mark
+        self._written, self._which = status.st_mtime_ns, which
         skip = b""
         if anew:
             file.seek(0)
             self._head = file.read(HEAD)
-            self._at = max(0, found.st_size - FIRST)
+            self._at = max(0, status.st_size - FIRST)
             file.seek(self._at)
             if self._at:
                 skip = file.readline(_LONGEST)
@@ -176,32 +176,32 @@ class Pipe:
         self.ended = True
 
     def since(self, at: int) -> tuple[bytes, int, bool]:
-        """The bytes from a place on, the place behind them, and whether some before them are gone."""
+        """Return the bytes from a place on, the place behind them, and whether some before them are gone."""
         with self._lock:
             begin = max(at, self._begin)
             return bytes(self._content[begin - self._begin :]), self._begin + len(self._content), begin > at
 
     def follower(self) -> PipeFollower:
-        """For one who reads it."""
+        """Return a reader of the pipe with a place of its own."""
         return PipeFollower(self)
 
 
 class PipeFollower:
-    """One who reads a pipe, beside others."""
+    """A reader of a pipe, beside others."""
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe, self._at, self.name = pipe, 0, pipe.name
 
     def head(self) -> bytes:
-        """The first bytes of the pipe."""
+        """Return the first bytes of the pipe."""
         return self._pipe.first
 
     def waits(self) -> str:
-        """For the first bytes."""
+        """Return that the first bytes are waited for; empty once they are there."""
         return "" if self._pipe.first else "waits for rows from the pipe"
 
     def read(self) -> Grown:
-        """What has come; from the begin of a line where older ones are gone."""
+        """Read the new bytes; from the start of a line if older ones are gone."""
         ended, begins = self._pipe.ended, self._at == 0
         content, self._at, lost = self._pipe.since(self._at)
         return Grown(content.partition(b"\n")[2] if lost else content, begins and not lost, False, ended)
@@ -232,7 +232,7 @@ class GrowingTable:
         self._heard = clock.monotonic()
 
     def take(self) -> Rows:
-        """The rows that have come. Raises LogError for what is no table, FileError where it cannot be read."""
+        """Return the new rows. Raise LogError for what is no table, FileError if it cannot be read."""
         grown = self._content.read()
         self.over = grown.ended
         if grown.anew:
@@ -254,23 +254,23 @@ class GrowingTable:
         return rows
 
     def state(self) -> str:
-        """Rows, silence, and lines that were left out."""
+        """Return the state as a text: rows, silence, and lines that were left out."""
         waiting = self._content.waits()
         if waiting:
             return waiting
         if self.over:
-            said = "the pipe has ended"
+            text = "the pipe has ended"
         elif self._layout is None:
-            said = f"waits for {_LEAST} rows of numbers"
+            text = f"waits for {_LEAST} rows of numbers"
         else:
             silent = clock.monotonic() - self._heard
-            said = Text(f"no new rows for {Quantity(silent, 's'):.0f SI}") if silent > _SILENT else "rows come"
+            text = Text(f"no new rows for {Quantity(silent, 's'):.0f SI}") if silent > _SILENT else "rows come"
         if self._wrong:
-            said += f"; {self._wrong} lines were no rows, the last one '{self._last_wrong}'"
-        return said
+            text += f"; {self._wrong} lines were no rows, the last one '{self._last_wrong}'"
+        return text
 
     def close(self) -> None:
-        """There is nothing to let go: the file is open only while it is read."""
+        """Do nothing: the file is open only while it is read."""
 
     def _understand(self) -> bool:
         """Find layout, names, units and clock in the first lines, once there are enough of them."""
@@ -285,7 +285,7 @@ class GrowingTable:
         if reader not in (read_csv, read_halsampler):
             raise LogError(
                 f"{self.name}: is of a format whose rows cannot be read while it grows; followed are CSV and other "
-                "tables in text, and halsampler: bring it when it is complete"
+                "tables in text, and halsampler: open it when it is complete"
             )
         text = text_of(head)
         layout = layout_of(head.decode(text.encoding, "replace").replace("\r", ""))
@@ -296,20 +296,20 @@ class GrowingTable:
                 return False
             raise LogError(
                 f"{self.name}: holds no rows of numbers, or fewer than {_LEAST}, in its first {HEAD // 1000} kB: "
-                "shorten what stands above them, or record fewer columns"
+                "shorten the text above them, or record fewer columns"
             )
         self._encoding = text.encoding
         numbered = False
         if reader is read_halsampler and len(layout.names) > 1 and layout.numeric[0]:
             cells = [split(line, layout.separator) for line in rows]
-            whole = [each for each in cells if len(each) == len(layout.names) and layout.is_number(each[0])]
-            numbers = [_number(each[0], layout) for each in whole]
+            whole = [row for row in cells if len(row) == len(layout.names) and layout.is_number(row[0])]
+            numbers = [_number(row[0], layout) for row in whole]
             numbered = counts_samples(np.array(numbers))
         self._set(layout, numbered)
         return True
 
     def _set(self, layout: CsvLayout, numbered: bool) -> None:
-        """`numbered`: the first column are the numbers of the samples."""
+        """Set layout, clock and channels; `numbered`: the first column holds the numbers of the samples."""
         names = list(layout.names)
         counter = 0 if numbered else None
         if numbered:
@@ -340,34 +340,34 @@ class GrowingTable:
         plain = text
         if any(mark in plain for mark in '#%/"') or "\n\n" in plain or plain[:1] == "\n":
             plain = "".join(f"{line}\n" for line in plain.split("\n") if not is_skipped(line))
-        found = None
+        numbers = None
         if plain and '"' not in plain:
             dotted = plain.replace(",", ".") if layout.decimal == "," else plain
-            found = plain_numbers(dotted, layout, self._chosen)
-        if found is None:
-            found = self._line_by_line(plain)
+            numbers = plain_numbers(dotted, layout, self._chosen)
+        if numbers is None:
+            numbers = self._line_by_line(plain)
         if self._stamps is not None:
-            time = self._factor * found[:, self._stamps]
+            time = self._factor * numbers[:, self._stamps]
             kept = np.isfinite(time)
-            self._wrong += int(np.count_nonzero(~kept & np.isfinite(found).any(axis=1)))
-            time, found = time[kept], found[kept]
+            self._wrong += int(np.count_nonzero(~kept & np.isfinite(numbers).any(axis=1)))
+            time, numbers = time[kept], numbers[kept]
         elif self._counter is not None:
-            found = np.vstack([np.full((self._gaps, found.shape[1]), np.nan), found])
+            numbers = np.vstack([np.full((self._gaps, numbers.shape[1]), np.nan), numbers])
             # a gap has the number of the row after it: one at the end waits for that row
-            numbered = np.flatnonzero(np.isfinite(found[:, self._counter]))
+            numbered = np.flatnonzero(np.isfinite(numbers[:, self._counter]))
             end = numbered[-1] + 1 if numbered.size else 0
-            self._gaps = len(found) - end
-            found = found[:end]
-            time = self._factor * _filled(found[:, self._counter])
+            self._gaps = len(numbers) - end
+            numbers = numbers[:end]
+            time = self._factor * _filled(numbers[:, self._counter])
         else:
-            time = self._factor * np.arange(self._count, self._count + len(found), dtype=np.float64)
-        self._count += len(found)
-        values = found[:, self._values]
+            time = self._factor * np.arange(self._count, self._count + len(numbers), dtype=np.float64)
+        self._count += len(numbers)
+        values = numbers[:, self._values]
         values[~np.isfinite(values)] = np.nan
         return Rows(time, values, self._anew)
 
     def _line_by_line(self, text: str) -> np.ndarray:
-        """The rows among the lines; `overrun` becomes a row of NaN."""
+        """Return the rows among the lines; `overrun` becomes a row of NaN."""
         assert self._layout is not None
         layout = self._layout
         rows = list[list[float]]()
@@ -380,7 +380,7 @@ class GrowingTable:
                 rows.append([_number(cells[k], layout) for k in self._chosen])
                 continue
             self._wrong += 1
-            self._last_wrong = "".join(each for each in line.strip()[:40] if each.isprintable())
+            self._last_wrong = "".join(letter for letter in line.strip()[:40] if letter.isprintable())
             if self._stamps is None and "overrun" in line.lower():
                 rows.append([np.nan] * len(self._chosen))
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(self._chosen))

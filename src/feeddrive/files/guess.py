@@ -131,13 +131,13 @@ class NameReading:
 
 
 def words_of(name: str) -> list[str]:
-    """The words of a name, in lower case."""
+    """Return the words of a name, in lower case."""
     cut = _BEFORE.sub(r"\1 ", _BEHIND.sub(r" \1", re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", name)))
     return [word.lower() for word in re.findall(r"[A-Za-zÄÖÜäöü]+[0-9]?|[0-9]+", cut)]
 
 
 def read_name(name: str, unit: str) -> NameReading:
-    """The meaning of a channel's name and unit."""
+    """Return the meaning of a channel's name and unit."""
     words = words_of(name)
     unit, bare = (unit, words) if unit else _unit_at_the_end(name, words)
     axis = _axis(name, bare)
@@ -176,32 +176,32 @@ def read_name(name: str, unit: str) -> NameReading:
 
 
 def unit_in_name(name: str) -> str:
-    """The unit that a name ends with, `pos_act_mm`, `force_N`: a single letter only if it fits the name.
+    """Return the unit that a name ends with, `pos_act_mm`, `force_N`: a single letter only if it fits the name.
 
     `u_in` is an input and no inch.
     """
-    found = _unit_at_the_end(name, [])[0]
-    if found:
-        return found
+    unit = _unit_at_the_end(name, [])[0]
+    if unit:
+        return unit
     last = name.rpartition("_")[2]
     return last if last in {"force": "N", "position": "m", "current": "A"}.get(read_name(name, "").quantity, ()) else ""
 
 
 def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
-    """The unit that a name ends with, `x_cmd_mm`, and its other words; a single letter is none, nor is `in`."""
+    """Return the unit that a name ends with, `x_cmd_mm`, and its other words; not a single letter, nor `in`."""
     for start in [k + 1 for k, letter in enumerate(name) if letter in "_ "]:
         end = name[start:].replace(" ", "_")
-        found = unit_of(re.sub(r"^(u?m?m|rad|deg)_(s2?)$", r"\1/\2", end))  # rad_s is rad/s in a name
-        if found and len(end) > 1 and end != "in":
-            return found, words_of(name[:start])
+        unit = unit_of(re.sub(r"^(u?m?m|rad|deg)_(s2?)$", r"\1/\2", end))  # rad_s is rad/s in a name
+        if unit and len(end) > 1 and end != "in":
+            return unit, words_of(name[:start])
     return "", words
 
 
 def _axis(name: str, words: list[str]) -> str:
-    """The axis in a name: `joint.0` -> 0, `x_cmd` -> x, `ux` -> x."""
-    found = _AXIS.search(name)
-    if found:
-        return found[1].lower()
+    """Return the axis in a name: `joint.0` -> 0, `x_cmd` -> x, `ux` -> x."""
+    match = _AXIS.search(name)
+    if match:
+        return match[1].lower()
     single = [word for word in words if word in ("x", "y", "z")]
     if single:
         return single[0]
@@ -210,7 +210,7 @@ def _axis(name: str, words: list[str]) -> str:
 
 
 def _by_words(name: str, words: list[str]) -> str:
-    """The quantity that the words of a name stand for; `command` only if nothing else does."""
+    """Return the quantity that the words of a name stand for; `command` only if nothing else does."""
     for quantity, known in _WORDS.items():
         if known & set(words):
             return quantity
@@ -221,7 +221,7 @@ def _by_words(name: str, words: list[str]) -> str:
 
 
 def _by_unit(unit: str) -> str:
-    """The quantity that a unit measures."""
+    """Return the quantity that a unit measures."""
     if unit.lower() in COUNTS:
         return "position"
     for known, quantity in _QUANTITY_OF_UNIT.items():
@@ -271,7 +271,7 @@ class Guess(Result):
     lost: abc.Mapping[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
 
     def table(self) -> Table:
-        """Role, channel, unit and reason; then what needs a factor, then what is unused."""
+        """Tabulate role, channel, unit and reason; then channels that need a factor, then unused ones."""
         rows = [
             [role, column.name, column.unit or ROLES[role] or "own", self.mapping.reasons.get(role, "")]
             for role, column in self.mapping.items()
@@ -283,7 +283,7 @@ class Guess(Result):
         )
 
     def toml(self, file: str | Path = "") -> str:
-        """The sections [log] and [log.channels], as a job has them; channels that need a factor are in comments."""
+        """Return the sections [log] and [log.channels], with channels that need a factor in comments."""
         open_ = [
             f"# {entry(role, Column(name=column, factor=1.0))}  # {what}\n"
             for role, (column, what) in self.needs.items()
@@ -293,14 +293,14 @@ class Guess(Result):
 
 
 def guess_roles(log: Log, axis: str | None = None) -> Guess:
-    """The probable roles of the channels of a log that was read without a mapping.
+    """Guess the roles of the channels of a log that was read without a mapping.
 
     axis  which axis, of a log with several: `x`, or the number of a joint; default: the first one
 
     Raises ParameterError for an axis that no channel names.
     """
     read = {name: read_name(name, log.units.get(name, "")) for name in log.channels}
-    axes = list(dict.fromkeys(each.axis for each in read.values() if each.role_like and each.axis))
+    axes = list(dict.fromkeys(reading.axis for reading in read.values() if reading.role_like and reading.axis))
     if axis is not None and axis not in axes:
         raise ParameterError(f"{log.name}: no channel names the axis '{axis}'; there are: {', '.join(axes) or 'none'}")
     wanted = axis if axis is not None else axes[0] if axes else ""
@@ -309,28 +309,33 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
     needs: dict[str, tuple[str, str]] = {}
     unused: dict[str, str] = {}
     # exact names first, then clear ones, and last possible ones
-    for name, each in sorted(
+    for name, reading in sorted(
         read.items(), key=lambda item: (item[0] not in ROLES, not item[1].exact, item[1].is_weak, not item[1].side)
     ):
-        role = each.exact or _role(each)
+        role = reading.exact or _role(reading)
         if not role:
-            unused[name] = each.why or "not like any known name"
-        elif each.axis not in ("", wanted):
-            unused[name] = f"of axis {each.axis}, not {wanted}"
+            unused[name] = reading.why or "not like any known name"
+        elif reading.axis not in ("", wanted):
+            unused[name] = f"of axis {reading.axis}, not {wanted}"
         elif role in mapping or role in needs:
             other = _OTHER.get(role, "")
-            if each.side or not other or other in mapping or other in needs:
+            if reading.side or not other or other in mapping or other in needs:
                 taken = mapping[role].name if role in mapping else needs[role][0]
                 unused[name] = f"like {role}, which is '{taken}'"
             else:
-                _second(name, each, role, other, mapping, reasons, needs)
+                _second(name, reading, role, other, mapping, reasons, needs)
         else:
-            _take(name, each, role, mapping, reasons, needs)
+            _take(name, reading, role, mapping, reasons, needs)
     lost: dict[str, tuple[str, str]] = {}
     for name, why in log.left_out.items():
-        each = read_name(name, unit_in_name(name))
-        role = each.exact or _role(each)
-        if role and role != "time" and role not in (*mapping, *needs, *lost) and each.axis in ("", wanted or each.axis):
+        reading = read_name(name, unit_in_name(name))
+        role = reading.exact or _role(reading)
+        if (
+            role
+            and role != "time"
+            and role not in (*mapping, *needs, *lost)
+            and reading.axis in ("", wanted or reading.axis)
+        ):
             lost[role], unused[name] = (name, why), f"like {role}, but {why}"
     order = [role for role in ROLES if role in mapping]
     step = log.sample_time if log.provenance.get("clock") == "given" else None
@@ -338,17 +343,17 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
     return Guess(log.name, Mapping(columns, {}, reasons, wanted, step), needs, unused, lost)
 
 
-def _role(each: NameReading) -> str:
-    """The role of a quantity, set or measured, at the motor, at the load or anywhere."""
-    if each.quantity not in _ROLES:
+def _role(reading: NameReading) -> str:
+    """Return the role of a quantity, set or measured, at the motor, at the load or anywhere."""
+    if reading.quantity not in _ROLES:
         return ""
-    place = 0 if each.is_set else {"motor": 1, "load": 2}.get(each.side, 3)
-    return _ROLES[each.quantity][place]
+    place = 0 if reading.is_set else {"motor": 1, "load": 2}.get(reading.side, 3)
+    return _ROLES[reading.quantity][place]
 
 
 def _take(
     name: str,
-    each: NameReading,
+    reading: NameReading,
     role: str,
     mapping: dict[str, Column],
     reasons: dict[str, str],
@@ -356,43 +361,43 @@ def _take(
 ) -> None:
     """Give a channel its role, or note the factor that it needs."""
     if role in OWN_UNIT:
-        mapping[role] = Column(name=name, unit=each.unit if _known(each.unit) else "")
-    elif not each.unit:
+        mapping[role] = Column(name=name, unit=reading.unit if _known(reading.unit) else "")
+    elif not reading.unit:
         mapping[role] = Column(name=name)
-    elif _fits(each.unit, role):
-        mapping[role] = Column(name=name, unit=each.unit)
+    elif _fits(reading.unit, role):
+        mapping[role] = Column(name=name, unit=reading.unit)
     else:
-        rated = ": the rated value / 100" if each.unit == "percent" else ""
-        needs[role] = (name, f"{ROLES[role]} per {each.unit}{rated}")
+        rated = ": the rated value / 100" if reading.unit == "percent" else ""
+        needs[role] = (name, f"{ROLES[role]} per {reading.unit}{rated}")
         return
-    said = (
+    assumed = (
         ""
-        if each.unit or role in OWN_UNIT or unit_at_the_end(name, role)
+        if reading.unit or role in OWN_UNIT or unit_at_the_end(name, role)
         else f"; no unit is stated, {ROLES[role]} is taken"
     )
-    reasons[role] = each.why + said
+    reasons[role] = reading.why + assumed
 
 
 def _second(
     name: str,
-    each: NameReading,
+    reading: NameReading,
     role: str,
     other: str,
     mapping: dict[str, Column],
     reasons: dict[str, str],
     needs: dict[str, tuple[str, str]],
 ) -> None:
-    """Two channels of one kind: the first in the file is taken for the motor's, the second for the load's."""
+    """Give two channels of one kind their roles: the first in the file is the motor's, the second the load's."""
     motor, load = (other, role) if role.endswith("_load") else (role, other)
     if role in mapping:
         mapping[motor] = mapping.pop(role)
         del reasons[role]
-        reasons[motor] = "the first of two of its kind"
+        reasons[motor] = "the first of two such channels"
     else:
         needs[motor] = needs.pop(role)
-    _take(name, each, load, mapping, reasons, needs)
+    _take(name, reading, load, mapping, reasons, needs)
     if load in mapping:
-        reasons[load] = "the second of two of its kind"
+        reasons[load] = "the second of two such channels"
 
 
 def _known(unit: str) -> bool:

@@ -99,7 +99,7 @@ def _variables(source: Any) -> dict[str, Any]:
 
 
 def _free(column: str, taken: dict[str, Any]) -> str:
-    """A name that is legal in MATLAB and unique."""
+    """Return a name that is legal in MATLAB and unique."""
     name = re.sub(r"\W", "_", column, flags=re.ASCII)
     name = (name if name[:1].isalpha() else f"x{name}")[:_NAME]
     free, count = name, 2

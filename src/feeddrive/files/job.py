@@ -33,7 +33,7 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.cutting import ProcessSection
 from feeddrive.files.from_toml import read_field, read_section
-from feeddrive.files.machine import MachineFile, found, read_machine
+from feeddrive.files.machine import MachineFile, find_bundled, read_machine
 from feeddrive.files.mapping import LogSection
 from feeddrive.files.planned_program import PlannedProgram, ProgramSection, planned_program
 from feeddrive.files.read_log import LogRequest, log_request
@@ -71,7 +71,7 @@ class LawSection(Section):
         "[law.axis.NAME.control] for others"
     )
 
-    name: str = text("of the row; not that of another row, and not 'today'", shortest=1, example='"half the gain"')
+    name: str = text("name of the row; not that of another row, and not 'today'", shortest=1, example='"half the gain"')
     control: Control | None = part("control of the axis of the rows, in place of today's", default=None)
     axis: Mapping[str, ControlOfAxis] | None = named(
         "controls of axes by name: [law.axis.y.control]", least=1, absent=True
@@ -89,22 +89,22 @@ class JobSection(Section):
     exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("reference",), ("log",), ("program",))
     needs: ClassVar[str] = "a job needs one of the sections [reference], [log] and [program]"
 
-    title: str | None = text("of the report", default=None)
+    title: str | None = text("title of the report", default=None)
     machine: str = file_name("machine file beside the job, or the name of a bundled one", example='"file.toml"')
     axis: str | None = text("name of the axis of the rows, if the machine has several", default=None)
-    seed: int = choice("of the noise", least=0, most=2**53 - 1, default=0)
-    rule: str = text("what makes the rows comparable; printed in the report", default="")
-    duration: Number | None = parameter("s", "of the runs", above=0, below=1e6, default=None)
+    seed: int = choice("seed of the noise", least=0, most=2**53 - 1, default=0)
+    rule: str = text("rule that makes the rows comparable; printed in the report", default="")
+    duration: Number | None = parameter("s", "duration of the runs", above=0, below=1e6, default=None)
     reference: Reference | None = part("the motion", default=None)
     load: Load | None = part("a force on the table", default=None)
     others: Mapping[str, Other] = named("motions of the other axes: [others.y.reference]; axes without one stand still")
     log: LogSection | None = part("a measured log, whose reference is replayed", default=None)
     program: ProgramSection | None = part("a part program, planned, which moves all axes that it names", default=None)
-    process: ProcessSection | None = part("what the part program cuts", default=None)
+    process: ProcessSection | None = part("the cut of the part program", default=None)
     law: tuple[LawSection, ...] = part("rows of the comparison after today's control", default=())
 
     def check(self) -> None:
-        """A process is one of a part program."""
+        """Raise ParameterError for a process without a part program."""
         if self.process is not None and self.program is None:
             raise self.error("[process] says what a part program cuts, and there is no [program]", "process")
 
@@ -136,12 +136,12 @@ class Job(Result):
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
 
     def table(self) -> Table:
-        """One row for each law, today's first."""
+        """Tabulate a law in each row, today's first."""
         work = self.reference.kind if self.reference is not None else "-"
-        work = self.program.said if self.program is not None else work
+        work = self.program.description if self.program is not None else work
         work = f"log {self.log.path.name}" if self.log is not None else work
         rows = [
-            [name, loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-"]
+            [name, loop.control.law.kind, ", ".join(filter_.kind for filter_ in loop.control.filters) or "-"]
             for name, loop in self.loops.items()
         ]
         title = f"{plain(self.title)}, {self.file.name}: machine {plain(self.machine.name)}, work {work}"
@@ -153,7 +153,7 @@ JobLike: TypeAlias = str | Path | Job
 
 
 def read_job(path: JobLike, log: str | Path | None = None) -> Job:
-    """The job in a file, the bundled one of that name, or one that was read; `log` replaces its log's file.
+    """Read the job in a file, the bundled one of that name, or one that was read; `log` replaces its log's file.
 
     Raises FileError, ParameterError or StructureError with file, line, key and what to do.
     """
@@ -165,14 +165,14 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
         return replace(path, log=replace(path.log, path=Path(log)))
     if not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ParameterError(f"a job is a file, a bundled name or fd.read_job(...), not a {type(path).__name__}")
-    place = found(path, "jobs")
+    place = find_bundled(path, "jobs")
     return job_of(read_toml(place, "a job"), place, log)
 
 
 def job_of(
     file: TomlFile, place: Path, log: str | Path | None = None, values: Mapping[Key, Any] = MappingProxyType({})
 ) -> Job:
-    """The job of a file that was read, at a place beside which the files stand that it names.
+    """Return the job of a file that was read; the files that it names stand beside `place`.
 
     values  of keys of the machine file, in place of what it says
 
@@ -204,16 +204,16 @@ def job_of(
         reference=_reference(section, program, axis),
         load=section.load,
         log=None if section.log is None else log_request(section.log, place, log),
-        loops={row: each.loops()[axis] for row, each in rows.items()},
+        loops={row: system.loops()[axis] for row, system in rows.items()},
         file=file,
         others=others,
-        machines={row: each for row, each in rows.items() if isinstance(each, Machine)},
+        machines={row: system for row, system in rows.items() if isinstance(system, Machine)},
         program=program,
     )
 
 
 def _machine(root: TomlTable, place: Path, values: Mapping[Key, Any]) -> MachineFile:
-    """The machine that the job names."""
+    """Read the machine that the job names."""
     name = read_field(JobSection, root, "machine")
     beside = place.parent / name
     try:
@@ -223,7 +223,7 @@ def _machine(root: TomlTable, place: Path, values: Mapping[Key, Any]) -> Machine
 
 
 def _axis(root: TomlTable, machine: MachineFile) -> str:
-    """The axis of the rows: the one that is named, the only one, or of a part program the first one."""
+    """Return the axis of the rows: the one that is named, the only one, or of a part program the first one."""
     axis = read_field(JobSection, root, "axis")
     if axis is None and "program" in root.values:
         return next(iter(machine.loops))
@@ -234,25 +234,26 @@ def _axis(root: TomlTable, machine: MachineFile) -> str:
 
 
 def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool]:
-    """By the begin of a key whether its section is about an axis that turns."""
+    """Return whether sections are about an axis that turns, by the begin of their key."""
     turns = {name: loop.axis.rotary for name, loop in machine.loops.items()}
-    found: dict[Key, bool] = dict.fromkeys((("reference",), ("load",), ("law",)), turns[axis])
-    found |= {("others", name): rotary for name, rotary in turns.items()}
+    turning: dict[Key, bool] = dict.fromkeys((("reference",), ("load",), ("law",)), turns[axis])
+    turning |= {("others", name): rotary for name, rotary in turns.items()}
     laws = root.values.get("law")
     for row in range(len(laws) if isinstance(laws, list) else 0):
-        found |= {("law", row, "axis", name): rotary for name, rotary in turns.items()}
-    return found
+        turning |= {("law", row, "axis", name): rotary for name, rotary in turns.items()}
+    return turning
 
 
 def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineFile) -> tuple[Coupling, ...]:
-    """The cuts of the process, as couplings of the machine."""
+    """Return the cuts of the process as couplings of the machine."""
     process = section.process
     if process is None or program is None:
         return ()
-    own = next((i for i, each in enumerate(machine.couplings) if isinstance(each, MillingCut)), None)
+    own = next((i for i, coupling in enumerate(machine.couplings) if isinstance(coupling, MillingCut)), None)
     if own is not None:
         raise process.error(
-            f"the machine cuts by itself: couplings.{own} of {machine.file.name} is a milling_cut, and both forces "
+            f"the machine has a cut of its own: couplings.{own} of {machine.file.name} is a milling_cut, and both "
+            "forces "
             "would act; take it out of the machine, or leave out [process]"
         )
     try:
@@ -263,7 +264,7 @@ def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineF
 
 
 def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -> Reference | None:
-    """The motion of the axis of the rows; None for that of a log."""
+    """Return the motion of the axis of the rows; None for that of a log."""
     if program is None:
         return section.reference
     if axis not in program.references:
@@ -276,7 +277,7 @@ def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -
 def _program(
     section: JobSection, place: Path, machine: MachineFile, others: dict[str, Other], axis: str
 ) -> tuple[PlannedProgram | None, dict[str, Other]]:
-    """The planned program of a job, if it has one, and the motions of the other axes with those that it moves."""
+    """Return the planned program of a job, if it has one, and the other axes with the motions that it gives them."""
     if section.program is None:
         return None, others
     for name, other in others.items():
@@ -292,7 +293,7 @@ def _program(
 
 
 def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, Other]:
-    """Motions and loads of the other axes."""
+    """Return motions and loads of the other axes."""
     there = [name for name in machine.loops if name != axis]
     for name, other in section.others.items():
         if name not in there:
@@ -303,7 +304,7 @@ def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, O
 
 
 def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, System]:
-    """The rows: the axis, or with a machine all its axes, under today's control and under the others."""
+    """Return the rows: the axis, or with a machine all its axes, under today's control and under the others."""
     whole: System = today if machine is None else machine
     rows = {"today": whole}
     for law in job.law:
@@ -318,7 +319,7 @@ def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, Sy
 
 
 def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str, Loop]:
-    """The axes of a row that have a control of their own in it."""
+    """Return the axes of a row that have a control of their own in it."""
     loops = {today.name: today} if machine is None else machine.loops()
     controls = {} if law.control is None else {today.name: _replaced(law, law.dotted("control"), law.control, today)}
     for name, axis in (law.axis or {}).items():
@@ -331,7 +332,7 @@ def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str
 
 
 def _replaced(section: Section, place: str, control: Control, today: Loop) -> Loop:
-    """The loop under another control; a row without guard or limit has those of today."""
+    """Return the loop under another control; a row without guard or limit has those of today."""
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
     try:
@@ -341,10 +342,10 @@ def _replaced(section: Section, place: str, control: Control, today: Loop) -> Lo
 
 
 def _varied(law: LawSection, values: Mapping[str, float], whole: System) -> System:
-    """The axes of a row that changes numbers of today's control."""
+    """Return the axes of a row that changes numbers of today's control."""
     places = [loop.place_of("control") for loop in whole.loops().values()]
     if isinstance(whole, Machine):
-        places += [f"couplings.{i}" for i, each in enumerate(whole.couplings) if each.controls]
+        places += [f"couplings.{i}" for i, coupling in enumerate(whole.couplings) if coupling.controls]
     for name in values:
         if not name.startswith((*(f"{place}." for place in places), "control.")):
             raise law.error(

@@ -67,7 +67,7 @@ class Log(Result):
 
     @property
     def duration(self) -> float:
-        """From the first to the last row, s."""
+        """The time from the first to the last row, s."""
         return float(self.time[-1] - self.time[0])
 
     @property
@@ -76,7 +76,7 @@ class Log(Result):
         return remarks(self.channels)
 
     def table(self) -> Table:
-        """Least, largest and RMS value of every channel."""
+        """Tabulate least, largest and RMS value of every channel."""
         rows: list[list[Cell]] = []
         for channel, values in self.channels.items():
             unit = self.units.get(channel, "")
@@ -95,7 +95,7 @@ LogLike: TypeAlias = Path | Log
 
 
 def _held(name: str, channel: str, values: Any) -> np.ndarray:
-    """A read-only float64 array of one dimension; copied only if other code could change it."""
+    """Return a read-only float64 array of one dimension; copied only if other code could change it."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
         raise LogError(f"{name}: '{channel}' must be a row of numbers, not of shape {array.shape}")
@@ -130,17 +130,19 @@ _HELD = 0.98  # share of the changes that lie on one grid of every second, third
 
 
 def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
-    """One sentence for each channel, of shape (n,), that is constant, clipped or slower than its clock."""
-    found: list[str] = []
+    """Return a sentence for each channel, of shape (n,), that is constant, clipped or slower than its clock."""
+    sentences: list[str] = []
     for name, values in channels.items():
         if values.size < 2:
             continue
         if np.ptp(values) == 0.0:
             level = Quantity(values[0], form="6")
-            found.append(Text(f"'{name}' is constant, {level}: it contains no information, or it was not connected"))
+            sentences.append(
+                Text(f"'{name}' is constant, {level}: it contains no information, or it was not connected")
+            )
             continue
-        found += [sentence for sentence in (_clipped(name, values), _slow(name, values)) if sentence]
-    return tuple(found)
+        sentences += [sentence for sentence in (_clipped(name, values), _slow(name, values)) if sentence]
+    return tuple(sentences)
 
 
 def _clipped(name: str, values: np.ndarray) -> str:
@@ -180,6 +182,6 @@ def _slow(name: str, values: np.ndarray) -> str:
 
 
 def _runs(true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Start and length of each run of True."""
+    """Return start and length of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(np.int8), [0]])))
     return edges[::2], edges[1::2] - edges[::2]

@@ -58,7 +58,7 @@ class AxisSection(Section):
 class MachineSection(Section, kind="loop"):  # which files have written as the kind of the whole
     """A machine: axes with their physics and today's control."""
 
-    name: str = text("of the machine", default="")
+    name: str = text("name of the machine", default="")
     source: str = text("where the numbers come from", default="")
     remark: str = text("anything else", default="")
     sample_time: Number = parameter("s", "time from sample to sample", above=0)
@@ -69,7 +69,7 @@ class MachineSection(Section, kind="loop"):  # which files have written as the k
     geometry: Geometry | None = part("squareness, scales and straightness of the axes", default=None)
 
     def check(self) -> None:
-        """The name stands in files of other programs."""
+        """Raise ParameterError for a name that is not one line of plain text."""
         if not self.name.isprintable():
             raise self.error("name must be one line of plain text: it is written into files of other programs", "name")
 
@@ -104,7 +104,7 @@ class MachineFile(Result):
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """What a person wrote in it, in sentences."""
+        """The texts that a person wrote in the file."""
         return self.name, self.source, self.remark
 
     @property
@@ -114,14 +114,14 @@ class MachineFile(Result):
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
     def table(self) -> Table:
-        """One row for each axis: its plant and its control."""
+        """Tabulate an axis in each row: its plant and its control."""
         rows = [
             [
                 name,
                 loop.axis.plant.kind,
                 getattr(loop.axis.friction_load or loop.axis.friction_motor, "kind", "-"),
                 loop.control.law.kind,
-                ", ".join(each.kind for each in loop.control.filters) or "-",
+                ", ".join(filter_.kind for filter_ in loop.control.filters) or "-",
                 None
                 if loop.control.force_limit is None
                 else Quantity(loop.control.force_limit, "N m" if loop.axis.rotary else "N", form="6"),
@@ -129,12 +129,12 @@ class MachineFile(Result):
             ]
             for name, loop in self.loops.items()
         ]
-        between = f"; coupled by {', '.join(each.kind for each in self.couplings)}" if self.couplings else ""
+        between = f"; coupled by {', '.join(coupling.kind for coupling in self.couplings)}" if self.couplings else ""
         heads = ["axis", "plant", "friction", "law", "filters", "force limit", Column("sample", "s", "6 ms")]
         return Table(f"{plain(self.name)}, {self.file.name}{between}", heads, rows)
 
     def loop(self, axis: str | None) -> Loop:
-        """The loop of an axis; the only one if none is named.
+        """Return the loop of an axis; the only one if none is named.
 
         Raises ParameterError for one that is not there, and for a coupled one: alone its motion would differ.
         """
@@ -148,7 +148,7 @@ class MachineFile(Result):
         return self.loops[name]
 
     def named(self, axis: str | None) -> str:
-        """The name of an axis; of the only one if none is given. Raises ParameterError for one that is not there."""
+        """Return the name of an axis; of the only one if none is given. Raise ParameterError for an unknown axis."""
         if axis is None and len(self.loops) == 1:
             return next(iter(self.loops))
         if axis is None:
@@ -158,19 +158,19 @@ class MachineFile(Result):
         return axis
 
     def coupled(self, axis: str) -> str:
-        """The coupling of an axis, as a clause; empty if it has none."""
-        for i, each in enumerate(self.couplings):
-            if axis in each.axes():
-                others = ", ".join(name for name in each.axes() if name != axis) or "the structure"
-                return f"axis '{axis}' is coupled with {others} by couplings.{i} ({each.kind})"
+        """Return the coupling of an axis, as a clause; empty if it has none."""
+        for i, coupling in enumerate(self.couplings):
+            if axis in coupling.axes():
+                others = ", ".join(name for name in coupling.axes() if name != axis) or "the structure"
+                return f"axis '{axis}' is coupled with {others} by couplings.{i} ({coupling.kind})"
         return ""
 
     def followers(self) -> dict[str, str]:
-        """By axis the one whose word of a part program moves it too: second drives of gantries."""
-        return {name: leader for each in self.couplings for name, leader in each.follows().items()}
+        """Return by axis the one whose word of a part program moves it too: second drives of gantries."""
+        return {name: leader for coupling in self.couplings for name, leader in coupling.follows().items()}
 
     def machine(self, *couplings: Coupling) -> Machine:
-        """All axes as one machine, with the couplings of the file and these.
+        """Return all axes as one machine, with the couplings of the file and these.
 
         Raises ParameterError and StructureError as `Machine`.
         """
@@ -184,7 +184,7 @@ MachineLike: TypeAlias = str | Path | MachineFile
 def read_machine(
     path: MachineLike, *, quoting: bool = True, values: Mapping[Key, Any] = MappingProxyType({})
 ) -> MachineFile:
-    """The machine in a file, or the bundled one of that name; one that was read is itself.
+    """Read the machine in a file, or the bundled one of that name; one that was read is returned as it is.
 
     values  of keys, in place of what the file says
 
@@ -196,7 +196,7 @@ def read_machine(
         raise ParameterError(
             f"a machine is a file, a bundled name or fd.read_machine(...), not a {type(path).__name__}"
         )
-    file = read_toml(found(path, "machines"), "a machine file", quoting=quoting)
+    file = read_toml(find_bundled(path, "machines"), "a machine file", quoting=quoting)
     file = with_values(file, values) if values else file
     section = read_section(MachineSection, file.root())
     loops = {name: _loop(section, name, axis) for name, axis in section.axis.items()}
@@ -213,7 +213,7 @@ def machine_toml(
     remark: str = "",
     limits: Mapping[str, AxisLimits] = MappingProxyType({}),
 ) -> str:
-    """The text of a machine file, from which `read_machine` makes the same machine.
+    """Return the text of a machine file, from which `read_machine` makes the same machine.
 
     Raises StructureError for a machine that holds arrays of variants.
     """
@@ -221,18 +221,18 @@ def machine_toml(
         f"{key} = {quoted(value)}" for key, value in (("name", name), ("source", source), ("remark", remark)) if value
     ]
     parts = ["\n".join([*texts, f"sample_time = {float(machine.sample_time)!r}"]) + "\n"]
-    for axis, each in machine.axes().items():
+    for axis, loop in machine.axes().items():
         parts += [
-            to_toml(each.axis, f"axis.{axis}"),
-            to_toml(each.control, f"axis.{axis}.control", rotary=each.axis.rotary),
-            *([to_toml(limits[axis], f"axis.{axis}.limits", rotary=each.axis.rotary)] if axis in limits else []),
+            to_toml(loop.axis, f"axis.{axis}"),
+            to_toml(loop.control, f"axis.{axis}.control", rotary=loop.axis.rotary),
+            *([to_toml(limits[axis], f"axis.{axis}.limits", rotary=loop.axis.rotary)] if axis in limits else []),
         ]
-    parts += [to_toml(each, "couplings", listed=True) for each in machine.couplings]
+    parts += [to_toml(coupling, "couplings", listed=True) for coupling in machine.couplings]
     return "\n".join([*parts, *([] if machine.geometry is None else [to_toml(machine.geometry, "geometry")])])
 
 
 def _loop(machine: MachineSection, name: str, section: AxisSection) -> Loop:
-    """The loop of an axis."""
+    """Return the loop of an axis."""
     try:
         return Loop(axis=section.physics, control=section.control, sample_time=machine.sample_time, name=name)
     except (ParameterError, StructureError) as error:
@@ -255,26 +255,26 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
             raise section.error(f"{error}", "geometry", type(error)) from None
 
 
-def found(path: str | Path, folder: str) -> Path:
-    """The path itself, or the file bundled in a folder under that name. Raises FileError if there is neither."""
-    given = Path(path)
-    if given.exists() or given.suffix:
-        return given
-    bundled = BUNDLED / folder / f"{given.name}.toml"
+def find_bundled(path: str | Path, folder: str) -> Path:
+    """Return the path itself, or the file bundled in a folder under that name. Raise FileError if there is neither."""
+    file = Path(path)
+    if file.exists() or file.suffix:
+        return file
+    bundled = BUNDLED / folder / f"{file.name}.toml"
     if bundled.exists():
         return bundled
-    names = sorted(each.stem for each in (BUNDLED / folder).glob("*.toml"))
-    raise FileError(f"{given}: there is no such file, and no bundled one of that name{nearest(given.name, names)}")
+    names = sorted(bundled_file.stem for bundled_file in (BUNDLED / folder).glob("*.toml"))
+    raise FileError(f"{file}: there is no such file, and no bundled one of that name{nearest(file.name, names)}")
 
 
 def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> MachineLimits:
-    """Limits by letter of the axes that a part program moves: of a machine, of a file of limits, or of both.
+    """Return by letter the limits of the axes that a part program moves: of a machine, a file of limits, or both.
 
     A file of limits has sections [axis.x.limits] as a machine file has; they replace those of the machine, of which
     axes that have no name of a part program are left out: x y z u v w, and a b c if they turn.  Raises FileError or
     ParameterError.
     """
-    given: dict[str, AxisLimits] = {}
+    stated: dict[str, AxisLimits] = {}
     if limits is not None:
         file = read_toml(limits)
         turning: dict[Key, bool] = {("axis", name.lower()): True for name in ROTARY}
@@ -285,32 +285,32 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
                 raise axis.error(f"axis '{name}' is not in {machine.file.name}{nearest(name, machine.loops)}")
             if len(name) != 1 or name.upper() not in LETTERS:
                 raise axis.error(f"axis '{name}' is none that is planned: {', '.join(LETTERS.lower())}")
-        given = {name: axis.limits for name, axis in section.axis.items()}
+        stated = {name: axis.limits for name, axis in section.axis.items()}
     if machine is None:
-        return MachineLimits({name.upper(): each for name, each in given.items()})
-    found: dict[str, AxisLimits] = {}
+        return MachineLimits({name.upper(): axis_limits for name, axis_limits in stated.items()})
+    planned: dict[str, AxisLimits] = {}
     for name, loop in machine.loops.items():
         if len(name) != 1 or name.upper() not in LETTERS or loop.axis.rotary != (name.upper() in ROTARY):
             continue
-        own = given.get(name) or machine.limits.get(name)
+        own = stated.get(name) or machine.limits.get(name)
         if own is None:
             raise ParameterError(
                 f"{machine.file.name}: axis '{name}' has no limits: give it a section [axis.{name}.limits] with "
                 "velocity, acceleration, jerk and snap, or a file with such sections (--limits)"
             )
-        found[name.upper()] = own if own.resolution is not None else replace(own, resolution=_resolution(loop))
-    if not found:
+        planned[name.upper()] = own if own.resolution is not None else replace(own, resolution=_resolution(loop))
+    if not planned:
         raise ParameterError(
             f"{machine.file.name}: a part program moves axes with the names x y z u v w, and a b c if they turn, and "
             f"there is none; there are: {', '.join(machine.loops)}"
         )
-    return MachineLimits(found)
+    return MachineLimits(planned)
 
 
 def _resolution(loop: Loop) -> float | None:
-    """Of the position of an axis, m: that of the encoder at the load, else of the one at the motor."""
+    """Return the resolution of an axis's position, m: of the encoder at the load, else of the one at the motor."""
     for encoder in (loop.axis.encoder_load, loop.axis.encoder_motor):
-        found = getattr(encoder, "resolution", None)
-        if found is not None:
-            return float(found)
+        resolution = getattr(encoder, "resolution", None)
+        if resolution is not None:
+            return float(resolution)
     return None

@@ -1,4 +1,4 @@
-"""What each column of a log is: one value for the page, a channels file, the command line and Python.
+"""The mapping of roles to a log's columns: one value for the page, a channels file, the command line and Python.
 
 mapping = Mapping({"position_load": Column(name="x", unit="mm"), "force": Column(name="f", factor=12.0)})
 log = read_log("run.csv", mapping)
@@ -27,7 +27,7 @@ _LONGEST = 1e9  # s, of a sample time
 
 @dataclass(frozen=True)
 class Mapping(abc.Mapping[str, Column]):
-    """What each column of a log is.  It is a mapping of roles to columns, which `read_log` takes.
+    """The columns of a log by role, as `read_log` takes them.
 
     columns      by role
     optional     the same for columns that may be missing
@@ -123,7 +123,7 @@ class ColumnSection(Section):
     )
 
     column: str = text("name of the column")
-    unit: str = text("of the numbers; none: as the file states it, or SI", default="")
+    unit: str = text("unit of the numbers; none: as the file states it, or SI", default="")
     factor: Number | None = parameter(
         "", "number · factor is in the unit, or without one in the SI unit of the role", default=None
     )
@@ -138,29 +138,33 @@ class ColumnSection(Section):
 
 
 class LogSection(Section):
-    """A measured log, and what each of its columns is."""
+    """A measured log, and the roles of its columns."""
 
     file: str | None = file_name("name of the log, beside this file", default=None, example='"run.csv"')
     skip_samples: int = choice("samples at the start that do not count", least=0, most=2**53 - 1, default=0)
     sample_time: Number | None = parameter(
-        "s", "of a log without a column of time, or whose stamps are rounded", above=0, below=_LONGEST, default=None
+        "s",
+        "sample time of a log without a column of time, or whose stamps are rounded",
+        above=0,
+        below=_LONGEST,
+        default=None,
     )
-    axis: str = text("of a log with several: that of the columns, as they name it", default="")
+    axis: str = text("axis of the columns, as they name it, in a log of several axes", default="")
     channels: abc.Mapping[str, ColumnSection] = named("columns by role", names=tuple(ROLES))
     optional: abc.Mapping[str, ColumnSection] = named("the same for columns that may be missing", names=tuple(ROLES))
 
     @property
     def mapping(self) -> Mapping:
-        """What each column is. Raises ParameterError for a unit or a factor that its role cannot have."""
+        """The columns by role. Raises ParameterError for a unit or a factor that its role cannot have."""
         columns, optional = (
-            {role: column.of(role) for role, column in given.items()} for given in (self.channels, self.optional)
+            {role: column.of(role) for role, column in sections.items()} for sections in (self.channels, self.optional)
         )
         reasons = {role: column.reason for role, column in (*self.channels.items(), *self.optional.items())}
         return Mapping(columns, optional, reasons, self.axis, self.sample_time)
 
 
 class ChannelsSection(Section, kind="channels"):
-    """What each column of a log is: a file that `feeddrive channels` writes, or a job with a log."""
+    """The roles of a log's columns: a file that `feeddrive channels` writes, or a job with a log."""
 
     is_open: ClassVar[bool] = True
 

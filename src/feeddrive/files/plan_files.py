@@ -55,28 +55,28 @@ class SetpointWriter:
         self._rows = 0
 
     def add(self, samples: Samples) -> None:
-        """The next samples."""
+        """Add the next samples."""
         self._held.append(samples)
         self._rows += len(samples.values)
         if self._rows >= _ROWS:
             self.flush()
 
     def stops(self, stops: Sequence[Standstill]) -> None:
-        """The next stops."""
+        """Add the next stops."""
         self._stood += stops
         if len(self._stood) >= _ROWS:
             self.flush()
 
     def flush(self) -> None:
-        """Write what is held."""
+        """Write the samples and stops that are held."""
         if self._rows:
             self._write_samples()
         if self._stood:
             self._write_stops()
 
     def _write_samples(self) -> None:
-        values = np.concatenate([each.values for each in self._held])
-        line = np.concatenate([each.line for each in self._held]).astype(float)
+        values = np.concatenate([samples.values for samples in self._held])
+        line = np.concatenate([samples.line for samples in self._held]).astype(float)
         first = self._held[0].first
         self._held, self._rows = [], 0
         columns = {
@@ -90,20 +90,20 @@ class SetpointWriter:
     def _write_stops(self) -> None:
         stops, self._stood = self._stood, []
         columns: dict[str, np.ndarray] = {
-            "time": np.array([each.time for each in stops]),
-            "duration": np.array([each.duration for each in stops]),
-            "line": np.array([each.line for each in stops], float),
-            "reason": np.array([REASONS.index(each.reason) for each in stops], float),
-            "angle": np.array([each.angle for each in stops]),
+            "time": np.array([stop.time for stop in stops]),
+            "duration": np.array([stop.duration for stop in stops]),
+            "line": np.array([stop.line for stop in stops], float),
+            "reason": np.array([REASONS.index(stop.reason) for stop in stops], float),
+            "angle": np.array([stop.angle for stop in stops]),
         }
-        places = np.array([each.position for each in stops])
+        places = np.array([stop.position for stop in stops])
         columns |= {f"{letter.lower()}.position": places[:, i] for i, letter in enumerate(self._letters)}
         self._stops(columns)
 
 
 @contextlib.contextmanager
 def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, program: str) -> Generator[SetpointWriter]:
-    """Files of setpoints and stops in a folder, to be filled; they appear at the end, or not at all."""
+    """Yield a writer of setpoints and stops into files of a folder; they appear at the end, or not at all."""
     letters = [letter.lower() for letter in limits.letters]
     base = {letter.lower(): "rad" if letter in ROTARY else "m" for letter in limits.letters}
     units = {
@@ -111,7 +111,7 @@ def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, prog
     }
     about = {"program": program, "written_by": f"feeddrive {__version__}"}
     names = ["time", "duration", "line", "reason", "angle", *(f"{letter}.position" for letter in letters)]
-    stood = {"time": "s", "duration": "s", "angle": "rad", **{f"{each}.position": base[each] for each in letters}}
+    stood = {"time": "s", "duration": "s", "angle": "rad", **{f"{letter}.position": base[letter] for letter in letters}}
     told = {"units": stood, "reasons": list(REASONS), **about}
     with (
         run_stream(folder / SETPOINTS, {**units, "line": ""}, sample_time, about) as parquet,
@@ -125,7 +125,7 @@ def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, prog
 
 
 def _lines(file: Any, rows: np.ndarray) -> None:
-    """Numbers separated by blanks, each with the fewest digits that give it back."""
+    """Write numbers separated by blanks, each with the fewest digits that give it back."""
     import pyarrow as arrow
     from pyarrow import csv
 
@@ -136,8 +136,8 @@ def _lines(file: Any, rows: np.ndarray) -> None:
 
 
 def _hal(letters: Sequence[str], sample_time: float, program: str) -> str:
-    """What loads the setpoints into HAL."""
-    pins = [f"# net {each}-set streamer.0.pin.{i} => pid.{each}.command" for i, each in enumerate(letters)]
+    """Return the commands of HAL that load the setpoints."""
+    pins = [f"# net {letter}-set streamer.0.pin.{i} => pid.{letter}.command" for i, letter in enumerate(letters)]
     lines = [
         f"# Setpoints of {program}: positions of {', '.join(letters)} in mm, a line every {1e3 * sample_time:.12g} ms.",
         f"# To be read when the thread servo-thread is there; its period must be {1e9 * sample_time:.12g} ns.",
@@ -152,7 +152,7 @@ def _hal(letters: Sequence[str], sample_time: float, program: str) -> str:
 
 
 def plan_record(plan: Planned) -> dict[str, Any]:
-    """What stands in `plan.json`; SI."""
+    """Return the content of `plan.json`; SI."""
     proof = plan.proof
     uses = {
         letter: {
@@ -176,14 +176,14 @@ def plan_record(plan: Planned) -> dict[str, Any]:
             "spans": proof.spans,
             "largest_jump_at_a_joint": proof.jump,
             "farthest_apart_at_a_joint_m": proof.apart,
-            "faults": [plan.limits.named(str(each)) for each in proof.faults],
+            "faults": [plan.limits.named(str(fault)) for fault in proof.faults],
         },
         "limits": uses,
         "seconds_by_cause": dict(plan.seconds),
         "stop_count": plan.stop_count,
         "stops_by_reason": dict(plan.stop_reasons),
         "stops_file": STOPS if plan.stop_count > FEW else None,
-        "stops": [_stop(plan.limits.letters, each) for each in plan.stops],
+        "stops": [_stop(plan.limits.letters, stop) for stop in plan.stops],
     }
 
 
@@ -201,7 +201,7 @@ def _stop(letters: str, stop: Standstill) -> dict[str, Any]:
 
 
 def write_plan(folder: Path, plan: Planned) -> None:
-    """`plan.json`, beside the setpoints if the plan is proven; without them if it is not."""
+    """Write `plan.json`, beside the setpoints if the plan is proven; remove them if it is not."""
     proven = plan.proof.count == 0
     for name in () if proven else (SETPOINTS, STREAMER, HAL, STOPS):
         (folder / name).unlink(missing_ok=True)

@@ -52,7 +52,7 @@ class ProgramSection(Section):
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """By the key that names the file."""
+        """Choose the class by the key that names the file."""
         return RecordedSection if "recorded" in table.values else PartProgramSection
 
 
@@ -72,7 +72,9 @@ class RecordedSection(ProgramSection):
 
     recorded: str = file_name("log of the setpoints, beside the job or a bundled one")
     columns: Mapping[str, str] = named("names of the columns by axis", least=1)
-    sample_time: Number | None = parameter("s", "of a log without a column of time", above=0, below=1e9, default=None)
+    sample_time: Number | None = parameter(
+        "s", "sample time of a log without a column of time", above=0, below=1e9, default=None
+    )
     average: Number = parameter("s", "length of one of the four averages", above=0, below=1e9, default=4e-3)
 
 
@@ -89,7 +91,7 @@ FILES = tuple(
 class PlannedProgram:
     """A part program as references of axes, by their names in the machine file.
 
-    said     in words, for reports
+    description  in words, for reports
     file     of the program; None for recorded setpoints, which have none of what follows
     planned  what it came to
     line     of the program by sample, shape (samples,)
@@ -99,7 +101,7 @@ class PlannedProgram:
     """
 
     references: Mapping[str, Recorded]
-    said: str
+    description: str
     file: Path | None = None
     planned: Planned | None = None
     line: np.ndarray | None = None
@@ -108,14 +110,14 @@ class PlannedProgram:
     process: Process | None = None
 
     def couplings(self, substep: float) -> tuple[Coupling, ...]:
-        """The cuts as couplings of a machine with substeps of so many s. Raises ParameterError without x and y."""
+        """Return the cuts as couplings of a machine with these substeps, s. Raise ParameterError without x and y."""
         return () if self.process is None else self.process.couplings(self.cuts, tuple(self.references), substep)
 
 
 def planned_program(
     section: ProgramSection, place: Path, machine: MachineFile, process: ProcessSection | None = None
 ) -> PlannedProgram:
-    """The program of a section, planned within the limits of the machine and proven, with what it cuts.
+    """Plan the program of a section within the limits of the machine, prove it, and return it with its cuts.
 
     Raises ParameterError or FileError as the files of the section are wrong, ProgramError at a line of the program,
     NotPlannedError if it is too long or its proof does not hold.
@@ -146,8 +148,8 @@ def planned_program(
         skip_deleted=section.skip_deleted,
     )
     with closing(moves):
-        said = None if process is None else process_of(process, program)
-        setpoints = Setpoints(moves if said is None else said.spindle.noted(moves), limits, T)
+        cut_process = None if process is None else process_of(process, program)
+        setpoints = Setpoints(moves if cut_process is None else cut_process.spindle.noted(moves), limits, T)
 
         def keep(samples: Samples, _: Sequence[Standstill]) -> None:
             kept.append(samples.values)
@@ -172,7 +174,7 @@ def planned_program(
     references = {names[letter]: _reference(rows[:, i], T) for i, letter in enumerate(limits.letters)}
     references |= {name: references[leader] for name, leader in machine.followers().items() if leader in references}
     times = np.arange(len(line)) * T
-    cuts = () if said is None else said.cuts(times, np.abs(line), line < 0)
+    cuts = () if cut_process is None else cut_process.cuts(times, np.abs(line), line < 0)
     return PlannedProgram(
         references,
         Text(
@@ -182,29 +184,30 @@ def planned_program(
         program,
         planned,
         np.abs(line),
-        line > 0 if said is None else _cutting(cuts, times),
+        line > 0 if cut_process is None else _cutting(cuts, times),
         cuts,
-        said,
+        cut_process,
     )
 
 
 def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:
-    """Whether the tool is in the work at each time."""
-    begins = np.array([each.begin for each in cuts])
-    depths = np.array([each.axial_depth for each in cuts])
+    """Return True where the tool is in the work, for each time."""
+    begins = np.array([cut.begin for cut in cuts])
+    depths = np.array([cut.axial_depth for cut in cuts])
+    # rounding of k T must not put a sample before the begin of its cut
     return depths[np.searchsorted(begins, times + 1e-9, side="right") - 1] > 0.0
 
 
 def _reference(rows: np.ndarray, T: float) -> Recorded:
-    """Position to snap in columns as a reference."""
-    position, velocity, acceleration, jerk, snap = (np.ascontiguousarray(each) for each in rows.T)
+    """Return position to snap in columns as a reference."""
+    position, velocity, acceleration, jerk, snap = (np.ascontiguousarray(column) for column in rows.T)
     return Recorded(
         position=position, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=snap, sample_time=T
     )
 
 
 def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> PlannedProgram:
-    """Setpoints that another planner has recorded, of the axes that have a column."""
+    """Return the setpoints that another planner has recorded, of the axes that have a column."""
     path = _path(section, place, "recorded")
     file = OpenedFile(path)
     unknown = next((name for name in section.columns if name not in machine.loops), None)
@@ -235,7 +238,7 @@ def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> Pl
 
 
 def _path(section: ProgramSection, place: Path, name: str) -> Path:
-    """The file that a key names: beside the job, or a bundled one."""
+    """Return the file that a key names: beside the job, or a bundled one."""
     value = str(getattr(section, name))
     beside, bundled = place.parent / value, BUNDLED / "programs" / value
     if beside.exists():

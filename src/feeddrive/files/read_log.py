@@ -75,7 +75,7 @@ def read_log(
 
 
 def read_arrays(path: str | Path | OpenedFile) -> dict[str, np.ndarray]:
-    """The columns of numbers of a file that is no log over time: a cogging map, a friction curve.
+    """Read the columns of numbers of a file that is no log over time: a cogging map, a friction curve.
 
     No time column is needed.  Values are those of the file, NaN included; a matrix of numpy gives column_1, ...
     Raises FileError or LogError as `read_log`.
@@ -99,17 +99,17 @@ def _read_log(
     where = str(path)
     if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0.0):
         raise ParameterError(f"{where}: sample_time = {Quantity(sample_time, 's'):6 SI} must be > 0 s")
-    given = None if mapping is None else {role: _column(where, role, column) for role, column in mapping.items()}
+    mapped = None if mapping is None else {role: _column(where, role, column) for role, column in mapping.items()}
     extra = {role: _column(where, role, column) for role, column in optional.items()}
     if isinstance(path, OpenedFile):
         content, columns = path.content, path.columns
     else:
         content = read_whole(path, MOST_BYTES)
-        wanted = None if given is None else frozenset(column.name for column in (*given.values(), *extra.values()))
+        wanted = None if mapped is None else frozenset(column.name for column in (*mapped.values(), *extra.values()))
         columns = read_columns(where, content, wanted)
     there = {*columns.values, *columns.left_out}
-    asked = {role: column for role, column in extra.items() if column.name in there} | (given or {})
-    chosen = _chosen(columns, asked, everything=given is None)
+    asked = {role: column for role, column in extra.items() if column.name in there} | (mapped or {})
+    chosen = _chosen(columns, asked, everything=mapped is None)
     values = {role: _values(where, columns, role, column, asked) for role, column in chosen.items()}
     recorded = values.pop("time", None)
     channels = {role: numbers for role, (numbers, _) in values.items()}
@@ -156,7 +156,7 @@ def _read_log(
 
 
 def _column(path: str, role: str, named: Named) -> Column:
-    """A Column from its short forms. Raises ParameterError as `Column.checked`."""
+    """Return a Column from its short forms. Raise ParameterError as `Column.checked`."""
     match named:
         case Column():
             column = named
@@ -173,7 +173,7 @@ def _column(path: str, role: str, named: Named) -> Column:
 
 
 def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
-    """The mapped columns, time by its usual name if it is not mapped, and every other one under its own name."""
+    """Return the mapped columns, time by its usual name if it is not mapped, and every other one under its own name."""
     chosen = dict(asked)
     time = next((name for name in columns.values if is_time(name)), None)
     if "time" not in chosen and time is not None:
@@ -187,7 +187,7 @@ def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bo
 def _values(
     path: str, columns: Columns, role: str, column: Column, asked: abc.Mapping[str, Column]
 ) -> tuple[np.ndarray, str]:
-    """The numbers of a column, all finite, and their unit: that of the role if it is one, else that of the file."""
+    """Return the numbers of a column, all finite, and their unit: that of the role, else that of the file."""
     numbers = columns.values.get(column.name)
     if numbers is None:
         if column.name in columns.left_out:
@@ -220,7 +220,7 @@ def _values(
 
 
 def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Stamps without a unit, converted to s by a sampling rate in the same file; and how the unit was found."""
+    """Convert stamps without a unit to s by a sampling rate in the same file; return also how the unit was found."""
     if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
         return time, ""
     rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}
@@ -238,7 +238,7 @@ def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple
 def _stamps(
     path: str, columns: Columns, channels: abc.Mapping[str, np.ndarray], sample_time: float | None
 ) -> np.ndarray:
-    """The stamps of a uniform clock, for a file that has none."""
+    """Return the stamps of a uniform clock, for a file that has none."""
     rows = max((numbers.size for numbers in channels.values()), default=0)
     left = "".join(f"; '{name[:40]}' is {why}" for name, why in list(columns.left_out.items())[:5])
     if rows == 0:
@@ -254,7 +254,7 @@ def _stamps(
 
 
 def _as_frequencies(columns: Columns) -> str:
-    """A hint for a table that may be a frequency response: its first column rises and is not negative."""
+    """Return a hint for a table that may be a frequency response: its first column rises and is not negative."""
     first = next(iter(columns.values.values()), None)
     if first is None or first.size < LEAST_ROWS or first[0] < 0.0 or not np.all(np.diff(first) > 0.0):
         return ""
@@ -278,7 +278,7 @@ class Clock:
 
 
 def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float | None = None) -> Clock:
-    """The clock of stamps in s, shape (n,).
+    """Return the clock of stamps in s, shape (n,).
 
     With a `sample_time` given, the stamps may be rounded, as long as none is off by half a sample.
     Raises LogError that names the file, the first bad row, its stamps, and what to do.
@@ -329,7 +329,7 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
 
 
 def _grow(time: np.ndarray) -> bool:
-    """Whether the stamps rise by a constant factor, over an octave at least, as frequencies do."""
+    """Return True if the stamps rise by a constant factor, over an octave at least, as frequencies do."""
     if time.size < 10 or not time[0] > 0.0 or time[-1] < 2.0 * time[0]:
         return False
     ratio = np.diff(np.log(time))
@@ -363,17 +363,17 @@ def _check_plausible(name: str, sample_time: float) -> None:
 
 
 def time_units(step: float) -> list[tuple[str, float]]:
-    """The two units, likeliest first, in which a step of stamps is one of a servo loop, and that step in s.
+    """Return the two units, likeliest first, in which a step of stamps is one of a servo loop, and that step in s.
 
     Near 1 ms is likely: whole milliseconds are the most common clock.
     """
     read = [(unit, step * units.factor(unit, "s")) for unit in ("s", "ms", "us", "ns")]
-    inside = [each for each in read if _FASTEST <= each[1] <= _SLOWEST]
-    return sorted(inside, key=lambda each: abs(np.log(each[1] / 1e-3)))[:2]
+    inside = [candidate for candidate in read if _FASTEST <= candidate[1] <= _SLOWEST]
+    return sorted(inside, key=lambda candidate: abs(np.log(candidate[1] / 1e-3)))[:2]
 
 
 def _decimal(mean: float, time: np.ndarray) -> float:
-    """The shortest decimal that fits the stamps as well as their mean step: 0.001, not 0.0010000000000002."""
+    """Return the shortest decimal that fits the stamps as well as their mean step: 0.001, not 0.0010000000000002."""
     n = time.size
     scatter = max(
         float(np.max(np.abs(time[k : k + _BLOCK] - time[0] - mean * np.arange(k, min(k + _BLOCK, n)))))
@@ -388,14 +388,14 @@ def _decimal(mean: float, time: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class LogRequest:
-    """The log to read, what its columns are, and how many samples at its start do not count."""
+    """The log to read, the roles of its columns, and how many samples at its start do not count."""
 
     path: Path
     mapping: Mapping
     skip_samples: int = 0
 
     def read(self) -> Log:
-        """The log, with those optional channels that it has.
+        """Read the log, with those optional channels that it has.
 
         Raises FileError or LogError as `read_log`, and for an injected force without a unit.
         """
@@ -413,12 +413,12 @@ class LogRequest:
         )
 
     def named(self, role: str) -> Column | None:
-        """The column that has a role."""
+        """Return the column that has a role."""
         return self.mapping.get(role) or self.mapping.optional.get(role)
 
 
 def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
-    """The section [log] of a TOML file, that of a job or one that `Guess.toml` wrote: the roles of a log's columns.
+    """Read the section [log] of a TOML file, of a job or as `Guess.toml` wrote it: the roles of a log's columns.
 
     `log` replaces the log's file.  Raises FileError or ParameterError with file, line, key and what to do.
     """
@@ -429,7 +429,7 @@ def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
 
 
 def log_request(section: LogSection, place: Path, log: str | Path | None) -> LogRequest:
-    """The log that a section of a file at `place` asks for; `log` replaces the log's file."""
+    """Return the log that a section of a file at `place` asks for; `log` replaces the log's file."""
     if log is None and section.file is None:
         raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
     path = Path(log) if log is not None else place.parent / str(section.file)

@@ -68,7 +68,7 @@ def figure_key(key: str, units: Units) -> str:
 
 
 def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The columns of a Parquet file. Raises LogError if it is damaged or cut off."""
+    """Read the columns of a Parquet file. Raise LogError if it is damaged or cut off."""
     import pyarrow as arrow
     from pyarrow import parquet
 
@@ -111,11 +111,11 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 
 
 def _metadata(stored: Mapping[bytes, bytes]) -> dict[str, Any]:
-    """The metadata written by feeddrive; empty for a file from another program."""
-    found = json.loads(stored[_KEY]) if _KEY in stored else {}
-    if not isinstance(found, dict):
+    """Return the metadata written by feeddrive; empty for a file from another program."""
+    metadata = json.loads(stored[_KEY]) if _KEY in stored else {}
+    if not isinstance(metadata, dict):
         raise ValueError
-    return found
+    return metadata
 
 
 def write_parquet(path: str | Path, columns: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
@@ -131,7 +131,7 @@ def write_parquet(path: str | Path, columns: Mapping[str, np.ndarray], metadata:
 def parquet_stream(
     path: str | Path, names: Sequence[str], metadata: Mapping[str, Any]
 ) -> Generator[Callable[[Mapping[str, np.ndarray]], None]]:
-    """A Parquet file that is written piece by piece, in constant memory; it appears at the end or not at all.
+    """Write a Parquet file piece by piece, in constant memory; it appears at the end or not at all.
 
     with parquet_stream(path, ["time", "force"], metadata) as append:
         append({"time": ..., "force": ...})
@@ -189,7 +189,7 @@ def write_run_parquet(
 def run_stream(
     path: str | Path, units: Mapping[str, str], sample_time: float, metadata: Mapping[str, Any] | None = None
 ) -> Generator[Callable[[np.ndarray, Mapping[str, np.ndarray]], None]]:
-    """The same for a run that comes piece by piece, in constant memory; the columns are those that have a unit.
+    """Write a run as Parquet piece by piece, in constant memory; the columns are those that have a unit.
 
     with run_stream(path, {"force": "N"}, T) as append:
         append(time, {"force": force})
@@ -213,7 +213,7 @@ def write_run_csv(
     import pyarrow as arrow
     from pyarrow import csv as arrow_csv
 
-    arrays = [np.ascontiguousarray(each, dtype=np.float64) for each in (time, *columns.values())]
+    arrays = [np.ascontiguousarray(column, dtype=np.float64) for column in (time, *columns.values())]
     if any(array.shape != arrays[0].shape or array.ndim != 1 for array in arrays):
         shapes = {name: array.shape for name, array in zip(("time", *columns), arrays, strict=True)}
         raise ParameterError(f"{path}: columns must have one dimension and one length, not {shapes}")
@@ -232,7 +232,7 @@ def _head(name: str, unit: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of feeddrive, Python and the libraries that compute, to repeat a run."""
+    """Return the versions of feeddrive, Python and the libraries that compute, to repeat a run."""
     import llvmlite
     import scipy
 
@@ -246,7 +246,7 @@ def versions() -> dict[str, str]:
 
 
 def file_names(rows: Iterable[Any]) -> list[str]:
-    """A file name for each law: its letters and digits, and a number where two would be the same."""
+    """Return a file name for each law: its letters and digits, and a number where two would be the same."""
     names: list[str] = []
     for row in rows:
         plain = re.sub(r"[^a-z0-9]+", "_", row.name.lower()).strip("_") or "law"

@@ -34,7 +34,7 @@ def schema_of(section: type[Section], name: str) -> Schema:
         "$schema": DIALECT,
         "title": f"feeddrive {name} file",
         **content,
-        "$defs": dict(sorted(definitions.found.items())),
+        "$defs": dict(sorted(definitions.by_name.items())),
     }
 
 
@@ -42,21 +42,21 @@ class _Definitions:
     """The schemas of blocks and sections by name, each written once; `$ref` points at them."""
 
     def __init__(self) -> None:
-        self.found: dict[str, Schema] = {}
+        self.by_name: dict[str, Schema] = {}
 
     def part(self, hint: Hint) -> Schema:
-        """One block or section that fits: by `kind` if there are several blocks."""
+        """Return the schema of a part: one block or section that fits, by `kind` if there are several blocks."""
         first = hint.classes[0]
         if issubclass(first, Section):
-            fitting = [self.reference(each) for each in members(hint).values()]
+            fitting = [self.reference(member) for member in members(hint).values()]
             fitting += [_TEXT] if first.shorthand else []
             return fitting[0] if len(fitting) == 1 else {"anyOf": fitting}
         if hint.single():
             return self.reference(first)
         name = "any." + "_or_".join(family.kind for family in hint.classes)
-        if name not in self.found:
-            self.found[name] = {}  # a block may hold one of its own family
-            self.found[name] = self._any(members(hint))
+        if name not in self.by_name:
+            self.by_name[name] = {}  # a block may hold one of its own family
+            self.by_name[name] = self._any(members(hint))
         return {"$ref": f"#/$defs/{name}"}
 
     def _any(self, kinds: Mapping[str, type[Block]]) -> Schema:
@@ -76,15 +76,15 @@ class _Definitions:
         }
 
     def reference(self, kind: type[Block] | type[Section]) -> Schema:
-        """A reference to the schema of a block or section."""
+        """Return a reference to the schema of a block or section."""
         name = f"{kind.__module__.split('.')[-2]}.{kind.kind}"
-        if name not in self.found:
-            self.found[name] = {}
-            self.found[name] = self.fields(kind)
+        if name not in self.by_name:
+            self.by_name[name] = {}
+            self.by_name[name] = self.fields(kind)
         return {"$ref": f"#/$defs/{name}"}
 
     def fields(self, kind: type[Block] | type[Section]) -> Schema:
-        """The schema of a table with the fields of a block or section."""
+        """Return the schema of a table with the fields of a block or section."""
         properties: dict[str, Schema] = {"kind": {"const": kind.kind}}
         patterns: dict[str, Schema] = {}
         needed: list[Schema] = []
@@ -102,7 +102,7 @@ class _Definitions:
                 patterns[f"^{name}{_SUFFIX}$"] = _number_elsewhere(declared)
             if name not in defaults(kind):
                 needed.append(_needed(name, declared))
-        found: Schema = {
+        schema: Schema = {
             "type": "object",
             "description": (kind.__doc__ or "").strip().split("\n")[0],
             "properties": properties,
@@ -111,14 +111,14 @@ class _Definitions:
         }
         if issubclass(kind, Section):
             needed += self._of_section(kind)
-            found["additionalProperties"] = kind.is_open
+            schema["additionalProperties"] = kind.is_open
             if kind.is_open:  # its keys of other files are not looked at
                 del properties["kind"]
-        found |= {"allOf": needed} if needed else {}
-        return self._with_inlined(kind, found) if issubclass(kind, Section) and kind.inlined else found
+        schema |= {"allOf": needed} if needed else {}
+        return self._with_inlined(kind, schema) if issubclass(kind, Section) and kind.inlined else schema
 
     def _of_section(self, section: type[Section]) -> list[Schema]:
-        """What must be there beside the required fields."""
+        """Return the requirements of a section beside its required fields."""
         needed: list[Schema] = [{"required": ["kind"]}] if section.needs_kind else []
         if section.exactly:
             alternatives = [{"anyOf": [{"required": [name]} for name in names]} for names in section.exactly]
@@ -126,7 +126,7 @@ class _Definitions:
         return needed
 
     def _with_inlined(self, section: type[Section], own: Schema) -> Schema:
-        """A section that holds the keys of another one where a field of its own is absent.
+        """Return the schema of a section that holds the keys of another one where a field of its own is absent.
 
         A key of these may be missing here: a study writes it by a choice.
         """
@@ -145,7 +145,7 @@ class _Definitions:
         }
 
     def field(self, kind: type[Block] | type[Section], name: str, declared: Declaration) -> Schema:
-        """The schema of one key in its declared unit."""
+        """Return the schema of one key in its declared unit."""
         described: Schema = {"description": _description(declared)}
         default = defaults(kind).get(name)
         if isinstance(default, bool | int | float | str) and default not in ("", float("inf")):
@@ -164,7 +164,7 @@ class _Definitions:
             case "named":
                 return {**self._under_names(declared, hints(kind)[name]), **described}
             case "numbers":
-                self.found[_NUMBERS] = {
+                self.by_name[_NUMBERS] = {
                     "type": "object",
                     "additionalProperties": {"anyOf": [{"type": "number"}, {"$ref": f"#/$defs/{_NUMBERS}"}]},
                 }
@@ -175,7 +175,7 @@ class _Definitions:
                 return {"type": "array", "items": inner, **described} if hint.many else {**inner, **described}
 
     def _under_names(self, declared: Declaration, hint: Any) -> Schema:
-        """Sections or values by their names."""
+        """Return the schema of sections or values by their names."""
         inner = self.part(hint) if isinstance(hint, Hint) else _choice_type(hint)
         least = {"minProperties": declared.shortest} if declared.shortest else {}
         if declared.options:
@@ -192,7 +192,7 @@ class _Definitions:
 
 
 def _needed(name: str, declared: Declaration) -> Schema:
-    """That a required field is there; a number under one of its names: not all names are others."""
+    """Return the schema that requires a field, a number under any of its names: not all keys may be others."""
     if declared.role not in ("parameter", "table"):
         return {"required": [name]}
     return {"not": {"propertyNames": {"not": {"pattern": f"^{name}(?:{_SUFFIX})?$"}}}}
@@ -217,10 +217,12 @@ _JSON_TYPES = {int: "integer", float: "number", str: "string", bool: "boolean"}
 
 
 def _choice_type(annotation: Any) -> Schema:
-    """The type of a choice: `int`, `str | None`, `tuple[int, ...]`."""
+    """Return the type of a choice: `int`, `str
+    None`, `tuple[int, ...]`.
+    """
     options = options_of_type(annotation)
     if len(options) != 1:
-        return {"anyOf": [_choice_type(each) for each in options]}
+        return {"anyOf": [_choice_type(option) for option in options]}
     only: Any = options[0]
     if typing.get_origin(only) is tuple:
         return {"type": "array", "items": _choice_type(typing.get_args(only)[0])}
@@ -228,7 +230,7 @@ def _choice_type(annotation: Any) -> Schema:
 
 
 def _number_elsewhere(declared: Declaration) -> Schema:
-    """The same parameter in another unit: its bounds are checked when it is read."""
+    """Return the schema of a parameter in another unit: its bounds are checked when it is read."""
     described = {"description": f"{declared.meaning}, in the unit that the key names"}
     if declared.role == "table":
         return {"type": "array", "items": {"type": "number"}, "minItems": declared.shortest, **described}

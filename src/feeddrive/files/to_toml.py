@@ -16,7 +16,7 @@ _ROW = 6  # numbers of a table on one line
 
 
 def to_toml(block: Block, key: str = "", *, listed: bool = False, rotary: bool = False) -> str:
-    """The block as the section `[key]`, as an entry `[[key]]` of a list, or as a whole file if there is no key.
+    """Return the block as the section `[key]`, as an entry `[[key]]` of a list, or as a whole file without a key.
 
     rotary   it is a part of an axis that turns: comments name rad, N m and kg m2
 
@@ -42,8 +42,8 @@ def _lines(block: Block, key: str, header: str, *, named: bool, rotary: bool) ->
     elif summary:
         yield f"# {summary}"
     below: list[str] = []
-    for name, each in declarations(kind).items():
-        declared, value = each.of_axis(rotary), getattr(block, name)
+    for name, declaration in declarations(kind).items():
+        declared, value = declaration.of_axis(rotary), getattr(block, name)
         if declared.role == "part":
             hint: Hint = hints(kind)[name]
             if value is None or value == ():

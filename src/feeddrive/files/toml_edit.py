@@ -41,15 +41,15 @@ class TomlEdit:
         Raises ParameterError if the section is not there.
         """
         spans = spans_of_values(self.text)
-        found, factor = self._find(spans, key, unit)
-        if found is None:
+        place, factor = self._find(spans, key, unit)
+        if place is None:
             self._insert(key, value, digits)
         else:
-            begin, end = spans[found]
+            begin, end = spans[place]
             written = _written(value / factor if isinstance(value, float) else value, digits)
             self.text = self.text[:begin] + written + self.text[end:]
         self._check()
-        return key if found is None else found
+        return key if place is None else place
 
     def replace(self, key: Key, section: str) -> None:
         """Replace [key] and all that is under it by a section with its header; add it if there is none.
@@ -65,23 +65,23 @@ class TomlEdit:
         gone = sorted(line for begin, end in places for line in range(begin, end))
         kept = [lines[i] for i in gone if lines[i].lstrip().startswith("#")]
         inside = set(gone)
-        made: list[str] = []
+        edited: list[str] = []
         for i, line in enumerate(lines):
             if i == gone[0]:
                 header, _, rest = section.strip().partition("\n")
-                said = _HEADER_COMMENT.match(lines[gone[0]])
-                made += [
+                comment = _HEADER_COMMENT.match(lines[gone[0]])
+                edited += [
                     *kept,
-                    f"{header}{said[1] if said and '#' not in header else ''}\n{rest}".rstrip() + "\n",
+                    f"{header}{comment[1] if comment and '#' not in header else ''}\n{rest}".rstrip() + "\n",
                     "\n",
                 ]
             if i not in inside:
-                made.append(line)
-        self.text = "".join(made)
+                edited.append(line)
+        self.text = "".join(edited)
         self._check()
 
     def has(self, key: Key) -> bool:
-        """Whether there is such a key or section."""
+        """Return True if there is such a key or section."""
         return key in lines_of_keys(self.text)
 
     def remove(self, key: Key) -> None:
@@ -91,7 +91,7 @@ class TomlEdit:
         """
         places = self._sections(key)
         if not places and (self.has(key) or (isinstance(key[-1], int) and self.has(key[:-1]))):
-            named = ".".join(str(each) for each in key if isinstance(each, str))
+            named = ".".join(str(part) for part in key if isinstance(part, str))
             raise FileError(f"{self.name}: write {named} as a section, [{named}] or [[{named}]]: only that is removed")
         for begin, end in reversed(places):
             lines = self.text.splitlines(keepends=True)
@@ -102,9 +102,9 @@ class TomlEdit:
     def silence(self, key: Key, unit: str = "") -> None:
         """Turn the line of a key, in any unit, into a comment; without the key do nothing."""
         spans = spans_of_values(self.text)
-        found, _ = self._find(spans, key, unit)
-        if found is not None:
-            begin = self.text.rfind("\n", 0, spans[found][0]) + 1
+        place, _ = self._find(spans, key, unit)
+        if place is not None:
+            begin = self.text.rfind("\n", 0, spans[place][0]) + 1
             self.text = f"{self.text[:begin]}# {self.text[begin:]}"
             self._check()
 
@@ -133,33 +133,33 @@ class TomlEdit:
             raise FileError(f"{error} (in the changed text)") from None
 
     def _find(self, spans: dict[Key, tuple[int, int]], key: Key, unit: str) -> tuple[Key | None, float]:
-        """The key as written in the file, and the factor from its unit to `unit`, or to that of a rotary axis."""
+        """Return the key as written in the file, and the factor from its unit to `unit`, or to a rotary axis's unit."""
         unit = units.turning(unit) if is_rotary(parse_toml(self.text, self.name).content, key) else unit
         if key in spans:
             return key, 1.0
-        for each in spans:
-            if each[:-1] == key[:-1] and str(each[-1]).startswith(f"{key[-1]}_"):
+        for candidate in spans:
+            if candidate[:-1] == key[:-1] and str(candidate[-1]).startswith(f"{key[-1]}_"):
                 try:
-                    return each, units.factor(str(each[-1]).removeprefix(f"{key[-1]}_"), unit)
+                    return candidate, units.factor(str(candidate[-1]).removeprefix(f"{key[-1]}_"), unit)
                 except ParameterError:
                     continue
         return None, 1.0
 
     def _insert(self, key: Key, value: float | str | bool, digits: int) -> None:
-        """A new line after the last key of the section, or after its header."""
+        """Insert a line after the last key of the section, or after its header."""
         lines = lines_of_keys(self.text)
         section = key[:-1]
         # a value may have several lines: the new line is added after its end
         own = [
             self.text.count("\n", 0, end) + 1
-            for each, (_, end) in spans_of_values(self.text).items()
-            if each[:-1] == section
+            for candidate, (_, end) in spans_of_values(self.text).items()
+            if candidate[:-1] == section
         ]
         if section not in lines and not own:
             raise ParameterError(f"{self.name}: there is no section [{'.'.join(map(str, section))}]")
         after = max([*own, lines.get(section, 0)])
         rows = self.text.splitlines(keepends=True)
-        if not own and any(line == after and len(each) > len(section) for each, line in lines.items()):
+        if not own and any(line == after and len(other) > len(section) for other, line in lines.items()):
             # only a part of the section has a header: the section gets one before it
             while after > 1 and rows[after - 2].lstrip().startswith("#"):
                 after -= 1
@@ -170,20 +170,20 @@ class TomlEdit:
         self.text = "".join(rows)
 
     def _sections(self, key: Key) -> list[tuple[int, int]]:
-        """Rows, from 0, of the tables [key], [[key]] and those below, each up to the next header."""
-        headers = [self.text.count("\n", 0, found.start()) for found in _HEADER.finditer(self.text)]
+        """Return the rows, from 0, of the tables [key], [[key]] and those below, each up to the next header."""
+        headers = [self.text.count("\n", 0, header.start()) for header in _HEADER.finditer(self.text)]
         lines = lines_of_keys(self.text)
-        own = {line - 1 for each, line in lines.items() if each[: len(key)] == key}
+        own = {line - 1 for candidate, line in lines.items() if candidate[: len(key)] == key}
         total = self.text.count("\n") + 1
         ends = [*headers[1:], total]
-        found: list[tuple[int, int]] = []
+        ranges: list[tuple[int, int]] = []
         for begin, end in zip(headers, ends, strict=True):
             if begin in own:
-                found.append((begin, self._before_comments(begin, end)))
-        return found
+                ranges.append((begin, self._before_comments(begin, end)))
+        return ranges
 
     def _before_comments(self, begin: int, end: int) -> int:
-        """The end of a section without the comments that belong to the next header."""
+        """Return the end of a section without the comments that belong to the next header."""
         rows = self.text.splitlines()
         last = min(end, len(rows))
         while last > begin + 1 and (not rows[last - 1].strip() or rows[last - 1].lstrip().startswith("#")):

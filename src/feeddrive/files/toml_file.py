@@ -36,12 +36,12 @@ _SHORT = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r"}
 
 
 def lines_of_keys(text: str) -> dict[Key, int]:
-    """Line, from 1, of every key and table of a valid TOML text."""
+    """Return the line, from 1, of every key and table of a valid TOML text."""
     return _Scanner(text).lines
 
 
 def spans_of_values(text: str) -> dict[Key, tuple[int, int]]:
-    """Begin and end, as positions in the text, of the value of every pair of a valid TOML text."""
+    """Return begin and end, as positions in the text, of the value of every pair of a valid TOML text."""
     return _Scanner(text).spans
 
 
@@ -49,7 +49,7 @@ class _Scanner:
     def __init__(self, text: str) -> None:
         self.text = text
         self.at = 0
-        self.ends = [found.start() for found in re.finditer("\n", text)]
+        self.ends = [newline.start() for newline in re.finditer("\n", text)]
         self.lines: dict[Key, int] = {}
         self.spans: dict[Key, tuple[int, int]] = {}
         self.count: dict[Key, int] = {}  # of the elements of each array of tables
@@ -63,11 +63,11 @@ class _Scanner:
             self._skip(_BLANK)
 
     def _skip(self, pattern: re.Pattern[str]) -> str:
-        found = pattern.match(self.text, self.at)
-        if found is None:
+        match = pattern.match(self.text, self.at)
+        if match is None:
             return ""
-        self.at = found.end()
-        return found[0]
+        self.at = match.end()
+        return match[0]
 
     def _mark(self, key: Key) -> None:
         self.lines.setdefault(key, bisect_right(self.ends, self.at - 1) + 1)
@@ -89,7 +89,7 @@ class _Scanner:
         return path
 
     def _dotted(self) -> list[str]:
-        """The parts of a key up to, and not with, its `=` or `]`."""
+        """Return the parts of a key up to, and not with, its `=` or `]`."""
         parts: list[str] = []
         while True:
             self._skip(_BLANK)
@@ -129,7 +129,7 @@ class _Scanner:
                 self._skip(_SCALAR)
 
     def _string(self) -> str:
-        return next((found for pattern in _STRINGS if (found := self._skip(pattern))), "") or self._step()
+        return next((skipped for pattern in _STRINGS if (skipped := self._skip(pattern))), "") or self._step()
 
     def _step(self) -> str:
         self.at += 1
@@ -202,14 +202,14 @@ class TomlFile:
         return f"TomlFile({self.name!r}, {len(self.lines)} keys)"
 
     def where(self, key: Key) -> str:
-        """`machine.toml:12` for a key, or for the innermost table around it that has a line."""
+        """Return `machine.toml:12` for a key, or for the innermost table around it that has a line."""
         for end in range(len(key), 0, -1):
             if key[:end] in self.lines:
                 return f"{self.name}:{self.lines[key[:end]]}"
         return self.name
 
     def root(self) -> TomlTable:
-        """The whole file as one section."""
+        """Return the whole file as one section."""
         return TomlTable(self, (), self.content)
 
 
@@ -237,29 +237,29 @@ class TomlTable:
         return turning or is_rotary(self.file.content, self.key)
 
     def dotted(self, name: str | Key = ()) -> str:
-        """The dotted name of a key: `axis.x.plant.mass`."""
+        """Return the dotted name of a key: `axis.x.plant.mass`."""
         return ".".join(map(str, self._key(name)))
 
     def where(self, name: str | Key = ()) -> str:
-        """`machine.toml:12` for this section or a key in it."""
+        """Return `machine.toml:12` for this section or a key in it."""
         return self.file.where(self._key(name))
 
     def _key(self, name: str | Key) -> Key:
         return (*self.key, name) if isinstance(name, str) else (*self.key, *name)
 
     def error(self, message: str, name: str | Key = (), kind: type[FeeddriveError] = ParameterError) -> FeeddriveError:
-        """The error `file:line: message` for this section or a key in it."""
+        """Return the error `file:line: message` for this section or a key in it."""
         return kind(plain(f"{self.where(name)}: {message}"))
 
     def section(self, name: str) -> TomlTable:
-        """The table of that name. Raises ParameterError if it is missing or not a table."""
-        found = self.optional(name)
-        if found is None:
+        """Return the table of that name. Raise ParameterError if it is missing or not a table."""
+        table = self.optional(name)
+        if table is None:
             raise self.error(f"section [{self.dotted(name)}] is missing")
-        return found
+        return table
 
     def optional(self, name: str) -> TomlTable | None:
-        """The table of that name, or None. Raises ParameterError for anything else."""
+        """Return the table of that name, or None. Raise ParameterError for anything else."""
         value = self.values.get(name)
         if value is None:
             return None
@@ -268,14 +268,14 @@ class TomlTable:
         return TomlTable(self.file, (*self.key, name), value, self.turning)
 
     def named(self, name: str) -> dict[str, TomlTable]:
-        """The tables `[name.NAME]` by their own names. Raises ParameterError if there is none."""
+        """Return the tables `[name.NAME]` by their own names. Raise ParameterError if there is none."""
         group = self.optional(name)
         if group is None or not group.values:
             raise self.error(f"there must be at least one section [{self.dotted(name)}.NAME]")
-        return {each: group.section(each) for each in group.values}
+        return {own_name: group.section(own_name) for own_name in group.values}
 
     def listed(self, name: str) -> tuple[TomlTable, ...]:
-        """The tables `[[name]]` in their order. Raises ParameterError for anything else."""
+        """Return the tables `[[name]]` in their order. Raise ParameterError for anything else."""
         value = self.values.get(name, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.error(
@@ -292,7 +292,7 @@ class TomlTable:
 
 
 def is_rotary(content: Mapping[str, Any], key: Key) -> bool:
-    """Whether a key stands under an axis that turns."""
+    """Return True if a key stands under an axis that turns."""
     axes = content.get("axis")
     axis = axes.get(key[1]) if isinstance(axes, dict) and len(key) > 1 and key[0] == "axis" else None
     return isinstance(axis, dict) and axis.get("rotary") is True
@@ -364,7 +364,7 @@ def _decoded(name: str, content: bytes) -> str:
 
 
 def parse_toml(text: str, name: str, *, quoting: bool = True) -> TomlFile:
-    """The content of a TOML text; `name` is the name of the file in messages. Raises FileError as `read_toml`."""
+    """Parse a TOML text; `name` is the name of the file in messages. Raise FileError as `read_toml`."""
     deep = _TOO_DEEP.search(text)
     if deep is not None:
         raise FileError(f"{name}:{text.count(chr(10), 0, deep.start()) + 1}: a name of more than 64 parts")
@@ -381,8 +381,8 @@ def parse_toml(text: str, name: str, *, quoting: bool = True) -> TomlFile:
 
 
 def _syntax_error(name: str, text: str, message: str, quoting: bool) -> FileError:
-    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
-    reason, line = (found[1], int(found[2] or 0)) if found else (message, 0)
+    match = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
+    reason, line = (match[1], int(match[2] or 0)) if match else (message, 0)
     rows = text.rstrip().split("\n")
     line = min(line or len(rows), len(rows))
     quoted = f" in  {_short(rows[line - 1])}" if quoting and rows and rows[line - 1].strip() else ""

@@ -19,7 +19,7 @@ def quoted(text: str) -> str:
 
 
 def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:
-    """The same file with other values of some keys, as if they were written in it; lines stay.
+    """Return the file with other values of some keys, as if they were written in it; lines stay.
 
     Raises ParameterError for a key in a section that is not there.
     """

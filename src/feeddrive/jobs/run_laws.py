@@ -452,4 +452,4 @@ def _work(job: Job, log: Log | None) -> str:
     if log is not None:
         return f"the reference of {log.name}, {len(log)} samples, SHA-256 {log.provenance['sha256']}"
     assert job.reference is not None
-    return block_sentence(job.reference) if job.program is None else job.program.said
+    return block_sentence(job.reference) if job.program is None else job.program.description

@@ -11,8 +11,8 @@ from feeddrive.report.report import Picture, Report, Section, Verdict, facts, fu
 from feeddrive.version import __version__
 
 
-def circle_report(test: CircleTest, causes: CircleCauses, said: str = "") -> Report:
-    """Return the report of a circular test; `said`: a line for the circle plot."""
+def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Report:
+    """Return the report of a circular test; `note`: a line for the circle plot."""
     pictures = [
         Picture(
             "circle",
@@ -20,7 +20,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, said: str = "") -> Rep
             "Deviations from the nominal circle, enlarged; a ring is a division. Dots: where a circle begins; arrows: "
             "its direction.",
             "Radial deviations on the nominal circle, in both directions.",
-            lambda: plot.circle_test_chart(test, said=said),
+            lambda: plot.circle_test_chart(test, said=note),
         ),
         Picture(
             "unrolled",
@@ -41,7 +41,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, said: str = "") -> Rep
     ]
     first = test.circles[0]
     known = [
-        ("Circles", ", ".join(each.name for each in test.circles)),
+        ("Circles", ", ".join(path.name for path in test.circles)),
         ("Nominal radius", Text(f"{Quantity(test.radius, 'm'):6 mm}, in {''.join(first.axes)}")),
         (
             "Measured by",
@@ -53,7 +53,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, said: str = "") -> Rep
     most = test.largest
     ways = "both directions, " if most.both else ""
     largest = Text(f"The circular deviation is {Quantity(most.G, 'm')} ({ways}{most.name}).")
-    ranked = [each for each in causes.ranked if each.effect > 0.0][:3]
+    ranked = [cause for cause in causes.ranked if cause.effect > 0.0][:3]
     told = joined(", ", (f"{cause.name} {Quantity(cause.effect, 'm'):3}" for cause in ranked))
     peaks = "Quadrant peaks: outward, in the 10° after a reversal, above the mean of the 10° before it."
     tables = (

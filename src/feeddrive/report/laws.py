@@ -1,4 +1,4 @@
-"""The contents of a report about laws over the same work: an entry for each law, and what all of them did."""
+"""The contents of a report about laws over the same work: an entry for each law, and their common facts."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Entry:
     part: PartRun | None = None  # its figures along a part program
 
     def counted(self, signal: str) -> np.ndarray:
-        """The samples of a signal that count, in SI."""
+        """Return the samples of a signal that count, in SI."""
         return self.run[signal][0 if self.replay is None else self.replay.skipped :]
 
     @cached_property
@@ -55,11 +55,11 @@ class Entry:
         return replace(self.run, signals=signals, samples=self.run.samples - skip, first=self.run.first + skip)
 
     def rms(self, signal: str) -> float:
-        """RMS of the samples that count, SI."""
+        """Return the RMS of the samples that count, SI."""
         return float(np.sqrt(np.mean(self.counted(signal) ** 2)))
 
     def peak(self, signal: str) -> float:
-        """Largest size of the samples that count, SI."""
+        """Return the largest size of the samples that count, SI."""
         return float(np.max(np.abs(self.counted(signal)), initial=0.0))
 
     @cached_property
@@ -80,17 +80,17 @@ class Entry:
     @cached_property
     def limits(self) -> dict[str, float]:
         """Force limits in N by name: commanded, and the motor's peak and continuous one, as far as they are stated."""
-        found: dict[str, float] = {}
+        stated: dict[str, float] = {}
         limit = self.loop.control.force_limit
         motor = self.loop.axis.actuator.motor
         peak, continuous = (None, None) if motor is None else motor.limits()
         if peak is not None:
-            found["motor peak"] = float(peak)
+            stated["motor peak"] = float(peak)
         if limit is not None and (peak is None or abs(limit - peak) > 1e-6 * peak):
-            found["commanded limit"] = float(limit)
+            stated["commanded limit"] = float(limit)
         if continuous is not None:
-            found["motor continuous (RMS)"] = float(continuous)
-        return found
+            stated["motor continuous (RMS)"] = float(continuous)
+        return stated
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,13 +21,13 @@ CURVES = 4  # more curves than these share the points of so many: the page stays
 
 
 def chosen(contents: LawsContents) -> LawsContents:
-    """The contents with the laws that the pictures show: the first, and those that follow best, in their order."""
+    """Return the contents with the laws that the pictures show: the first, and those that follow best, in order."""
     others = sorted(contents.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
     return replace(contents, entries=[entry for i, entry in enumerate(contents.entries) if i == 0 or entry in others])
 
 
 def pictures(contents: LawsContents) -> Iterator[Picture]:
-    """The pictures in the order of the report."""
+    """Yield the pictures in the order of the report."""
     contents = chosen(contents)
     points = min(POINTS, max(200, POINTS * CURVES // len(contents.entries)))
     yield from _measured(contents, points)
@@ -107,11 +107,12 @@ def _forces(contents: LawsContents, points: int) -> Iterator[Picture]:
     if not any(has_friction(loop) for loop in loops.values()):
         return
     measured = _measured_friction(first)
-    said = " Points with bars: the log, with the inertia taken out." if measured is not None else ""
+    legend = " Points with bars: the log, with the inertia taken out." if measured is not None else ""
     yield Picture(
         "friction",
         "Friction",
-        f"Force against the motion over velocity, as the model has it, and as met in the run of '{first.name}'.{said}",
+        f"Force against the motion over velocity, as the model has it, and as met in the run of "
+        f"'{first.name}'.{legend}",
         "Friction force over velocity in both directions.",
         lambda: plot.friction_chart(loops, first.shown, measured),
     )

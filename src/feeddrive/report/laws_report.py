@@ -78,7 +78,7 @@ def laws_report(contents: LawsContents) -> Report:
 
 
 def errors(contents: LawsContents) -> Marked:
-    """RMS and peak errors and force of each law."""
+    """Tabulate RMS and peak errors and force of each law."""
     figures = [
         (
             entry.rms("following_error"),
@@ -108,7 +108,7 @@ def errors(contents: LawsContents) -> Marked:
 
 
 def _against(entry: Entry, signal: str, what: str) -> Text:
-    """A force, and in brackets its share of the limit."""
+    """Return a force, and in brackets its share of the limit."""
     value = entry.peak(signal) if what == "peak" else entry.rms(signal)
     bounds = entry.limits
     limit = (
@@ -121,7 +121,7 @@ def _against(entry: Entry, signal: str, what: str) -> Text:
 
 
 def limits(contents: LawsContents) -> str:
-    """One sentence on what the percentages of the forces refer to."""
+    """Return a sentence on the limits to which the percentages of the forces refer."""
     stated = contents.entries[0].limits
     if not stated:
         return "The machine file states no force limits."
@@ -130,7 +130,7 @@ def limits(contents: LawsContents) -> str:
 
 
 def frequency(contents: LawsContents) -> list[Table]:
-    """Margins, sensitivity peak and stiffness of each law; none if no law has a loop gain."""
+    """Tabulate margins, sensitivity peak and stiffness of each law; no table if no law has a loop gain."""
     if all(entry.margins is None and entry.stiffness is None for entry in contents.entries):
         return []
     rows: list[list[Cell]] = []
@@ -177,12 +177,12 @@ def _sampled(contents: LawsContents) -> bool:
 
 
 def prediction(replay: Replay) -> Table:
-    """Measured and predicted."""
+    """Tabulate measured against predicted signals."""
     return replay.table()
 
 
 def parameters(contents: LawsContents) -> Table:
-    """Every parameter of every law with its unit and meaning; rows in which the laws differ are marked."""
+    """Tabulate every parameter of every law with its unit and meaning; rows in which the laws differ are marked."""
     rows: dict[str, tuple[Declaration, list[Any]]] = {}
     count = len(contents.entries)
     for i, entry in enumerate(contents.entries):
@@ -205,7 +205,7 @@ def parameters(contents: LawsContents) -> Table:
 
 
 def _place(name: str) -> int:
-    """Control before axis, otherwise as in the loop."""
+    """Sort the control before the axis, otherwise as in the loop."""
     return 0 if ".control." in name else 1
 
 

@@ -63,7 +63,7 @@ def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined, pass_context
     from markupsafe import Markup, escape
 
-    made = Environment(
+    environment = Environment(
         loader=PackageLoader("feeddrive.report"),
         autoescape=True,
         undefined=StrictUndefined,
@@ -77,26 +77,26 @@ def _environment() -> Environment:
             return Markup(svg(shown.chart(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
-        """A word joiner keeps a unit such as N/µm on one line, an element one that is still a mark."""
+        """Keep a unit such as N/µm on one line: by a word joiner, or by an element where the unit is still a mark."""
         whole, joined = Markup('<span class="unit">{}</span>'), Markup("/&#8288;")
         pieces = split(marked(text))
-        made = (whole.format(each) if is_mark else escape(each).replace("/", joined) for each, is_mark in pieces)
-        return Markup("").join(made)
+        escaped = (whole.format(piece) if is_mark else escape(piece).replace("/", joined) for piece, is_mark in pieces)
+        return Markup("").join(escaped)
 
     filters: dict[str, Any] = {"drawn": picture, "unbroken": unbroken, "beyond": _beyond, "kind": _kind, "grid": _grid}
-    made.filters.update(filters)
-    return made
+    environment.filters.update(filters)
+    return environment
 
 
 def _kind(part: Part) -> str:
-    """The name of the macro that writes a part."""
+    """Return the name of the macro that writes a part."""
     if isinstance(part, str):
         return "text"
     return "table" if isinstance(part, Table | Grid | Marked) else type(part).__name__.lower()
 
 
 def _grid(part: Table | Grid | Marked) -> Grid:
-    """A table as marked texts, its title as a sentence."""
+    """Return a table as marked texts, its title as a sentence."""
     table = part.table if isinstance(part, Marked) else part
     grid = table if isinstance(table, Grid) else table.marked()
     ends = plain(grid.title).rstrip()[-1:] in (".", ":", "?", "!", "")
@@ -104,7 +104,7 @@ def _grid(part: Table | Grid | Marked) -> Grid:
 
 
 def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = False) -> str:
-    """The class of a table that is cut off on a screen narrower than a width in rem; empty if it never is.
+    """Return the class of a table that is cut off on a screen narrower than a width in rem; empty if it never is.
 
     Heads and the first column break between words, cells only in a table of sentences.
     """
@@ -117,7 +117,7 @@ def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = Fa
         max(columns(str(row[i]), i == 0 or text or row is heads) for row in (heads, *rows) if i < len(row))
         for i in range(len(heads))
     ]
-    needed = _AROUND + sum(_CHARACTER * each + _BETWEEN for each in widest)
+    needed = _AROUND + sum(_CHARACTER * width + _BETWEEN for width in widest)
     return "" if needed <= _WIDTHS[0] - 5 else f"beyond-{next((w for w in _WIDTHS if w >= needed), _WIDTHS[-1])}"
 
 
@@ -150,19 +150,19 @@ def _inlined(text: str, key: str, alt: str, width: float) -> str:
     # matplotlib writes six decimals: a tenth of a point for a path, a hundredth for what is placed
     body = re.sub(r'(?<= )(d|x|y|width|height|transform)="([^"]*)"', _rounded, body)
     body = _own_identifiers(body, key)
-    body = re.sub(r"#[0-9a-f]{6}", lambda found: THEME.get(found[0], found[0]), body)
+    body = re.sub(r"#[0-9a-f]{6}", lambda match: THEME.get(match[0], match[0]), body)
     body = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", body)
     return head + re.sub(r">\s+<", "><", body).strip()
 
 
-def _rounded(found: re.Match[str]) -> str:
-    digits = 1 if found[1] == "d" else 2
-    return f'{found[1]}="{_DECIMALS.sub(lambda number: f"{float(number[0]):.{digits}f}", found[2])}"'
+def _rounded(match: re.Match[str]) -> str:
+    digits = 1 if match[1] == "d" else 2
+    return f'{match[1]}="{_DECIMALS.sub(lambda number: f"{float(number[0]):.{digits}f}", match[2])}"'
 
 
 def _own_identifiers(body: str, key: str) -> str:
     """Rename the identifiers that are referred to, and remove the others."""
     used = list(dict.fromkeys(re.findall(r"(?:url\(|href=\")#([^)\"]+)", body)))
     names = {name: f"{key}{i}" for i, name in enumerate(used)}
-    body = re.sub(r' id="([^"]*)"', lambda found: f' id="{names[found[1]]}"' if found[1] in names else "", body)
-    return re.sub(r"(url\(|href=\")#([^)\"]+)", lambda found: f"{found[1]}#{names[found[2]]}", body)
+    body = re.sub(r' id="([^"]*)"', lambda match: f' id="{names[match[1]]}"' if match[1] in names else "", body)
+    return re.sub(r"(url\(|href=\")#([^)\"]+)", lambda match: f"{match[1]}#{names[match[2]]}", body)

@@ -1,4 +1,4 @@
-"""What a report says of a part program on a machine: the contour, the worst places, the motors, the cut, the time."""
+"""The sentences, tables and pictures of a report on a part program: contour, worst places, motors, cut, time."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ _DRAWN = 3  # laws whose path is drawn: today's, the best, and the one between
 
 
 def ran(contents: LawsContents) -> list[tuple[Entry, PartRun]]:
-    """The laws that ran a part program, in their order."""
+    """Return the laws that ran a part program, in their order."""
     return [(entry, entry.part) for entry in contents.entries if entry.part is not None]
 
 
 def lead(contents: LawsContents) -> list[str]:
-    """The results in sentences, most important first."""
-    found = ran(contents)
-    first = found[0][1]
-    best = min((part for _, part in found), key=lambda part: part.contour.rms)
-    said: list[str] = []
+    """Return the results in sentences, most important first."""
+    runs = ran(contents)
+    first = runs[0][1]
+    best = min((part for _, part in runs), key=lambda part: part.contour.rms)
+    results: list[str] = []
     if best is first:
-        told = "" if len(found) == 1 else "None of the others keeps the contour better than "
-        said.append(Text(f"{told}'{first.name}': {_contour(first)}."))
+        told = "" if len(runs) == 1 else "None of the others keeps the contour better than "
+        results.append(Text(f"{told}'{first.name}': {_contour(first)}."))
     else:
-        said.append(
+        results.append(
             Text(
-                f"Of {len(found)} laws '{best.name}' keeps the contour best: {_contour(best)}; '{first.name}': "
+                f"Of {len(runs)} laws '{best.name}' keeps the contour best: {_contour(best)}; '{first.name}': "
                 f"{_contour(first)}."
             )
         )
     place = next(iter(best.worst(1)), None)
     if place is not None:
-        said.append(
+        results.append(
             Text(
                 f"The worst place of '{best.name}' is {_place(best, place.position)}, in line {place.line} of the "
                 "program."
@@ -49,8 +49,8 @@ def lead(contents: LawsContents) -> list[str]:
         )
     if contents.planned is not None:
         cycle = Quantity(contents.planned.cycle_time, "s", form="SI")
-        said.append(Text(f"The program takes {cycle}. {_limited(contents.planned)}"))
-    return said
+        results.append(Text(f"The program takes {cycle}. {_limited(contents.planned)}"))
+    return results
 
 
 def _contour(part: PartRun) -> str:
@@ -69,24 +69,24 @@ def _place(part: PartRun, position: Iterable[float], *, bare: bool = False) -> T
 
 
 def _limited(planned: Planned) -> str:
-    most = sorted(planned.seconds.items(), key=lambda each: -each[1])[:3]
+    most = sorted(planned.seconds.items(), key=lambda item: -item[1])[:3]
     told = joined(", ", (f"{name} {Quantity(seconds / planned.cycle_time, 'share'):3}" for name, seconds in most))
     return Text(f"What limits its speed: {told} of the time.")
 
 
 def tables(contents: LawsContents) -> list[Part]:
-    """Laws over the program, and the worst places."""
-    found = ran(contents)
-    return [_laws(found), _places(found)] if found else []
+    """Tabulate the laws over the program, and the worst places."""
+    runs = ran(contents)
+    return [_laws(runs), _places(runs)] if runs else []
 
 
 def details(contents: LawsContents) -> list[Part]:
-    """Axes, motors, spindle, observers, sections that cut, limits of the speed."""
-    found = ran(contents)
-    if not found:
+    """Tabulate axes, motors, spindle, observers, sections that cut, and limits of the speed."""
+    runs = ran(contents)
+    if not runs:
         return []
-    shown: list[Part] = [_axes(found), _motors(found)]
-    spindles = [(entry, part.load.spindle) for entry, part in found if part.load.spindle is not None]
+    shown: list[Part] = [_axes(runs), _motors(runs)]
+    spindles = [(entry, part.load.spindle) for entry, part in runs if part.load.spindle is not None]
     if spindles:
         rows = [
             [entry.name, spindle.power, spindle.peak, spindle.energy, spindle.volume, spindle.specific_energy]
@@ -101,13 +101,13 @@ def details(contents: LawsContents) -> list[Part]:
             Column("energy of chips", "J/m3", "3 J/mm3"),
         ]
         shown.append(Table("Spindle: what the cut takes from it over the whole program.", columns, rows))
-    if any(part.estimates for _, part in found):
-        shown.append(_observers(found))
+    if any(part.estimates for _, part in runs):
+        shown.append(_observers(runs))
     return [*shown, *contents.cuts, *([] if contents.planned is None else [_causes(contents.planned)])]
 
 
 def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
-    """The laws over a program, short, for a terminal."""
+    """Tabulate the laws over a program, short, for a terminal."""
     columns = [
         Column("law"),
         Column("contour RMS", "m"),
@@ -137,7 +137,7 @@ def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
     return Table(title, columns, rows)
 
 
-def _laws(found: Sequence[tuple[Entry, PartRun]]) -> Marked:
+def _laws(runs: Sequence[tuple[Entry, PartRun]]) -> Marked:
     columns = [
         Column("law"),
         Column("contour error RMS", "m", "3"),
@@ -148,32 +148,32 @@ def _laws(found: Sequence[tuple[Entry, PartRun]]) -> Marked:
         Column("effort: RMS of continuous force", "share", "3"),
         Column("energy", "J", "3"),
     ]
-    errors = [(part.contour.rms, part.contour.within(), part.contour.largest) for _, part in found]
-    cuts = any(part.cutting is not None for _, part in found)
+    errors = [(part.contour.rms, part.contour.within(), part.contour.largest) for _, part in runs]
+    cuts = any(part.cutting is not None for _, part in runs)
     columns += [Column("cutting force RMS", "N", "3")] if cuts else []
     rows: list[list[Cell]] = []
-    for (entry, part), sizes in zip(found, errors, strict=True):
+    for (entry, part), sizes in zip(runs, errors, strict=True):
         worst = next(iter(part.worst(1)), None)
-        glitch = max((each.glitch for each in part.axes.values() if each.glitches), default=None)
+        glitch = max((axis_errors.glitch for axis_errors in part.axes.values() if axis_errors.glitches), default=None)
         row = [entry.name, *sizes, None if worst is None else worst.line, glitch, part.duty, part.load.energy()]
         rows.append([*row, *([part.cutting_rms] if cuts else [])])
     best = [min(range(len(rows)), key=sizes.__getitem__) for sizes in zip(*errors, strict=True)]
-    said = (
+    title = (
         "Contour error: the distance of the tool from the commanded path, whatever its delay along it. What counts is "
         "the path on which the tool leaves a wall of the part, not its way in and out beside it; a slot counts whole, "
         "and without [process] all that is moved at a feed. Effort: of the motor that needs the largest share. "
         "Energy: of the axes and the spindle."
     )
     marks = [*best, *([None] * (len(columns) - 4))]
-    return Marked(Table(said, columns, rows), marks if len(rows) > 1 else ())
+    return Marked(Table(title, columns, rows), marks if len(rows) > 1 else ())
 
 
-def _axes(found: Sequence[tuple[Entry, PartRun]]) -> Table:
-    names = list(found[0][1].axes)
+def _axes(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
+    names = list(runs[0][1].axes)
     columns = [Column("law")]
     for axis in names:
         columns += [Column(f"{axis} RMS", "m", "3"), Column("peak", "m", "3"), Column("in line")]
-    rows = [[entry.name, *(cell for axis in names for cell in _axis(part, axis))] for entry, part in found]
+    rows = [[entry.name, *(cell for axis in names for cell in _axis(part, axis))] for entry, part in runs]
     title = "Following error of each axis over the whole program, and the line of its peak."
     return Table(title, columns, rows)
 
@@ -183,18 +183,18 @@ def _axis(part: PartRun, axis: str) -> list[Cell]:
     return [errors.following_rms, errors.following_peak, errors.line]
 
 
-def _places(found: Sequence[tuple[Entry, PartRun]]) -> Table:
-    """The worst places of the first law, and what the others do there."""
-    first = found[0][1]
+def _places(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
+    """Tabulate the worst places of the first law, with the errors of the others there."""
+    first = runs[0][1]
     columns = [
         Column(f"place {unit_name('m', 'mm', stays=True)}"),
         Column("line"),
         Column("time", "s", "SI"),
-        *(Column(entry.name, "m", "3") for entry, _ in found),
+        *(Column(entry.name, "m", "3") for entry, _ in runs),
     ]
     rows: list[list[Cell]] = []
     for place in first.worst(_WORST):
-        cells = [_near(part, place.time) for _, part in found]
+        cells = [_near(part, place.time) for _, part in runs]
         rows.append([_place(first, place.position, bare=True), place.line, place.time, *cells])
     title = (
         f"Worst places of '{first.name}': largest contour error within 60 ms of each, in {unit_name('m')}, with each "
@@ -208,7 +208,7 @@ def _near(part: PartRun, time: float) -> float:
     return float(abs(part.contour.error[here]).max(initial=0.0))
 
 
-def _motors(found: Sequence[tuple[Entry, PartRun]]) -> Table:
+def _motors(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
     columns = [
         Column("law"),
         Column("axis"),
@@ -232,34 +232,34 @@ def _motors(found: Sequence[tuple[Entry, PartRun]]) -> Table:
             load.drawn,
             load.verdict,
         ]
-        for entry, part in found
+        for entry, part in runs
         for i, (axis, load) in enumerate(part.load.axes.items())
     ]
     title = "Motors over the whole program: what they give, and whether they can for ever."
     return Table(title, columns, rows)
 
 
-def _observers(found: Sequence[tuple[Entry, PartRun]]) -> Table:
-    axes = list(found[0][1].disturbances)
+def _observers(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
+    axes = list(runs[0][1].disturbances)
     columns = [Column("law"), Column("observer"), Column("delay", "s", "3")]
     for axis in axes:
         columns += [Column(f"{axis}: acts", "N", "3"), Column("error", "N", "3"), Column("over a turn", "N", "3")]
     rows: list[list[Cell]] = []
-    for entry, part in found:
+    for entry, part in runs:
         for i, (observer, by) in enumerate(part.estimates.items()):
             delay = next(iter(by.values())).lag
             cells = [figure for axis in axes for figure in (by[axis].true, by[axis].error, by[axis].slow)]
             rows.append([entry.name if i == 0 else "", observer.replace("_", " "), delay, *cells])
-    said = (
+    title = (
         "Cut, friction and weight as observers estimate them from readings and commands of the run, each with the "
         "start values of its tuning, RMS. What acts: without its mean. The delay of an estimate is taken out of its "
         "error; over a turn: the same in the mean over a turn of the spindle, without the teeth."
     )
-    return Table(said, columns, rows)
+    return Table(title, columns, rows)
 
 
 def _causes(planned: Planned) -> Table:
-    most = sorted(planned.seconds.items(), key=lambda each: -each[1])[:_CAUSES]
+    most = sorted(planned.seconds.items(), key=lambda item: -item[1])[:_CAUSES]
     rows = [[name, seconds, Quantity(seconds / planned.cycle_time, "share", form="3")] for name, seconds in most]
     columns = [Column("limit"), Column("", "s", "SI"), Column("of the time")]
     title = "Cycle time by what limits it: the limit used most, the feed, a standstill."
@@ -267,12 +267,12 @@ def _causes(planned: Planned) -> Table:
 
 
 def pictures(contents: LawsContents) -> Iterator[Picture]:
-    """The path with the error on it, the error along it, the time."""
-    found = ran(contents)
-    if not found:
+    """Yield the pictures: the path with the error on it, the error along it, the time."""
+    runs = ran(contents)
+    if not runs:
         return
-    parts = {entry.name: part for entry, part in found}
-    first = found[0][1]
+    parts = {entry.name: part for entry, part in runs}
+    first = runs[0][1]
     if len(parts) > 1:
         yield Picture(
             "laws",

@@ -51,7 +51,7 @@ def _lead(plan: Planned) -> Sequence[str]:
         "written. This is a fault of feeddrive, not of the program."
     )
     first = Text(f"The cycle takes {Quantity(plan.cycle_time, 's'):6 SI}, with {plan.stop_count:,} stops. {held}")
-    most = sorted(plan.seconds.items(), key=lambda each: -each[1])[:3] if plan.cycle_time else []
+    most = sorted(plan.seconds.items(), key=lambda item: -item[1])[:3] if plan.cycle_time else []
     told = joined(", ", (f"{name} {Quantity(seconds / plan.cycle_time, 'share'):3}" for name, seconds in most))
     return [first, Text(f"What limits it for most of the time: {told}.")] if most else [first]
 
@@ -102,7 +102,7 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
 def _stops(plan: Planned) -> list[Part]:
     if not plan.stops:
         return ["None: the program is one motion."]
-    by_reason = sorted(plan.stop_reasons.items(), key=lambda each: -each[1])
+    by_reason = sorted(plan.stop_reasons.items(), key=lambda item: -item[1])
     rows = [
         [
             stop.time,

@@ -57,7 +57,7 @@ class Marked:
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and what is known of each, in order."""
+    """Names with their facts, in order."""
 
     pairs: tuple[tuple[str, str], ...]
 
@@ -127,7 +127,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came out, in sentences, most important first.
+    """The outcome in sentences, most important first.
 
     good  whether the result may be used; None where there is nothing to decide
     """
@@ -142,7 +142,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What a person reads of a result: the verdict, the picture that shows it, tables, further pictures, details.
+    """A report for a reader: the verdict, the picture that shows it, tables, further pictures, details.
 
     title     of the report
     command   that makes it, as "feeddrive lobes"
@@ -187,18 +187,18 @@ class Report:
         units  of the sentences
         """
 
-        def said(text: str) -> str:
+        def resolved(text: str) -> str:
             return str(resolve(text, units))
 
         return {
-            "title": said(self.title),
+            "title": resolved(self.title),
             "command": self.command,
-            "verdict": {"sentences": [said(text) for text in self.verdict.sentences], "good": self.verdict.good},
+            "verdict": {"sentences": [resolved(text) for text in self.verdict.sentences], "good": self.verdict.good},
             "picture": None if self.picture is None else _recorded(self.picture, units),
             "sections": [
                 {
                     "key": section.key,
-                    "title": said(section.title),
+                    "title": resolved(section.title),
                     "folded": section.folded,
                     "parts": [_recorded(part, units) for part in section.parts],
                 }
@@ -208,7 +208,7 @@ class Report:
 
 
 def _recorded(part: Part, units: Units) -> dict[str, Any]:
-    def said(text: str) -> str:
+    def resolved(text: str) -> str:
         return str(resolve(text, units))
 
     match part:
@@ -219,17 +219,17 @@ def _recorded(part: Part, units: Units) -> dict[str, Any]:
         case Marked():
             return {"kind": "table", **part.table.record(units), "best": list(part.best), "alert": list(part.alert)}
         case Picture():
-            texts = {"title": said(part.title), "caption": said(part.caption), "alt": said(part.alt)}
+            texts = {"title": resolved(part.title), "caption": resolved(part.caption), "alt": resolved(part.alt)}
             return {"kind": "picture", "key": part.key, **texts}
         case Facts():
-            return {"kind": "facts", "pairs": [[said(name), said(text)] for name, text in part.pairs]}
+            return {"kind": "facts", "pairs": [[resolved(name), resolved(text)] for name, text in part.pairs]}
         case Remarks():
-            sentences = [said(text) for text in part.sentences]
-            return {"kind": "remarks", "head": said(part.head), "warns": part.warns, "sentences": sentences}
+            sentences = [resolved(text) for text in part.sentences]
+            return {"kind": "remarks", "head": resolved(part.head), "warns": part.warns, "sentences": sentences}
         case Code():
-            return {"kind": "code", "title": said(part.title), "text": part.text}
+            return {"kind": "code", "title": resolved(part.title), "text": part.text}
         case str():
-            return {"kind": "text", "text": said(part)}
+            return {"kind": "text", "text": resolved(part)}
 
 
 def titled(table: Table, title: str) -> Table:

@@ -16,7 +16,7 @@ MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethw
 
 
 def result(contents: LawsContents) -> list[str]:
-    """The results, most important first."""
+    """Return the results, most important first."""
     replayed = next((entry for entry in contents.entries if entry.replay is not None), None)
     if replayed is not None and replayed.replay is not None:
         return _prediction(replayed.replay)
@@ -96,52 +96,52 @@ def _judged(entry: Entry) -> str:
 
 
 def remarks(contents: LawsContents) -> list[str]:
-    """Important remarks, then the notes of the job."""
-    found: list[str] = []
+    """Return important remarks, then the notes of the job."""
+    listed: list[str] = []
     ringing = [
         f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak, 3)})"
         for entry in contents.entries
         if entry.margins is not None and entry.margins.sensitivity_peak > MS_BOUND
     ]
     if ringing:
-        found.append(
+        listed.append(
             f"The sensitivity peak is above {number(MS_BOUND)}: {', '.join(ringing)}. A small change of the axis makes "
             "such a loop ring."
         )
     for entry in contents.entries:
         name = _quoted(entry)
-        found += _of_force(entry, name)
+        listed += _of_force(entry, name)
         tripped = np.flatnonzero(entry.run["trip"])
         if tripped.size:
             time = Quantity(entry.run.time[tripped[0]], "s", form="SI")
-            found.append(Text(f"{name}: the guard tripped at {time}."))
-    return [*found, *(note for note in contents.notes if note != contents.rule)]
+            listed.append(Text(f"{name}: the guard tripped at {time}."))
+    return [*listed, *(note for note in contents.notes if note != contents.rule)]
 
 
 def _of_force(entry: Entry, name: str) -> list[str]:
-    found: list[str] = []
+    listed: list[str] = []
     limit = entry.loop.control.force_limit
     if limit is not None:
         at_limit = float(np.mean(np.abs(entry.counted("force")) >= limit * (1.0 - 1e-9)))
         if at_limit > 0.0:
             share = Quantity(at_limit, "share", form="3")
-            found.append(Text(f"{name}: the force is at its limit for {share} of the time."))
+            listed.append(Text(f"{name}: the force is at its limit for {share} of the time."))
     for what, bound in entry.limits.items():
         if what == "motor peak" and entry.peak("force") > bound * (1.0 + 1e-9):
-            found.append(
+            listed.append(
                 Text(
                     f"{name}: the largest force, {Quantity(entry.peak('force'), 'N'):3}, is above the motor's peak of "
                     f"{Quantity(bound, 'N'):3}: the model does not limit it there, the machine will."
                 )
             )
         if what.startswith("motor continuous") and entry.rms("force") > bound:
-            found.append(
+            listed.append(
                 Text(
                     f"{name}: the RMS force, {Quantity(entry.rms('force'), 'N'):3}, is above the motor's continuous "
                     f"{Quantity(bound, 'N'):3}: repeated without pause this work overheats the motor."
                 )
             )
-    return found
+    return listed
 
 
 def _errors(entry: Entry) -> str:

@@ -1,4 +1,4 @@
-"""What is tuned on the page: an axis at one or more places, measured or modelled, and today's control of it."""
+"""The axis that is tuned on the page, at one or more places, measured or modelled, with today's control."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Bench:
         return self.loop is not None and self.loop.axis.rotary
 
     def needed_loop(self) -> Loop:
-        """The loop. Raises ParameterError, with what to do, for measured responses without a machine."""
+        """Return the loop. Raise ParameterError, with what to do, for measured responses without a machine."""
         if self.loop is None:
             raise ParameterError(
                 "a measured response alone moves no axis: bring today's machine file too, or identify one from it"

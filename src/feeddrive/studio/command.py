@@ -59,15 +59,16 @@ class StudioRequest(Request):
         "page asks",
         default=None,
     )
-    axis: str | None = option("of a machine file; the only one if left out", default=None)
+    axis: str | None = option("axis of a machine file; the only one if left out", default=None)
     tour: bool = option("begin with a guided tour: from a simulated log to an exported control", default=False)
     follow: tuple[Path, ...] = option(
-        "what the room Scope may follow: a table that grows, - for rows from a pipe, or a drive file of a drive, which "
+        "source that the room Scope may follow: a table that grows, - for rows from a pipe, or a drive file of a "
+        "drive, which "
         "is sampled and not moved; may be repeated. Tables in --folder and a log that is opened may be followed anyway",
         default=(),
     )
     folder: Path = option(
-        "in which each page keeps what it is given and what it writes; nothing else is written",
+        "directory in which each page keeps uploaded files and its results; nothing else is written",
         default=Path("results/studio"),
     )
     host: str = option(
@@ -80,7 +81,7 @@ class StudioRequest(Request):
         "- reads it from standard input",
         default=None,
     )
-    port: int = option("of the page on this machine; 0: any free one", default=0, least=0, most=65535)
+    port: int = option("port of the page on this machine; 0: any free one", default=0, least=0, most=65535)
     no_browser: bool = option("open no browser: print the address alone", default=False)
 
     def check(self) -> None:
@@ -193,7 +194,7 @@ def serve_at(
     address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 
     def fresh(used: Callable[[], None] = lambda: None) -> str:
-        """An address that opens the page, once where no password is asked for."""
+        """Return an address that opens the page, once where no password is asked for."""
         return address if password else f"{address}?token={door.tokens.issue(used)}"
 
     redirects = list[Path]()  # what opens the browser, until it has done so

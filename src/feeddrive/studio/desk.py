@@ -1,4 +1,4 @@
-"""What the rooms of one page share: the source that is worked on, the numbers of its control now, and what was done."""
+"""The state that the rooms of one page share: the source, the current control, and the completed steps."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ T = TypeVar("T")
 Values = dict[str, float]
 _UNDONE = 200  # steps that are kept
 _NOT_MADE = "a control that was chosen on the page before a search had ended, or of a comparison"
-_ANOTHER = "This is of a control that was changed since: do it again for the control of now."
+_ANOTHER = "This result belongs to an earlier control. Run it again for the current one."
 
 
 def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
@@ -86,7 +86,7 @@ class Desk:
     brought   files that were named at the start of the command, and stand elsewhere
     files     where what is shown under a name stands: that which was brought or made last
     epoch     counts the sources
-    base      machine file that the control of now is written into
+    base      machine file that the current control is written into
     written   the control there
     limits    that the loop is judged by: those of the goal
     programs  part programs that were brought, by name
@@ -111,7 +111,7 @@ class Desk:
         self.job: Job | None = None
         self.undo: list[Held] = []
         self.redo: list[Held] = []
-        self._made: tuple[ByHand, Values, Control] | None = None  # the control of now, once it is needed
+        self._made: tuple[ByHand, Values, Control] | None = None  # the current control, once it is needed
         self.kept: dict[Path, str] = {}
         self._begins = True  # whether the next change is a step of its own, and not one more of a drag
         self.changed: Callable[[], None] = lambda: None  # set by the session: another source
@@ -152,7 +152,7 @@ class Desk:
 
         file  a machine file in which a command has written it
 
-        Without one it is written into the machine file of now or into that of the source, if it differs from the
+        Without one it is written into the current machine file or into that of the source, if it differs from the
         control there in filters and numbers alone, and else into a file of its own.
         """
         bench = self.needed.with_control(control)

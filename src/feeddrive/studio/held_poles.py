@@ -43,7 +43,7 @@ class HeldPoles:
             return [_grip(pole.name, pole.label, pole.s, nyquist, units) for pole in placed], sentence
         names, loop_poles = self._gains(), self._of_loop()
         if not loop_poles:
-            return [], "No gain of this law moves a pole by itself: move its numbers."
+            return [], "No single gain of this law moves a pole: change its numbers."
         moved = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
         sentence = f"Dragged are poles of the loop; {moved} follow with the smallest change that takes the pole there."
         return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in loop_poles], sentence
@@ -71,12 +71,12 @@ class HeldPoles:
         return now
 
     def stepped(self, name: str, across: float, up: float) -> Values:
-        """`moved` by keys: steps of 2 % of the distance from 0."""
+        """Return the gains after a pole is moved by keys, in steps of 2 % of its distance from 0."""
         now = self.at(name)
         return self.moved(name, now + _ACROSS * abs(now) * complex(across, up))
 
     def _gains(self) -> Sequence[str]:
-        """Tunables that have a logarithm."""
+        """Return the tunables that have a logarithm."""
         control = self.desk.control
         return [name for name in own_tunables(control) if float(tree.get(control, name)) > 0.0]
 
@@ -91,7 +91,7 @@ class HeldPoles:
         return bench.mechanics, model, np.array([values[name] for name in names])
 
     def _of_loop(self) -> list[tuple[str, complex]]:
-        """Poles of the loop with their names: each has that of the nearest one before."""
+        """Return the poles of the loop with their names: each takes that of the nearest earlier one."""
         names = self._gains()
         if not names or self.desk.needed.by_hand.model(self.desk.values, names) is None:
             return []

@@ -1,4 +1,4 @@
-"""What a file that was brought is: a machine, a part program, frequency responses or a log; and what is wrong with it.
+"""The kind of an imported file: a machine, a part program, frequency responses or a log; and its errors.
 
 It is read in a process of its own, so that a file on which a reader fails leaves the page as it is.
 """

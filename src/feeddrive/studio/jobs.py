@@ -1,4 +1,4 @@
-"""Long work of the page: in a process of its own, which may be canceled and may even crash."""
+"""Long-running jobs of the page: in their own processes, which may be canceled and may even crash."""
 
 from __future__ import annotations
 

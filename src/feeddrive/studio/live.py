@@ -1,4 +1,4 @@
-"""What the room Scope may follow, and the thread that follows it for one page."""
+"""The sources that the room Scope may follow, and the thread that follows one for a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a person comes to the page: the browser is opened on a file that holds the token, or Enter prints an address.
+"""The first access to the page: the browser opens a file that holds the token, or Enter prints an address.
 
 The words of a command are read by every user of the machine (`ps`), and so would be a token in the address that a
 browser is started with.  A file of this user alone holds it instead, and leads the browser on.

@@ -1,4 +1,4 @@
-"""What pictures show of a control beside its loop: runs, step and poles, each computed when first needed."""
+"""The simulations of a control that pictures show beside its loop: runs, step and poles, computed when first needed."""
 
 from __future__ import annotations
 

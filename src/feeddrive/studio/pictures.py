@@ -1,4 +1,4 @@
-"""The pictures of the page: the loop before, by hand and as it was kept, from the same charts as in reports."""
+"""The pictures of the page: the loop before, by hand and as stored, from the same charts as in reports."""
 
 from __future__ import annotations
 

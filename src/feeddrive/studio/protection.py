@@ -1,4 +1,4 @@
-"""Who may talk to the page's server: this machine's own browser, from its own page, with the cookie of this start.
+"""The access control of the page's server: the browser of this machine, on its page, with the cookie of this start.
 
 Host      only the addresses under which the server listens: a name that a foreign page points here is refused
 (DNS rebinding)
@@ -212,14 +212,14 @@ class Protected:
 
 async def _body(receive: Receive) -> bytes:
     """Return the body of a request; empty if it is longer than a password may be."""
-    found = b""
+    body = b""
     while True:
         message = await receive()
-        found += message.get("body", b"")
-        if len(found) > _LONGEST or message["type"] != "http.request":
+        body += message.get("body", b"")
+        if len(body) > _LONGEST or message["type"] != "http.request":
             return b""
         if not message.get("more_body"):
-            return found
+            return body
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:

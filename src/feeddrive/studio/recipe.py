@@ -1,4 +1,4 @@
-"""What was done on the page, as commands, as Python and as a job: who has them needs no page."""
+"""The steps on the page as commands, as Python and as a job, to be repeated without the page."""
 
 from __future__ import annotations
 

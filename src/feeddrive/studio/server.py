@@ -1,4 +1,4 @@
-"""The page's server: the built page, files that are brought and taken, and one WebSocket for each page that is open."""
+"""The page's server: the built page, uploads and downloads, and one WebSocket for each open page."""
 
 from __future__ import annotations
 

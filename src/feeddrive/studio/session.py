@@ -1,4 +1,4 @@
-"""One page that is open: its rooms over one desk, one request at a time."""
+"""One open page: its rooms over one desk, one request at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that the page brings: their names are made harmless, their size is limited, and they stand in one folder."""
+"""Uploaded files of the page: names that are safe on every system, limited sizes, one folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the loop by hand is like, in words and as marks: each limit with the place that decides it, and figures."""
+"""The judgment of the loop by hand, in words and as marks: each limit with the place that decides it, and figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What goes to the browser: a header in JSON and the numbers of all curves as 32-bit floats, in one message.
+"""The messages to the browser: a header in JSON and the numbers of all curves as 32-bit floats, in one message.
 
 4 bytes   length of the header, little-endian, a multiple of 4 (padded with blanks)
 header    JSON; a curve in it says at which number its x begins, and how many there are; its y follow, of a band both

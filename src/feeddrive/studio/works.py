@@ -1,4 +1,4 @@
-"""Long works of the page that end in words and pictures: each runs in a process of its own and gives little back."""
+"""Long-running jobs of the page that end in words and pictures: each runs in its own process and returns little."""
 
 from __future__ import annotations
 

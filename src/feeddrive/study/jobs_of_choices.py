@@ -11,7 +11,7 @@ from typing import Any
 
 from feeddrive.files.from_toml import read_section
 from feeddrive.files.job import Job, JobSection, job_of
-from feeddrive.files.machine import found
+from feeddrive.files.machine import find_bundled
 from feeddrive.files.toml_file import Key, TomlFile, TomlTable, read_toml
 from feeddrive.files.toml_values import with_values
 from feeddrive.language.declaration import declarations
@@ -50,7 +50,7 @@ def _job_file(root: TomlTable, place: Path, name: str | None, of_study: Collecti
         return replace(root.file, content=content), place
     beside = place.parent / name
     try:
-        given = beside if beside.exists() else found(name, "jobs")
+        given = beside if beside.exists() else find_bundled(name, "jobs")
         return read_toml(given, "a job", quoting=False), given
     except FileError as error:
         raise type(error)(f"{root.where('job')}: job: {error}") from None

@@ -29,7 +29,7 @@ import numpy as np
 from feeddrive.figures.figure import Figure
 from feeddrive.files.from_toml import read_field, read_section
 from feeddrive.files.job import Job, JobSection
-from feeddrive.files.machine import found
+from feeddrive.files.machine import find_bundled
 from feeddrive.files.section import Section, file_name, named, text
 from feeddrive.files.toml_file import TomlFile, TomlTable, read_toml
 from feeddrive.language import tree
@@ -177,7 +177,7 @@ def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
         return path
     if not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ParameterError(f"a study is a file, a bundled name or a Study, not a {type(path).__name__}")
-    place = found(path, "studies")
+    place = find_bundled(path, "studies")
     file = read_toml(place, "a study")
     root = file.root()
     job = read_field(StudySection, root, "job")

@@ -23,7 +23,7 @@ from feeddrive.workflow.tune_files import machine_text
 
 
 class AdjustRequest(Request):
-    """Which machine file, and what is done to its control: filters removed, others added, guard, then numbers set."""
+    """The machine file, and the changes of its control: filters removed or added, guard limits, then numbers."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     set: tuple[str, ...] = option(
@@ -56,19 +56,19 @@ class AdjustRequest(Request):
 
 
 def adjusting(before: Control, after: Control) -> Mapping[str, tuple[str, ...]] | None:
-    """The fields `set`, `add` and `remove` that lead from one control to another; None if no request can.
+    """Return the fields `set`, `add` and `remove` that turn one control into another; None if no request can.
 
     All three are empty for equal controls.
     """
-    found = difference(before, after)
-    return None if found is None else _written(found)
+    changes = difference(before, after)
+    return None if changes is None else _written(changes)
 
 
-def _written(found: Difference) -> Mapping[str, tuple[str, ...]]:
+def _written(changes: Difference) -> Mapping[str, tuple[str, ...]]:
     return {
-        "set": tuple(f"{name}={float(value)!r}" for name, value in found.values.items()),
-        "add": tuple(written_filter(each) for each in found.added),
-        "remove": tuple(f"filters.{i}" for i in found.removed),
+        "set": tuple(f"{name}={float(value)!r}" for name, value in changes.values.items()),
+        "add": tuple(written_filter(filter_) for filter_ in changes.added),
+        "remove": tuple(f"filters.{i}" for i in changes.removed),
     }
 
 
@@ -83,29 +83,32 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
     machine = read_machine(request.machine)
     axis = machine.named(request.axis)
     loop = machine.loops[axis]
-    removed, added = _places(request.remove), tuple(read_filter(each) for each in request.add)
-    begun = with_filters(loop.control, removed, added)
+    removed, added = _places(request.remove), tuple(read_filter(text) for text in request.add)
+    edited = with_filters(loop.control, removed, added)
     bounds = {} if request.guard is None else _bounds(request.guard)
     if bounds:
-        begun = replace(begun, guard=replace(begun.guard or Guard(), **bounds))
-    values = _values(begun, request.set)
-    loops = {**machine.loops, axis: replace(loop, control=tree.vary(begun, values))}
+        edited = replace(edited, guard=replace(edited.guard or Guard(), **bounds))
+    values = _values(edited, request.set)
+    loops = {**machine.loops, axis: replace(loop, control=tree.vary(edited, values))}
     changed = loops[axis].control
     text = machine_text(machine, axis, changed)
     rows: list[Sequence[Cell]] = [(f"filters.{i}", loop.control.filters[i].kind, "removed", "") for i in removed]
-    rows += [(f"filters.{len(begun.filters) - len(added) + i}", "added", each.kind, "") for i, each in enumerate(added)]
+    rows += [
+        (f"filters.{len(edited.filters) - len(added) + i}", "added", filter_.kind, "")
+        for i, filter_ in enumerate(added)
+    ]
     for name, value in bounds.items():
         before = None if loop.control.guard is None else getattr(loop.control.guard, name)
         rows.append(_changed(f"guard.{name}", before, value, declarations(Guard)[name].unit))
     for name, value in values.items():
-        rows.append(_changed(name, tree.get(begun, name), value, tree.declaration(begun, name).unit))
+        rows.append(_changed(name, tree.get(edited, name), value, tree.declaration(edited, name).unit))
     files: Mapping[str, Path] = {}
     if request.out is not None:
         write_whole(request.out, text)
         files = {"Machine": request.out}
     shown = Table(f"{machine.name}, axis {axis}: what was changed", ("what", "before", "now", "unit"), rows)
-    found = replace(machine, loops=loops, file=replace(machine.file, text=text))
-    return Outcome(found, [shown], files=files, rotary=loop.axis.rotary)
+    adjusted = replace(machine, loops=loops, file=replace(machine.file, text=text))
+    return Outcome(adjusted, [shown], files=files, rotary=loop.axis.rotary)
 
 
 def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence[Cell]:
@@ -118,40 +121,40 @@ def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence
     )
 
 
-def _bounds(given: str) -> dict[str, float]:
-    """The numbers of a guard. Raises ParameterError for one that it has not, and for no number."""
-    known = [name for name, each in declarations(Guard).items() if each.role == "parameter"]
-    return _numbers("--guard", given.split(","), known, "a guard", "velocity_limit=1")
+def _bounds(text: str) -> dict[str, float]:
+    """Return the limits of a guard as numbers. Raise ParameterError for an unknown limit and for no number."""
+    known = [name for name, declared in declarations(Guard).items() if declared.role == "parameter"]
+    return _numbers("--guard", text.split(","), known, "a guard", "velocity_limit=1")
 
 
-def _places(given: Sequence[str]) -> tuple[int, ...]:
-    found = list[int]()
-    for each in given:
-        place = each.removeprefix("filters.")
-        if not place.isascii() or not place.isdigit() or place == each or int(place) in found:
-            raise ParameterError(f"--remove {each}: write each filter once as filters.0, with its place in the file")
-        found.append(int(place))
-    return tuple(found)
+def _places(texts: Sequence[str]) -> tuple[int, ...]:
+    places = list[int]()
+    for text in texts:
+        place = text.removeprefix("filters.")
+        if not place.isascii() or not place.isdigit() or place == text or int(place) in places:
+            raise ParameterError(f"--remove {text}: write each filter once as filters.0, with its place in the file")
+        places.append(int(place))
+    return tuple(places)
 
 
-def _values(control: Control, given: Sequence[str]) -> dict[str, float]:
+def _values(control: Control, texts: Sequence[str]) -> dict[str, float]:
     known = [name for name, value in tree.leaves(control) if isinstance(value, (int, float))]
-    return _numbers("--set", given, known, "the control", "law.Kp=52000")
+    return _numbers("--set", texts, known, "the control", "law.Kp=52000")
 
 
-def _numbers(option: str, given: Sequence[str], known: Sequence[str], whose: str, such: str) -> dict[str, float]:
-    """Numbers by name, of texts NAME=VALUE. Raises ParameterError for an unknown name, one twice, and no number."""
-    found = dict[str, float]()
-    for each in given:
-        name, equals, value = (part.strip() for part in each.partition("="))
+def _numbers(option: str, texts: Sequence[str], known: Sequence[str], whose: str, such: str) -> dict[str, float]:
+    """Return numbers by name from texts NAME=VALUE. Raise ParameterError for an unknown or repeated name."""
+    numbers = dict[str, float]()
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
         if not equals:
-            raise ParameterError(f"{option} {each}: write it as NAME=VALUE, such as {such}")
+            raise ParameterError(f"{option} {text}: write it as NAME=VALUE, such as {such}")
         if name not in known:
-            raise ParameterError(f"{option} {each}: {whose} has no number '{name}'{nearest(name, known)}")
-        if name in found:
-            raise ParameterError(f"{option} {each}: {name} is given twice: leave one out")
+            raise ParameterError(f"{option} {text}: {whose} has no number '{name}'{nearest(name, known)}")
+        if name in numbers:
+            raise ParameterError(f"{option} {text}: {name} is given twice: leave one out")
         try:
-            found[name] = float(value)
+            numbers[name] = float(value)
         except ValueError:
-            raise ParameterError(f"{option} {each}: '{value}' is no number") from None
-    return found
+            raise ParameterError(f"{option} {text}: '{value}' is no number") from None
+    return numbers

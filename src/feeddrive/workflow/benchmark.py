@@ -18,11 +18,11 @@ from feeddrive.workflow.request import OUT, option
 
 
 class BenchmarkRequest(EvaluationRequest):
-    """Which plants and laws, and whether they are searched anew."""
+    """Plants, laws and seed of a benchmark, and whether laws are searched anew."""
 
     plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
     law: tuple[str, ...] = option("A law that is wanted, beside P-PI; may be repeated; default: all", default=())
-    seed: int = option("Seed of one's own for the runs; 0: the seeds of the rules", default=0, least=0)
+    seed: int = option("Seed of the runs; 0: the seeds of the rules", default=0, least=0)
     retune: bool = option("Search every law that has no design in --keep yet; this takes hours", default=False)
     keep: Path | None = option(
         "Directory of designs that are kept as they are found, to go on after a stop; they come before the stored ones",
@@ -32,7 +32,6 @@ class BenchmarkRequest(EvaluationRequest):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the version of the rules."""
         return Path("results") / f"benchmark_{self.rules}"
 
 
@@ -40,7 +39,7 @@ class BenchmarkRequest(EvaluationRequest):
 def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmark]:
     """Run every law with its stored design on the fixed plants of the benchmark, and print the table to be cited.
 
-    Laws of one's own (--blocks) have no stored design: they are searched first.  With `retune` all are, except those
+    User-defined laws (--blocks) have no stored design: they are searched first.  With `retune` all are, except those
     that `keep` has already.  Raises ParameterError for a plant, a law or rules that are not there.
     """
     if request.retune and request.keep is None:
@@ -61,25 +60,25 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
                 stored=not request.retune,
                 progress=progress,
             )
-        found = score(
+        scored = score(
             rules, plants, laws=request.law, designs=[keep], own=request.seed, engine=engine, progress=progress
         )
         if request.out is not None:
             progress.step("report")
-            files["Report"] = write_benchmark(found, request.out)
-    judgment, verdict = advice(found, asked=bool(request.law))
-    missing = [reasons(found)] if found.unplaced() else []
+            files["Report"] = write_benchmark(scored, request.out)
+    judgment, verdict = advice(scored, asked=bool(request.law))
+    missing = [reasons(scored)] if scored.unplaced() else []
     named = missing if request.law else []  # who asks for a law is told why it has no place
     return Outcome(
-        found,
-        [*found.tables(), *named],
+        scored,
+        [*scored.tables(), *named],
         [
             "each figure: times better than P-PI, the geometric mean over the plants on which both have a place",
-            f"to be cited as: {citation(found)}",
+            f"to be cited as: {citation(scored)}",
         ],
         verdict,
         files=files,
         judgment=judgment,
-        page=partial(benchmark_report, found),
-        details=[found.winners(), *([] if named else missing)],
+        page=partial(benchmark_report, scored),
+        details=[scored.winners(), *([] if named else missing)],
     )

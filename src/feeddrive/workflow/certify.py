@@ -56,7 +56,7 @@ class CertifyRequest(Request):
         "|dP/P|: uncertainty of models, default 0.2; least uncertainty of measured plants, default 0.05", default=None
     )
     beyond: float = option("least |dP/P| above the last measured line", default=1.0)
-    arithmetic: str = option("of the coefficients: float64, float32, fixed24 ...", default="float64")
+    arithmetic: str = option("arithmetic of the coefficients: float64, float32, fixed24 ...", default="float64")
     float32: bool = option("the same as --arithmetic float32", default=False)
     confidence: float = option("probability that all measured lines lie in the discs", default=0.95)
     velocity: float = option("velocity of the axis at which it is proven", default=0.05, unit="m/s")
@@ -64,11 +64,10 @@ class CertifyRequest(Request):
 
     @property
     def name(self) -> str:
-        """The machine as it was given."""
+        """The name of the machine file or object."""
         return called(self.source)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"certify_{Path(self.name).stem}"
 
 
@@ -86,7 +85,7 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
     progress.step("plants")
     plants = _plants(request, loop)
     progress.step("certificate")
-    found = certify_loop(
+    certificate = certify_loop(
         loop,
         plants,
         radius=request.radius,
@@ -105,27 +104,27 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
     }
     if request.out is not None:
         progress.step("report")
-        report = write_certified(found, request.out, known, rotary=loop.axis.rotary)
+        report = write_certified(certificate, request.out, known, rotary=loop.axis.rotary)
         files = {"Certificate": report.parent / FILE, "Report": report}
-    topics = "; ".join(text.partition(":")[0] for text in found.outside)
-    details = [found.document["claim"], *(f"outside: {text}" for text in found.outside)]
+    topics = "; ".join(text.partition(":")[0] for text in certificate.outside)
+    details = [certificate.document["claim"], *(f"outside: {text}" for text in certificate.outside)]
     return Outcome(
-        found,
-        [found.table()],
+        certificate,
+        [certificate.table()],
         [f"Not covered: {topics}."],
         details=[*map(sentence, details)],
         files=files,
         rotary=loop.axis.rotary,
-        page=partial(certificate_report, found, known, rotary=loop.axis.rotary),
+        page=partial(certificate_report, certificate, known, rotary=loop.axis.rotary),
     )
 
 
 def certified(
     control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """The certificate of a tuned control at its points, and what it says; None and the reason where there is none.
+    """Return the certificate of a tuned control at its points and its sentence; None and the reason if there is none.
 
-    With the text of a machine file it is the control of that file, whose numbers have fewer digits.
+    With the text of a machine file, certify the control of that file, whose numbers are rounded.
     """
     of_file: dict[str, str] = {}
     try:
@@ -135,20 +134,22 @@ def certified(
                 file.write_text(text, encoding="utf-8")
                 machine = read_machine(file)
             control, of_file = machine.loop(axis).control, source(machine)
-        found = certify_loop(control, point_plants(points), sample_time=float(points[0].sample_time), machine=of_file)
+        certificate = certify_loop(
+            control, point_plants(points), sample_time=float(points[0].sample_time), machine=of_file
+        )
     except FeeddriveError as error:
         return None, str(error)
-    return found, found.sentence()
+    return certificate, certificate.sentence()
 
 
 def source(machine: MachineFile) -> dict[str, str]:
-    """What a certificate says of a machine file: its name and the digest of its text."""
+    """Return the name of a machine file and the digest of its text, as a certificate records them."""
     digest = hashlib.sha256(machine.file.text.encode()).hexdigest()
     return {"name": machine.name, "file": Path(machine.file.name).name, "sha256": digest}
 
 
 def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
-    """The axis itself, as a model or with its measured lines, and the others."""
+    """Return the plants to certify by name: the axis, as a model or with its measured lines, and the others."""
     plants: dict[str, PlantLike] = {}
     if request.measured is None:
         if request.motor is not None or request.fit:
@@ -158,33 +159,33 @@ def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
         lines = _responses(request.measured, loop)
         lines += [] if request.motor is None else [_sampled(read_frf(request.motor), loop)]
         plants[stem(request.measured)] = lines if request.fit else [loop, *lines]
-    for each in request.at:
-        other = loop_or_response(each, request.axis)
-        plants[_unused(stem(each), plants)] = other if isinstance(other, Loop) else _responses(other, loop)
+    for plant in request.at:
+        other = loop_or_response(plant, request.axis)
+        plants[_unused(stem(plant), plants)] = other if isinstance(other, Loop) else _responses(other, loop)
     return plants
 
 
 def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
-    """The response of a file, or those of load and motor, in this order."""
-    found = read_frfs(file)
-    if len(found) == 1:
-        return [_sampled(next(iter(found.values())), loop)]
-    told = encoders(found)
-    if set(told) != {"motor", "load"}:
+    """Return the response of a file, or those of load and motor, in this order."""
+    responses = read_frfs(file)
+    if len(responses) == 1:
+        return [_sampled(next(iter(responses.values())), loop)]
+    by_role = encoders(responses)
+    if set(by_role) != {"motor", "load"}:
         raise ParameterError(
-            f"{called(file)}: holds {', '.join(found)}: name the responses of both encoders motor and load"
+            f"{called(file)}: holds {', '.join(responses)}: name the responses of both encoders motor and load"
         )
-    return [_sampled(told[role], loop) for role in ("load", "motor")]
+    return [_sampled(by_role[role], loop) for role in ("load", "motor")]
 
 
-def _sampled(found: FRF, loop: Loop) -> FRF:
-    """In m/N, or rad/(N m) if the axis turns; without a sample time it counts as sampled with the loop."""
-    found = in_metres(found.output, found, None, loop.axis.rotary)
-    return replace(found, sample_time=float(loop.sample_time)) if found.sample_time is None else found
+def _sampled(frf: FRF, loop: Loop) -> FRF:
+    """Return the response in m/N, or rad/(N m) if the axis turns; without a sample time it has that of the loop."""
+    frf = in_metres(frf.output, frf, None, loop.axis.rotary)
+    return replace(frf, sample_time=float(loop.sample_time)) if frf.sample_time is None else frf
 
 
 def _unused(name: str, plants: dict[str, PlantLike]) -> str:
-    """A name that no plant has yet."""
+    """Return a name that no plant has yet."""
     count = 2
     free = name
     while free in plants:
@@ -192,42 +193,48 @@ def _unused(name: str, plants: dict[str, PlantLike]) -> str:
     return free
 
 
-def write_certified(found: Certificate, out: str | Path, known: Mapping[str, str], *, rotary: bool = False) -> Path:
-    """Write `certificate.json` and `report.html` into a directory; the path of the report. Raises FileError."""
+def write_certified(
+    certificate: Certificate, out: str | Path, known: Mapping[str, str], *, rotary: bool = False
+) -> Path:
+    """Write `certificate.json` and `report.html` into a directory; return the path of the report. Raise FileError."""
     with new_directory(out) as folder:
-        write_certificate(folder / FILE, found)
-        (folder / "report.html").write_text(html(certificate_report(found, known, rotary=rotary)), encoding="utf-8")
+        write_certificate(folder / FILE, certificate)
+        (folder / "report.html").write_text(
+            html(certificate_report(certificate, known, rotary=rotary)), encoding="utf-8"
+        )
     return Path(out) / "report.html"
 
 
-def certificate_report(found: Certificate, known: Mapping[str, str] | None = None, *, rotary: bool = False) -> Report:
+def certificate_report(
+    certificate: Certificate, known: Mapping[str, str] | None = None, *, rotary: bool = False
+) -> Report:
     """Return the report of a certificate; `known`: facts on what was certified."""
-    drawn = list(_pictures(found))
-    name = found.document["machine"].get("name", "")
+    pictures = list(_pictures(certificate))
+    name = certificate.document["machine"].get("name", "")
     title = f"{name[:1].upper()}{name[1:]}: a certified loop" if name else "A certified loop"
-    outside, assumed = map(capitalized, found.outside), map(capitalized, found.document["assumed"])
+    outside, assumed = map(capitalized, certificate.outside), map(capitalized, certificate.document["assumed"])
     return Report(
         title,
         "feeddrive certify",
-        Verdict((capitalized(f"{found.sentence()}."),), good=True),
+        Verdict((capitalized(f"{certificate.sentence()}."),), good=True),
         (
-            Section("result", "Result", (found.table(), plants_table(found, rotary=rotary))),
-            further(drawn[1:]),
+            Section("result", "Result", (certificate.table(), plants_table(certificate, rotary=rotary))),
+            further(pictures[1:]),
             Section(
                 "outside",
                 "What is outside",
                 (Remarks(outside, "", warns=False), Remarks(assumed, "What is assumed", warns=False)),
             ),
-            Section("control", "The control", (control_table(found),), folded=True),
-            facts("What was certified", [*(known or {}).items(), *_words(found.document)]),
+            Section("control", "The control", (control_table(certificate),), folded=True),
+            facts("What was certified", [*(known or {}).items(), *_words(certificate.document)]),
         ),
-        drawn[0],
+        pictures[0],
         rotary,
     )
 
 
 def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What stands in the certificate in sentences."""
+    """Return the sentences of the certificate for the facts of its report."""
     return [
         ("Claim", document["claim"]),
         ("Theorem", document["theorem"]),
@@ -240,7 +247,7 @@ def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def plants_table(found: Certificate, *, rotary: bool = False) -> Table:
+def plants_table(certificate: Certificate, *, rotary: bool = False) -> Table:
     """Tabulate where each plant comes from."""
 
     def source(text: str) -> str:
@@ -251,36 +258,39 @@ def plants_table(found: Certificate, *, rotary: bool = False) -> Table:
         [
             plant["name"],
             float(plant["dead_time_s"]),
-            sum(abs(pole) > 1.0 - 1e-12 for pole in found.loops[plant["name"]].plant.poles()),
+            # a free mass has its poles at z = 1, and rounding may put them just inside
+            sum(abs(pole) > 1.0 - 1e-12 for pole in certificate.loops[plant["name"]].plant.poles()),
             source(plant["source"]),
         ]
-        for plant in found.document["plants"]
+        for plant in certificate.document["plants"]
     ]
     return Table("plants", ["plant", Column("dead time", "s"), "poles at or outside |z| = 1", "model"], rows)
 
 
-def control_table(found: Certificate) -> Table:
-    """The parameters of the control, as people read them."""
-    control = found.document["control"]
+def control_table(certificate: Certificate) -> Table:
+    """Tabulate the parameters of the control."""
+    control = certificate.document["control"]
     rows = [
         [name, Quantity(value, control["units"][name], form="6 SI"), UNIT]
         for name, value in control["parameters"].items()
     ]
-    every = Quantity(1e-3 * found.document["sample_time_ms"], "s", form="6")
-    title = f"control {control['law']}, {found.arithmetic} coefficients, every {every}"
+    every = Quantity(1e-3 * certificate.document["sample_time_ms"], "s", form="6")
+    title = f"control {control['law']}, {certificate.arithmetic} coefficients, every {every}"
     return Table(title, ["parameter", "value", "unit"], rows)
 
 
-def _pictures(found: Certificate) -> Iterator[Picture]:
-    plants = found.document["plants"]
-    least = "" if all(each["reserve"] is None for each in plants) else " The dot is where the discs have least room."
+def _pictures(certificate: Certificate) -> Iterator[Picture]:
+    plants = certificate.document["plants"]
+    least = "" if all(plant["reserve"] is None for plant in plants) else " The dot is where the discs have least room."
     above = (
         f"1/Σ|H|, one over what a sine of {Quantity(1.0, 'N')} adds to the force there and at its images"
-        if found.two_rates
+        if certificate.two_rates
         else "the distance of L from -1 over |L|"
     )
     seen = (
-        " Green at the lower edge: where the plant was measured." if any(any(each["lines"]) for each in plants) else ""
+        " Green at the lower edge: where the plant was measured."
+        if any(any(plant["lines"]) for plant in plants)
+        else ""
     )
     yield Picture(
         "margin",
@@ -290,16 +300,16 @@ def _pictures(found: Certificate) -> Iterator[Picture]:
             f"frequency; shaded orange is what the discs take.{least}{seen}"
         ),
         "Room around the plant and the radius of the discs over frequency, for each plant.",
-        found.chart,
+        certificate.chart,
     )
-    if found.two_rates:
+    if certificate.two_rates:
         return  # one L has no disc of its own: a plant is met at a frequency and all its images at once
     yield Picture(
         "discs",
         "Discs in the complex plane",
         "Every loop gain L that a plant in the discs can have lies in the shaded area; -1, the red cross, does not.",
         "Nyquist plot of the loop gain with the discs around it, near -1.",
-        lambda: plot.certificate_discs_chart(found),
+        lambda: plot.certificate_discs_chart(certificate),
     )
 
 
@@ -314,7 +324,7 @@ def write_certificate(path: str | Path, certificate: Certificate) -> Path:
 
 
 def read_certificate(path: str | Path) -> Certificate:
-    """The certificate in a file. Raises FileError, with the checker's reason, for one that is not proven."""
+    """Read the certificate in a file. Raise FileError, with the checker's reason, for one that is not proven."""
     content = read_whole(path, check.MOST_BYTES)
     try:
         document = check.parse(content)

@@ -35,7 +35,7 @@ from feeddrive.workflow.request import Request, argument, option
 
 @dataclass(frozen=True)
 class Mapped:
-    """A log with its roles, which column has which, whether it is one of a feed drive, and what is not used."""
+    """A log with its roles: the column of each role, a doubt about its sizes, and the columns that are not used."""
 
     log: Log
     columns: dict[str, Column]
@@ -54,7 +54,7 @@ def mapped(
     *,
     steady: bool = False,
 ) -> Mapped:
-    """The log with its roles in `wanted`.
+    """Read the log with its roles in `wanted`.
 
     named     role -> text of the command line; what is named goes before all else
     channels  a TOML file with [log.channels], or a `Mapping`; without it roles that are not named are guessed, and the
@@ -72,15 +72,15 @@ def mapped(
         told = {**request.mapping, **told}
         optional, sample_time = request.mapping.optional, sample_time or request.mapping.sample_time
         skipped = request.skip_samples
-        mapping = {role: each for role, each in told.items() if role in wanted}
+        mapping = {role: column for role, column in told.items() if role in wanted}
     else:
         mapping, open_ = _guessed_roles(path, told, wanted, sample_time, progress)
     whole = with_units(path, mapping, unit)
     log = read_log(path, whole, optional=optional, sample_time=sample_time).from_row(skipped)
     log = replace(log, left_out={**open_, **log.left_out}) if open_ else log
-    sure = {role for role, each in whole.items() if each != mapping[role]}
-    sure |= {role for role, each in told.items() if each.unit or each.factor is not None}
-    unused = tuple(f"{role} ('{each.name}')" for role, each in told.items() if role not in (*wanted, "time"))
+    sure = {role for role, column in whole.items() if column != mapping[role]}
+    sure |= {role for role, column in told.items() if column.unit or column.factor is not None}
+    unused = tuple(f"{role} ('{column.name}')" for role, column in told.items() if role not in (*wanted, "time"))
     return Mapped(log, whole, doubt_of(path, log, whole, sure, steady=steady), unused)
 
 
@@ -91,17 +91,17 @@ def _guessed_roles(
     sample_time: float | None,
     progress: Progress,
 ) -> tuple[dict[str, Column], dict[str, str]]:
-    """The roles that were told, and guesses of the others, which are shown; and why columns miss a likely role."""
+    """Return the named roles with guesses of the others, which are shown; and why columns miss a likely role."""
     guess = guess_roles(whole_log(path, told.get("time"), sample_time))
-    guessed = {role: each for role, each in guess.mapping.items() if role in wanted and role not in told}
+    guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
     # a column that was named for one role does not stand for another
-    taken = {each.name for each in told.values()}
-    guessed = {role: each for role, each in guessed.items() if each.name not in taken}
+    taken = {column.name for column in told.values()}
+    guessed = {role: column for role, column in guessed.items() if column.name not in taken}
     if guessed or any(role not in told for role in guess.needs):
         show(guess, path, progress)
-    mapping = {role: each for role, each in {**guessed, **told}.items() if role in wanted}
+    mapping = {role: column for role, column in {**guessed, **told}.items() if role in wanted}
     if not set(mapping) - {"time"}:
-        names = ", ".join([*guess.unused, *(each.name for each in guess.mapping.values())][:20])
+        names = ", ".join([*guess.unused, *(column.name for column in guess.mapping.values())][:20])
         raise LogError(
             f"{path}: no column is known by its name or unit; there are: {names}. Name them, as "
             f"with --set-position 'r:mm' --position 'x:mm' --force 'f:N', or give them with --channels"
@@ -110,22 +110,22 @@ def _guessed_roles(
 
 
 def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
-    """Why columns that look like a role do not have it: a factor is missing, or their cells are no numbers."""
-    found = {role: f"'{name}' needs a factor, {what}" for role, (name, what) in guess.needs.items()}
-    for role, each in guess.mapping.items():
+    """Return why a likely column is not used, by role: a factor is missing, or its cells are no numbers."""
+    reasons = {role: f"'{name}' needs a factor, {what}" for role, (name, what) in guess.needs.items()}
+    for role, column in guess.mapping.items():
         if role == "current" and role not in wanted:
-            found[role] = f"'{each.name}' is a current in {each.unit or 'A'} and needs a factor to N"
+            reasons[role] = f"'{column.name}' is a current in {column.unit or 'A'} and needs a factor to N"
     for role, (name, why) in guess.lost.items():
         cells = " (cells that are empty, or have a decimal comma in quotes, are no numbers)" if why == "text" else ""
-        found[role] = f"'{name}' is {why}{cells}"
-    return found
+        reasons[role] = f"'{name}' is {why}{cells}"
+    return reasons
 
 
 _ACTING = ("force", "torque", "current", "command")
 
 
 def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
-    """That a log has no column of one of the roles: what stands in the way of those that look like one, or its roles.
+    """Return the error for a log without a column of these roles: why likely columns were refused, or its roles.
 
     what     the quantity, as `the force`
     options  that name a column for it
@@ -145,7 +145,7 @@ def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: s
 
 
 def requested(channels: MappingLike, path: Path) -> LogRequest:
-    """The log with its mapping. Raises FileError for a file that is not there, with how to make one."""
+    """Return the log with its mapping. Raise FileError, with the command that writes one, for a missing file."""
     if isinstance(channels, Mapping):
         return LogRequest(path, channels)
     if not channels.exists():
@@ -155,15 +155,15 @@ def requested(channels: MappingLike, path: Path) -> LogRequest:
 
 
 def whole_log(path: Path | OpenedFile, time: Column | None, sample_time: float | None, name: str | None = None) -> Log:
-    """All columns of a log under their own names, with the column of time that was named, in its unit."""
+    """Read all columns of a log under their own names; a named column of time is converted by its unit."""
     if time is None:
         return read_log(path, sample_time=sample_time, name=name)
-    read_log(path, {"time": time}, sample_time=sample_time)  # one that is not there is said
+    read_log(path, {"time": time}, sample_time=sample_time)  # raises if the column is missing
     return read_log(path, optional={"time": time}, sample_time=sample_time, name=name)
 
 
 def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
-    """The guess, and how to correct it."""
+    """Show the guess and how to correct it."""
     progress.remark(guess.table())
     progress.remark(
         f"- These roles are guessed. To correct them: feeddrive channels {path} --out channels.toml, edit that file, "
@@ -172,12 +172,12 @@ def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
 
 
 class ChannelsRequest(Request):
-    """Which log is looked at."""
+    """The log whose columns are guessed, and where the mapping goes."""
 
     log: LogLike = argument("A log of any known format")
-    axis: str | None = option("of a log with several, as x or 0", default=None)
+    axis: str | None = option("axis of a log with several, as x or 0", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
     out: Path | None = option("File for the mapping (TOML)", short="-o", default=None)
 
 
@@ -205,8 +205,8 @@ def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
 
 
 def _responses(file: OpenedFile) -> Outcome[Any]:
-    """The frequency responses of a file, and what else a tuning tool wrote there."""
-    found = read_frfs(file)
+    """Tabulate the frequency responses of a file, and the other values that a tuning tool stored in it."""
+    responses = read_frfs(file)
     rows = [
         (
             name,
@@ -218,7 +218,7 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
             frf.frequency[-1],
             "no" if frf.coherence is None else float(np.median(frf.coherence)),
         )
-        for name, frf in found.items()
+        for name, frf in responses.items()
     ]
     columns = (
         "response",
@@ -230,28 +230,28 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
         TableColumn("to", "Hz"),
         TableColumn("coherence, median", form=".3f"),
     )
-    tables = [Table(f"frequency responses in {file}: {len(found)}", columns, rows)]
+    tables = [Table(f"frequency responses in {file}: {len(responses)}", columns, rows)]
     if is_ast(file.unpacked):
         for title, values in read_controllers(file).items():
             columns = ("member", TableColumn("value as in the file", form="9"))
             tables.append(Table(title or "all else that the file says", columns, list(values.items())))
-    how = "" if len(found) == 1 else " --motor NAME --load NAME, the names of the responses of the encoders"
-    return Outcome(found, tables, verdict=f"Masses and modes: feeddrive identify {file}{how}")
+    how = "" if len(responses) == 1 else " --motor NAME --load NAME, the names of the responses of the encoders"
+    return Outcome(responses, tables, verdict=f"Masses and modes: feeddrive identify {file}{how}")
 
 
 def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
-    """The guess; a clock that is none of a servo loop is taken in the unit that makes it one, since this can be seen
-    and corrected.
+    """Guess the mapping. A clock that is implausible for a servo loop is read in its likeliest unit: the table shows
+    it, and it can be corrected.
     """
     time = None if request.time is None else Column.of(request.time)
     why = "named on the command line"
     try:
         log = whole_log(file, time, request.sample_time)
     except LogError:
-        found = None if time is not None or request.sample_time is not None else _likely_time(file)
-        if found is None:
+        likely = None if time is not None or request.sample_time is not None else _likely_time(file)
+        if likely is None:
             raise
-        time, why = found
+        time, why = likely
         log = whole_log(file, time, None)
     guess = guess_roles(log, request.axis)
     if time is None:
@@ -262,7 +262,7 @@ def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
 
 
 def _likely_time(file: OpenedFile) -> tuple[Column, str] | None:
-    """The column of time with the likeliest unit, and why; None if it states one or none would do."""
+    """Return the column of time with its likeliest unit and the reason; None if it states a unit or none fits."""
     name = next((name for name in file.columns.values if is_time(name)), None)
     if name is None or name in file.columns.units or unit_at_the_end(name, "time"):
         return None

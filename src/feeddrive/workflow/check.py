@@ -13,7 +13,7 @@ from feeddrive.workflow.request import Request, argument
 
 
 class CheckRequest(Request):
-    """Which certificate."""
+    """The certificate to check."""
 
     file: Path = argument("A certificate (JSON)")
 
@@ -27,5 +27,5 @@ def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
     if not request.file.exists():
         raise FileError(f"{request.file}: no such file")
     progress.step(f"checking {request.file}")
-    said, proven = checked(str(request.file))
-    return Outcome(proven, said, judgment=Judgment.PROVEN if proven else Judgment.NOT_PROVEN)
+    lines, proven = checked(str(request.file))
+    return Outcome(proven, lines, judgment=Judgment.PROVEN if proven else Judgment.NOT_PROVEN)

@@ -49,54 +49,52 @@ _RADIUS, _FEEDS = 0.02, (0.02, 0.1)  # m, m/s, of a simulated machine
 
 
 class CircleRequest(Request):
-    """Which circles, what their columns are, and what is known of them."""
+    """The circles to test, the roles of their columns, and known data of the machine."""
 
     sources: tuple[Path, ...] = argument(
         "Logs of one circle each (MAT, CSV, Parquet), best in both directions at two feeds; or one machine file "
         "(TOML), or the name of a bundled machine, which then runs the circles"
     )
-    x: str = option("column of the first axis, as x:mm; of a machine its axis", default="x")
-    y: str = option("column of the second axis; of a machine its axis", default="y")
+    x: str = option("column of the first axis, as x:mm; for a machine the name of the axis", default="x")
+    y: str = option("column of the second axis; for a machine the name of the axis", default="y")
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of logs without a clock", unit="s", default=None, above=0.0)
+    sample_time: float | None = option("sample time of logs without a clock", unit="s", default=None, above=0.0)
     encoders: bool = option("the columns are readings of encoders, which do not see the tool", default=False)
     radius: float | None = option(
-        "nominal; of a log that of the fit to 0.1 mm if left out, of a machine 20 mm",
+        "nominal radius; if left out, that of the fit to 0.1 mm for a log, 20 mm for a machine",
         unit="m",
         entered="mm",
         default=None,
         above=0.0,
     )
     feed: tuple[float, ...] = option(
-        "of the circles of a machine; may be repeated", unit="m/s", entered="mm/min", default=(), above=0.0
+        "feed of the circles of a machine; may be repeated", unit="m/s", entered="mm/min", default=(), above=0.0
     )
     pitch_x: float | None = option(
         "pitch of the screw of x, to look for its error", unit="m", entered="mm", default=None, above=0.0
     )
     pitch_y: float | None = option("pitch of the screw of y", unit="m", entered="mm", default=None, above=0.0)
-    said: str = option("a line for the circle plot: date, place, compensation on or off", default="")
+    note: str = option("a line for the circle plot: date, place, compensation on or off", default="")
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"circle_{self.sources[0].stem}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredCircle(Result):
-    """The figures of a circular test, and what draws them."""
+    """The figures of a circular test, and the causes of its deviations."""
 
     test: CircleTest
     causes: CircleCauses
 
     def table(self) -> Table:
-        """The figures."""
         return self.test.table()
 
 
-def measured_circle_report(found: MeasuredCircle, said: str = "") -> Report:
-    """Return the report of a circular test; `said`: a line for the circle plot."""
-    return circle_report(found.test, found.causes, said)
+def measured_circle_report(measured: MeasuredCircle, note: str = "") -> Report:
+    """Return the report of a circular test; `note`: a line for the circle plot."""
+    return circle_report(measured.test, measured.causes, note)
 
 
 @command(CircleRequest)
@@ -118,28 +116,28 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
         if value is not None
     }
     progress.step("causes")
-    found = MeasuredCircle(test, circle_causes(circles, pitch=pitch))
+    measured = MeasuredCircle(test, circle_causes(circles, pitch=pitch))
     files: dict[str, Path] = {}
     if request.out is not None:
         with new_directory(request.out) as folder:
-            (folder / "report.html").write_text(html(measured_circle_report(found, request.said)), encoding="utf-8")
-            (folder / "circle.json").write_text(json.dumps(_summary(found), indent=1) + "\n", encoding="utf-8")
+            (folder / "report.html").write_text(html(measured_circle_report(measured, request.note)), encoding="utf-8")
+            (folder / "circle.json").write_text(json.dumps(_summary(measured), indent=1) + "\n", encoding="utf-8")
         files = {"Report": request.out / "report.html", "Figures": request.out / "circle.json"}
-    tables = [test.table(), peaks_table(test), found.causes.table()]
+    tables = [test.table(), peaks_table(test), measured.causes.table()]
     return Outcome(
-        found, tables, _remarks(found), files=files, page=partial(measured_circle_report, found, request.said)
+        measured, tables, _remarks(measured), files=files, page=partial(measured_circle_report, measured, request.note)
     )
 
 
 def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:
-    """Each path, reported."""
+    """Yield the paths, and report the reading of each."""
     for path in paths:
         progress.step(f"reading {path.name}")
         yield path
 
 
 def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
-    """The machine file that is given instead of logs."""
+    """Return the machine if the source is a machine file; None for logs."""
     first = sources[0]
     is_machine = first.suffix.lower() == ".toml" or (not first.suffix and not first.exists())
     if not is_machine:
@@ -150,7 +148,7 @@ def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
 
 
 def _measured(path: Path, request: CircleRequest) -> CirclePath:
-    """The circle of a log."""
+    """Read the circle of a log."""
     file = OpenedFile(path)
     # one after the other as the position of a table: that role has the unit of a length
     kept = {} if request.time is None else {"time": Column.of(request.time)}
@@ -171,7 +169,7 @@ def _measured(path: Path, request: CircleRequest) -> CirclePath:
 
 
 def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) -> list[CirclePath]:
-    """Circles in both directions at all feeds, about the middle of the travel where it is stated."""
+    """Simulate circles in both directions at all feeds, about the middle of the travel if it is stated."""
     machine = file.machine()
     axes = (request.x, request.y)
     for name in axes:
@@ -182,7 +180,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
     radius = _RADIUS if request.radius is None else request.radius
     feeds = request.feed or _FEEDS
     center = tuple(_middle(file, name, radius) for name in axes)
-    found: list[CirclePath] = []
+    circles: list[CirclePath] = []
     signal = "reading_load" if request.encoders else "tool"
     for feed in feeds:
         for direction in ("counterclockwise", "clockwise"):
@@ -195,7 +193,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
                     phase=phase,
                     direction=direction,
                     center=at,
-                    run_up_time=min(0.3, np.pi * radius / feed),
+                    run_up_time=min(0.3, np.pi * radius / feed),  # at most the time of half a turn
                 )
                 for name, phase, at in zip(axes, (0, 90), center, strict=True)
             }
@@ -206,12 +204,12 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
             }
             ends = next(iter(motion.values())).duration
             run = simulate(machine, {**motion, **still}, duration=ends, name=file.name)
-            found.append(circle_of_run(run, axes, radius=radius, center=(center[0], center[1]), signal=signal))
-    return found
+            circles.append(circle_of_run(run, axes, radius=radius, center=(center[0], center[1]), signal=signal))
+    return circles
 
 
 def _middle(file: MachineFile, name: str, radius: float) -> float:
-    """The middle of an axis's travel, m; 0 where none is stated."""
+    """Return the middle of an axis's travel, m; 0 if it is not stated."""
     limits = file.limits.get(name)
     if limits is None or limits.travel_least is None or limits.travel_most is None:
         return 0.0
@@ -224,59 +222,59 @@ def _middle(file: MachineFile, name: str, radius: float) -> float:
     return 0.5 * (least + most)
 
 
-def _remarks(found: MeasuredCircle) -> list[str]:
-    first = found.test.circles[0]
-    said = [] if first.source == "tool" else ["Readings of encoders do not see what lies between them and the tool."]
-    there = {each.direction for each in found.test.circles}
+def _remarks(measured: MeasuredCircle) -> list[str]:
+    first = measured.test.circles[0]
+    remarks = [] if first.source == "tool" else ["Readings of encoders do not see what lies between them and the tool."]
+    there = {path.direction for path in measured.test.circles}
     if len(there) == 1:
-        said.append("One direction only: G(b) and D of both directions need the other one.")
-    notes = list(dict.fromkeys(each.note for each in found.causes.causes if each.note))
-    return [*said, *(capitalized(f"{note}.") for note in notes)]
+        remarks.append("One direction only: G(b) and D of both directions need the other one.")
+    notes = list(dict.fromkeys(cause.note for cause in measured.causes.causes if cause.note))
+    return [*remarks, *(capitalized(f"{note}.") for note in notes)]
 
 
-def _summary(found: MeasuredCircle) -> dict[str, Any]:
-    """All figures in SI; what cannot be separated is null."""
-    first = found.test.circles[0]
+def _summary(measured: MeasuredCircle) -> dict[str, Any]:
+    """Return all figures in SI; a cause that cannot be separated is null."""
+    first = measured.test.circles[0]
     return {
-        "radius_m": found.test.radius,
+        "radius_m": measured.test.radius,
         "plane": "".join(first.axes),
         "source": first.source,
-        "center_of_F": found.test.about,
+        "center_of_F": measured.test.about,
         "figures": [
             {
-                "name": each.name,
-                "both_directions": each.both,
-                "G_m": each.G,
-                "F_max_m": each.F_max,
-                "F_min_m": each.F_min,
-                "D_m": each.D,
-                "center_m": each.center.tolist(),
+                "name": figure.name,
+                "both_directions": figure.both,
+                "G_m": figure.G,
+                "F_max_m": figure.F_max,
+                "F_min_m": figure.F_min,
+                "D_m": figure.D,
+                "center_m": figure.center.tolist(),
             }
-            for each in found.test.figures
+            for figure in measured.test.figures
         ],
         "quadrant_peaks": [
             {
-                "circle": found.test.circles[each.circle].name,
-                "axis": each.axis,
-                "side": each.side,
-                "angle_rad": each.angle,
-                "deviation_m": each.deviation,
-                "height_m": each.height,
+                "circle": measured.test.circles[peak.circle].name,
+                "axis": peak.axis,
+                "side": peak.side,
+                "angle_rad": peak.angle,
+                "deviation_m": peak.deviation,
+                "height_m": peak.height,
             }
-            for each in quadrant_peaks(found.test)
+            for peak in quadrant_peaks(measured.test)
         ],
         "causes": [
             {
-                "name": each.name,
-                "value": _known(each.value, each),
-                "standard_error": _known(each.error, each),
-                "unit": each.unit,
-                "draws_m": each.effect,
-                "note": each.note,
+                "name": cause.name,
+                "value": _known(cause.value, cause),
+                "standard_error": _known(cause.error, cause),
+                "unit": cause.unit,
+                "draws_m": cause.effect,
+                "note": cause.note,
             }
-            for each in found.causes.causes
+            for cause in measured.causes.causes
         ],
-        "not_explained_rms_m": found.causes.residual,
+        "not_explained_rms_m": measured.causes.residual,
     }
 
 

@@ -36,9 +36,9 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     DriveLogsRequest,
     chosen,
-    columns_said,
+    column_texts,
     drive_of,
-    logs_said,
+    log_names,
     logs_stem,
     read_logs,
     write_report,
@@ -61,7 +61,7 @@ class CoggingRequest(DriveLogsRequest):
 
     logs: tuple[Path, ...] = argument("Logs of slow runs over the travel, one way or to and fro")
     period: str | None = option(
-        "after which the force repeats, as 24:mm or 90:deg; a turn of the motor if left out", default=None
+        "period after which the force repeats, as 24:mm or 90:deg; a turn of the motor if left out", default=None
     )
     position: str | None = option("column along the table: name:unit or name*factor:unit", default=None)
     angle: str | None = option("column of the motor's angle, as theta:deg", default=None)
@@ -70,7 +70,7 @@ class CoggingRequest(DriveLogsRequest):
         default=False,
     )
     backward: tuple[Path, ...] = option("a map measured in the other direction; may be repeated", default=())
-    orders: str | None = option("in a period, as 1..60 or 7,14,28; up to 128 if left out", default=None)
+    orders: str | None = option("orders in a period, as 1..60 or 7,14,28; up to 128 if left out", default=None)
 
     def check(self) -> None:
         """Raise ParameterError for options that do not fit each other."""
@@ -78,17 +78,16 @@ class CoggingRequest(DriveLogsRequest):
             raise ParameterError("--backward is for maps (--map): in a log the direction is seen in the position")
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"cogging_{logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
-        """The columns that were named, by their roles."""
+        """Return the column texts of the options by role; None for an option left out."""
         return {"position_load": self.position, "angle_motor": self.angle, **self.forces()}
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """Runs, the role of their force and its unit, the period in SI (m or rad), and which column is what."""
+    """Measured runs, the role and unit of their force, the period in SI (m or rad), and the columns by role."""
 
     runs: Sequence[CoggingRun]
     role: str
@@ -117,7 +116,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     files: dict[str, Path] = {}
     ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
     known = {
-        "Logs": logs_said([*request.logs, *request.backward]),
+        "Logs": log_names([*request.logs, *request.backward]),
         "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
         "Period": Text(
             f"{Quantity(seen.period, 'rad'):6 deg}" if seen.turning else f"{Quantity(seen.period, 'm'):6 mm}"
@@ -132,21 +131,21 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     if request.out is not None:
         progress.step("report")
         files = written(write_report(page(), text, request.out), text)
-    found = fit.table()
+    full = fit.table()
     # the chance of each is in the report: a terminal of 80 columns holds the rest whole
-    shown = Table(found.title, found.columns[:-1], [row[:-1] for row in found.rows])
+    shown = Table(full.title, full.columns[:-1], [row[:-1] for row in full.rows])
     notes = [f"No machine file was written: {why}."] if text is None else []
-    said = [sentence(each) for each in (*seen.doubts, *fit.remarks)]
-    return Outcome(fit, [shown], said, verdict, notes, files=files, judgment=judgment, page=page)
+    remarks = [sentence(text) for text in (*seen.doubts, *fit.remarks)]
+    return Outcome(fit, [shown], remarks, verdict, notes, files=files, judgment=judgment, page=page)
 
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
-    """Ways in one direction of logs that run over the travel; a clock is not needed."""
+    """Return the passes in one direction of logs that run over the travel; a clock is not needed."""
     named, wanted = request.named(), ("time", *_POSITIONS, *_FORCES)
-    files = [OpenedFile(each) for each in request.logs]
-    step, paths = _clock(files[0], request), [each.path for each in files]
+    files = [OpenedFile(source) for source in request.logs]
+    step, paths = _clock(files[0], request), [file.path for file in files]
     read, mapping, doubts = read_logs(files, named, request.channels, wanted, step, progress, request.unit)
-    found: list[CoggingRun] = []
+    passes: list[CoggingRun] = []
     role = moving = ""
     period, units_there = 0.0, ""
     for path, log in zip(paths, read, strict=True):
@@ -155,47 +154,45 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
         period = _period(request.period, ROLES[moving], drive)
         units_there = log.units.get(role, "")
         try:
-            found += cogging_passes(log[moving] / period, log[role], highest=max(orders or (128,)), name=path.name)
+            passes += cogging_passes(log[moving] / period, log[role], highest=max(orders or (128,)), name=path.name)
         except NotIdentifiableError as error:
             size = Quantity(period, ROLES[moving])
             raise NotIdentifiableError(f"{path}: with a period of {size:SI} {error}") from None
-    return _Seen(found, role, units_there, period, moving == "angle_motor", columns_said(mapping), doubts)
+    return _Seen(passes, role, units_there, period, moving == "angle_motor", column_texts(mapping), doubts)
 
 
 def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
-    """Of a file without any: cogging is a matter of places, so any will do."""
+    """Return the sample time; any will do for a file without a clock, since cogging depends on position alone."""
     if request.sample_time is not None or request.time is not None or request.channels is not None:
         return request.sample_time
     return None if any(is_time(name) for name in read_arrays(path)) else _ANY_CLOCK
 
 
 def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
-    """Rows that are places of one turn; of those with a force other than 0."""
+    """Return the places of one turn in maps, without those of force 0, which were not measured."""
     named = request.named()
-    role = next((each for each in _FORCES if named.get(each) is not None), "current")
-    told = named.get(role)
-    found: list[CoggingRun] = []
+    role = next((candidate for candidate in _FORCES if named.get(candidate) is not None), "current")
+    text = named.get(role)
+    runs: list[CoggingRun] = []
     name, unit = "", "" if role == "command" else ROLES[role]
-    for source, direction in (*((each, 1) for each in request.logs), *((each, -1) for each in request.backward)):
+    for source, direction in (*((log, 1) for log in request.logs), *((log, -1) for log in request.backward)):
         file = OpenedFile(source)
         path, arrays = file.path, read_arrays(file)
-        if told is None and len(arrays) != 1:
+        if text is None and len(arrays) != 1:
             raise ParameterError(f"{path}: name the column of the map with --current or --torque{nearest('', arrays)}")
-        asked = Column(name=next(iter(arrays))) if told is None else Column.of(told).checked(role)
-        name, values = asked.name, arrays.get(asked.name)
+        column = Column(name=next(iter(arrays))) if text is None else Column.of(text).checked(role)
+        name, values = column.name, arrays.get(column.name)
         if values is None:
             raise LogError(f"{path}: there is no column '{name}' ({role}){nearest(name, arrays)}")
-        factor = asked.scale(role)
-        unit = unit or asked.unit
+        factor = column.scale(role)
+        unit = unit or column.unit
         visited = np.flatnonzero(values)
         if visited.size < 2:
             raise NotIdentifiableError(f"{path}: '{name}' is 0 at all places but {visited.size}: nothing was measured")
-        found.append(
-            CoggingRun(visited / values.size, (1.0 if factor is None else factor) * values[visited], direction)
-        )
+        runs.append(CoggingRun(visited / values.size, (1.0 if factor is None else factor) * values[visited], direction))
     along = request.period is not None and not _is_angle(request.period)
     period = _period(request.period, "m" if along else "rad", drive)
-    return _Seen(found, role, unit, period, not along, f"{role}: {name}")
+    return _Seen(runs, role, unit, period, not along, f"{role}: {name}")
 
 
 def _is_angle(text: str) -> bool:
@@ -204,7 +201,7 @@ def _is_angle(text: str) -> bool:
 
 
 def _period(text: str | None, unit: str, drive: Drive) -> float:
-    """The period in the SI unit of the position. Raises ParameterError."""
+    """Return the period in the SI unit of the position. Raise ParameterError."""
     if text is None:
         if unit == "rad":
             return 2.0 * math.pi
@@ -214,33 +211,33 @@ def _period(text: str | None, unit: str, drive: Drive) -> float:
             "--period is missing: the position is along the table; give the pole pair, as --period 24:mm, or the "
             "screw's lead with --lead"
         )
-    number, _, given = text.partition(":")
+    number, _, entered = text.partition(":")
     try:
         value = float(number)
     except ValueError:
         raise ParameterError(f"--period {text}: must be NUMBER or NUMBER:UNIT, as 24:mm or 90:deg") from None
-    value *= units.factor(given, unit) if given else 1.0
+    value *= units.factor(entered, unit) if entered else 1.0
     if not 0.0 < value < math.inf:
         raise ParameterError(f"--period = {Quantity(value, unit):6 SI} must be > 0")
     return value
 
 
 def _orders(text: str | None) -> tuple[int, ...] | None:
-    """`1..60` or `7,14,28`. Raises ParameterError."""
+    """Parse orders such as `1..60` or `7,14,28`. Raise ParameterError."""
     if text is None:
         return None
     low, dots, high = text.partition("..")
     try:
-        found = tuple(range(int(low), int(high) + 1)) if dots else tuple(int(each) for each in text.split(","))
+        orders = tuple(range(int(low), int(high) + 1)) if dots else tuple(int(part) for part in text.split(","))
     except ValueError:
-        found = ()
-    if not found or min(found) < 1 or max(found) > _MOST or len(set(found)) != len(found):
+        orders = ()
+    if not orders or min(orders) < 1 or max(orders) > _MOST or len(set(orders)) != len(orders):
         raise ParameterError(f"--orders {text}: must be whole numbers from 1 to {_MOST}, as 1..60 or 7,14,28")
-    return found
+    return orders
 
 
 def _at_table(seen: _Seen, drive: Drive) -> AtTable | None:
-    """Period in m and N per unit of the force at the table, if both are known."""
+    """Return the period in m and the force at the table in N per unit, if both are known."""
     r = drive.lever
     constants = {"force": 1.0, "torque": None if r is None else 1.0 / r}
     constant = constants[seen.role] if seen.role in constants else drive.force_per_unit(seen.unit)
@@ -279,7 +276,7 @@ def cogging_report(
 
 
 def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
-    """Why the harmonics must not become part of a machine file; empty if they may."""
+    """Return the reason why the harmonics must not go into a machine file; empty if they may."""
     if fit.coulomb is None:
         return "one direction cannot tell cogging from friction that varies along the travel"
     if not _cogging(fit):
@@ -290,10 +287,10 @@ def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
 
 
 def advice(fit: CoggingFit) -> Advice:
-    """Which orders to take, or what to measure next: the judgment and one sentence with its reason."""
+    """Return the judgment on the orders to take, or on what to measure next, with one sentence and its reason."""
     if not fit.significant:
         return Judgment.NO_COGGING.because("no order of the position is significant")
-    strong = [each for each in fit.significant if each.amplitude >= _STRONG * fit.orders[0].amplitude]
+    strong = [order for order in fit.significant if order.amplitude >= _STRONG * fit.orders[0].amplitude]
     if fit.coulomb is None:
         return Judgment.COGGING_IS_OPEN.because(
             f"{_listed(strong)} stand out, and one direction cannot tell cogging from friction that varies along the "
@@ -305,9 +302,9 @@ def advice(fit: CoggingFit) -> Advice:
             f"what stands out, {_listed(strong)}, changes its sign with the direction, so it is friction that varies "
             "along the travel, or an error of the current's zero"
         )
-    even = sum(each.even.value**2 for each in fit.significant if each.even is not None)
-    odd = sum(each.odd.value**2 for each in fit.significant if each.odd is not None)
-    turned = [each for each in strong if each not in taken]
+    even = sum(order.even.value**2 for order in fit.significant if order.even is not None)
+    odd = sum(order.odd.value**2 for order in fit.significant if order.odd is not None)
+    turned = [order for order in strong if order not in taken]
     rest = (
         f"; do not compensate what changes its sign with it ({_rms(odd, fit.unit)}, {_listed(turned)}) by position "
         "alone, for that would double it one way"
@@ -324,7 +321,7 @@ def _rms(squares: float, unit: str) -> Text:
 
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:
-    """A machine file with the cogging among its forces, comments kept; without one, the section alone."""
+    """Return a machine file with the cogging among its forces, comments kept; without one, the section alone."""
     block = _rounded(fit.block(at_table.period, force_per_unit=at_table.force_per_unit))
     section = _section(block, axis)
     if machine is None:
@@ -333,20 +330,22 @@ def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None
     else:
         edit = TomlEdit(machine.file.text, machine.file.name)
         forces = machine.loop(axis).axis.forces
-        index = next((i for i, each in enumerate(forces) if isinstance(each, Cogging)), len(forces))
+        index = next((i for i, force in enumerate(forces) if isinstance(force, Cogging)), len(forces))
         if index < len(forces):
             edit.replace(("axis", axis, "forces", index), section)
         else:
             edit.add(section)
-    strongest = max((each.even for each in fit.significant if each.even is not None), key=lambda each: each.value)
+    strongest = max((order.even for order in fit.significant if order.even is not None), key=lambda order: order.value)
     error = at_table.force_per_unit * strongest.error
     edit.comment(("axis", axis, "forces", index, "force"), Text(f"standard error {Quantity(error, 'N'):2}"))
     return edit.text
 
 
 def _rounded(block: Cogging) -> Cogging:
-    """To six digits, far beyond what the errors leave."""
-    harmonics = tuple(replace(each, share=_short(each.share), phase=_short(each.phase)) for each in block.harmonics)
+    """Round to six digits, far finer than the standard errors."""
+    harmonics = tuple(
+        replace(harmonic, share=_short(harmonic.share), phase=_short(harmonic.phase)) for harmonic in block.harmonics
+    )
     return replace(block, force=_short(block.force), harmonics=harmonics)
 
 
@@ -360,18 +359,18 @@ def _section(block: Cogging, axis: str) -> str:
 
 
 def _cogging(fit: CoggingFit) -> list[CoggingOrder]:
-    """Strong orders that do not change their sign with the direction, the strongest first."""
-    found = [
-        each
-        for each in fit.significant
-        if each.even is not None and each.odd is not None and each.even.value > each.odd.value
+    """Return the strong orders that do not change sign with the direction, the strongest first."""
+    common = [
+        order
+        for order in fit.significant
+        if order.even is not None and order.odd is not None and order.even.value > order.odd.value
     ]
-    found.sort(key=lambda each: -(each.even.value if each.even is not None else 0.0))
-    return [each for each in found if each.amplitude >= _STRONG * fit.orders[0].amplitude]
+    common.sort(key=lambda order: -(order.even.value if order.even is not None else 0.0))
+    return [order for order in common if order.amplitude >= _STRONG * fit.orders[0].amplitude]
 
 
 def _listed(orders: Sequence[CoggingOrder]) -> str:
-    names = ", ".join(str(each.order) for each in orders[:_NAMED])
+    names = ", ".join(str(order.order) for order in orders[:_NAMED])
     more = f" and {len(orders) - _NAMED} more" if len(orders) > _NAMED else ""
     return f"order{'s' if len(orders) > 1 else ''} {names}{more}"
 

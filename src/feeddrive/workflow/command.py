@@ -37,7 +37,7 @@ _MODELS = ("machine", "source", "controller", "baseline", "job")  # fields that 
 
 @dataclass(frozen=True, repr=False)
 class Outcome(Generic[T]):
-    """What a command came to.
+    """The outcome of a command.
 
     result    the object of the analysis
     tables    what is shown first, with sentences between tables
@@ -70,22 +70,22 @@ class Outcome(Generic[T]):
 
     def __post_init__(self) -> None:
         for name in ("tables", "remarks", "notes", "details"):
-            shown = tuple(Text(each) if isinstance(each, str) else each for each in getattr(self, name))
+            shown = tuple(Text(item) if isinstance(item, str) else item for item in getattr(self, name))
             object.__setattr__(self, name, shown)
         for name in ("verdict", "failure"):
             object.__setattr__(self, name, Text(getattr(self, name)))
 
     @property
     def turns(self) -> bool:
-        """True if it is about an axis that turns."""
+        """True if the outcome is about an axis that turns."""
         return self.rotary or bool(getattr(self.result, "rotary", False))
 
-    def said(self, *, verbose: bool = True) -> Iterator[Table | str]:
-        """The tables and texts of the result, in order; without the details unless `verbose`."""
+    def contents(self, *, verbose: bool = True) -> Iterator[Table | str]:
+        """Yield the tables and texts of the result, in order; without the details unless `verbose`."""
         yield from self.tables
         yield from (Text(f"- {remark}") for remark in self.remarks)
         if verbose:
-            yield from (each if isinstance(each, Table) else Text(f"- {each}") for each in self.details)
+            yield from (detail if isinstance(detail, Table) else Text(f"- {detail}") for detail in self.details)
         elif self.details:
             yield f"- {len(self.details)} more with --verbose"
         if self.verdict:
@@ -93,18 +93,18 @@ class Outcome(Generic[T]):
         yield from (Text(f"- {note}") for note in self.notes)
 
     def shown(self, units: Units | None = None, *, verbose: bool = True) -> Iterator[Grid | str]:
-        """What a person reads of the result in the units of a reader, in order."""
+        """Yield what a person reads of the result, in order, in the units of a reader."""
         units = units or self.units
-        for each in self.said(verbose=verbose):
-            yield each.grid(units) if isinstance(each, Table) else resolve(each, units)
+        for item in self.contents(verbose=verbose):
+            yield item.grid(units) if isinstance(item, Table) else resolve(item, units)
 
     @property
     def units(self) -> Units:
-        """The units in which it is about its axis."""
+        """The units of the outcome: rotary ones if its axis turns."""
         return Units(rotary=self.turns)
 
     def written(self) -> Iterator[str]:
-        """What may be pasted, and where files were written."""
+        """Yield the section to paste, and the paths of the files that were written."""
         if self.section:
             yield ""
             yield self.section
@@ -115,7 +115,7 @@ class Outcome(Generic[T]):
         return self._told() if self.page is None else self.page()
 
     def _told(self) -> Report:
-        """The outcome as a report: the verdict, the picture of the result if it has one, tables, remarks, details."""
+        """Return the outcome as a report: verdict, picture of the result if it has one, tables, remarks, details."""
         from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict
 
         result: Any = self.result
@@ -170,8 +170,8 @@ def failure(error: Exception) -> dict[str, str]:
 def _recorded(shown: Sequence[Table | str], units: Units) -> dict[str, list[Any]]:
     """Return tables and the sentences between them as JSON has them."""
     return {
-        "tables": [each.record(units) for each in shown if isinstance(each, Table)],
-        "texts": [_told(each, units) for each in shown if not isinstance(each, Table)],
+        "tables": [item.record(units) for item in shown if isinstance(item, Table)],
+        "texts": [_told(item, units) for item in shown if not isinstance(item, Table)],
     }
 
 
@@ -191,15 +191,15 @@ class Command(Generic[P, R, T]):
         self.__signature__ = signature(request, work)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
-        """The result. `progress` may be given beside the fields of the request; `run` gives the whole outcome."""
+        """Return the result. `progress` may be given beside the fields of the request; `run` returns the outcome."""
         progress: Any = kwargs.pop("progress", None)
-        found = self.run(self.made(*args, **kwargs), progress)
-        if found.error is not None:
-            raise found.error
-        return found.result
+        outcome = self.run(self.build_request(*args, **kwargs), progress)
+        if outcome.error is not None:
+            raise outcome.error
+        return outcome.result
 
-    def made(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Return the request; what is wrong with a field of it is told in the units of its axis."""
+    def build_request(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Return the request; an invalid field is reported in the units of its axis."""
         try:
             bound = inspect.signature(self.request).bind(*args, **kwargs)
         except TypeError as error:
@@ -211,31 +211,33 @@ class Command(Generic[P, R, T]):
                 _worded(error)
             raise
 
-    def _misuse(self, given: Mapping[str, Any], said: str) -> str:
-        fields = {each.name: each for each in fields_of(self.request)}  # type: ignore[arg-type]
-        wrong = [name for name in given if name not in fields]
+    def _misuse(self, arguments: Mapping[str, Any], message: str) -> str:
+        fields = {declared.name: declared for declared in fields_of(self.request)}  # type: ignore[arg-type]
+        wrong = [name for name in arguments if name not in fields]
         if wrong:
             return f"{self.__name__} has no option '{wrong[0]}'{nearest(wrong[0], fields)}"
-        needed = ", ".join(f"{name} ({each.declared.meaning})" for name, each in fields.items() if each.required)
-        return f"{self.__name__}: {said}; it needs {needed or 'nothing'}, all else by name"
+        needed = ", ".join(
+            f"{name} ({declared.declared.meaning})" for name, declared in fields.items() if declared.required
+        )
+        return f"{self.__name__}: {message}; it needs {needed or 'nothing'}, all else by name"
 
     def run(self, request: R, progress: Progress | None = None) -> Outcome[T]:
-        """Do the work that a request asks for. A place that cannot be written is refused before the work."""
-        for each in fields_of(type(request)):
-            place = getattr(request, each.name)
-            if each.declared.meaning == OUT and place is not None:
+        """Run the work of a request. An output path that cannot be written is refused before the work."""
+        for declared in fields_of(type(request)):
+            place = getattr(request, declared.name)
+            if declared.declared.meaning == OUT and place is not None:
                 from feeddrive.files.atomic_io import check_directory
 
                 check_directory(place)
         try:
-            found = self.work(request, progress or Progress())
+            outcome = self.work(request, progress or Progress())
         except FeeddriveError as error:
             if _turns(vars(request)):
                 _worded(error)
             raise
-        if found.turns and found.error is not None:
-            _worded(found.error)
-        return found
+        if outcome.turns and outcome.error is not None:
+            _worded(outcome.error)
+        return outcome
 
 
 def _worded(error: FeeddriveError) -> None:
@@ -249,7 +251,7 @@ def _turns(fields: Mapping[str, Any]) -> bool:
     from feeddrive.files.machine import MachineFile, read_machine
     from feeddrive.loop.loop import Loop
 
-    found = list[Loop]()
+    loops = list[Loop]()
     for name, value in fields.items():
         for read in (read_machine, read_job) if isinstance(value, str | Path) and name in _MODELS else ():
             with suppress(FeeddriveError):
@@ -258,10 +260,10 @@ def _turns(fields: Mapping[str, Any]) -> bool:
         value = value.machine if isinstance(value, Job) else value
         if isinstance(value, MachineFile):
             axis = str(fields.get("axis", ""))
-            found += [value.loops[axis]] if axis in value.loops else list(value.loops.values())
+            loops += [value.loops[axis]] if axis in value.loops else list(value.loops.values())
         elif isinstance(value, Loop):
-            found.append(value)
-    return bool(found) and all(loop.axis.rotary for loop in found)
+            loops.append(value)
+    return bool(loops) and all(loop.axis.rotary for loop in loops)
 
 
 def command(request: Callable[P, R]) -> Callable[[Callable[[R, Progress], Outcome[T]]], Command[P, R, T]]:
@@ -270,10 +272,10 @@ def command(request: Callable[P, R]) -> Callable[[Callable[[R, Progress], Outcom
 
 
 class Listed(NamedTuple):
-    """A command as `--help` shows it: its module, one sentence, under which heading, and what may follow its name."""
+    """An entry of `--help`: the module of a command, one sentence, its group, and examples of what follows its name."""
 
     module: str
-    said: str
+    summary: str
     group: str
     examples: tuple[str, ...]
 
@@ -482,5 +484,5 @@ COMMANDS: dict[str, Listed] = {
 
 
 def load(name: str) -> Command[Any, Any, Any]:
-    """The command of a name."""
+    """Return the command of a name."""
     return getattr(import_module(f"feeddrive.workflow.{COMMANDS[name].module}"), name.replace("-", "_"))

@@ -27,7 +27,7 @@ TAKEN = "taken.toml"
 
 
 class CompareRequest(EvaluationRequest):
-    """Which axis, which laws, and how hard each is searched for."""
+    """The axis, the laws, and the number of searches for a law."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("The axis, if the machine has several", default=None)
@@ -46,7 +46,6 @@ class CompareRequest(EvaluationRequest):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"compare_{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
 
 
@@ -58,32 +57,34 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     there, for a law to take without a directory, UnstableError if no law can be run.
     """
     machine = read_machine(request.machine)
-    laws = [imported(Law, each) if ":" in each else each for each in request.law] or None
+    laws = [imported(Law, law) if ":" in law else law for law in request.law] or None
     if request.take is not None:
-        _check_take(request, machine.loop(request.axis), [each for each in laws or () if not isinstance(each, str)])
+        _check_take(request, machine.loop(request.axis), [law for law in laws or () if not isinstance(law, str)])
         laws = None if laws is None else [*laws, *([] if request.take in laws else [request.take])]
     files: dict[str, Path] = {}
     with engine_of(request, request.keep, request.out) as engine:
-        found = compare_laws(machine, request.axis, laws=laws, starts=request.starts, engine=engine, progress=progress)
+        comparison = compare_laws(
+            machine, request.axis, laws=laws, starts=request.starts, engine=engine, progress=progress
+        )
         if request.out is not None:
             progress.step("report")
             if request.take is None:
-                files["Report"] = write_comparison(found, request.out)
+                files["Report"] = write_comparison(comparison, request.out)
             else:
-                text = taken(found.machine, found.axis, found[request.take].loop.control)
-                files["Report"] = write_comparison(found, request.out, {TAKEN: text})
+                text = taken(comparison.machine, comparison.axis, comparison[request.take].loop.control)
+                files["Report"] = write_comparison(comparison, request.out, {TAKEN: text})
                 files["Machine"] = request.out / TAKEN
-    refused = [f"'{each.name}' cannot control this axis: {each.reason}" for each in found.refusals]
-    judgment, verdict = advice(found)
+    refused = [f"'{refusal.name}' cannot control this axis: {refusal.reason}" for refusal in comparison.refusals]
+    judgment, verdict = advice(comparison)
     return Outcome(
-        found,
-        [screen(found)],
-        [f"rule: {found.rule}", *in_short(found)],
+        comparison,
+        [screen(comparison)],
+        [f"rule: {comparison.rule}", *in_short(comparison)],
         verdict,
         files=files,
-        details=[*found.remarks, *refused],
+        details=[*comparison.remarks, *refused],
         judgment=judgment,
-        page=partial(comparison_report, found),
+        page=partial(comparison_report, comparison),
     )
 
 
@@ -95,12 +96,12 @@ def _check_take(request: CompareRequest, loop: Loop, own: list[type[Law]]) -> No
 
 
 def names(loop: Loop, own: Sequence[type[Law]] = ()) -> list[str]:
-    """Of the laws that can be compared on the axis of a loop, with those of one's own."""
-    return [each.name for each in candidates(loop, own)[0]]
+    """Return the names of the laws that can be compared on a loop's axis, user-defined ones included."""
+    return [candidate.name for candidate in candidates(loop, own)[0]]
 
 
 def taken(machine: MachineFile, axis: str, control: Control) -> str:
-    """The text of the machine's file with the control of a law that was compared."""
+    """Return the text of the machine file with the control of a compared law."""
     from feeddrive.workflow.tune_files import machine_text
 
     return machine_text(machine, axis, control)
@@ -120,35 +121,48 @@ _COLUMNS = (
 _SENTENCES = re.compile(r"\. (?=[A-Z])")  # between two: not the point of a number in a line of code
 
 
-def screen(found: Comparison) -> Table:
-    """Robustness and the figures that decide, two digits each; the laws without a place have a mark."""
+def screen(comparison: Comparison) -> Table:
+    """Tabulate robustness and the deciding figures, two digits each; laws without a place have a mark."""
     rows = [
-        [f"{each.name}{' *' if each.unplaced or each.unfit else ''}", *(each.figures.get(key) for _, key in _COLUMNS)]
-        for each in found.competitors
+        [
+            f"{competitor.name}{' *' if competitor.unplaced or competitor.unfit else ''}",
+            *(competitor.figures.get(key) for _, key in _COLUMNS),
+        ]
+        for competitor in comparison.competitors
     ]
-    return Table(f"{found.title}; * not ranked", [Column("law"), *(column for column, _ in _COLUMNS)], rows)
+    return Table(f"{comparison.title}; * not ranked", [Column("law"), *(column for column, _ in _COLUMNS)], rows)
 
 
-def in_short(found: Comparison) -> list[str]:
-    """Which laws have no place, and why, by name."""
-    tuned = [each for each in found.competitors if each.tuned is not None]
+def in_short(comparison: Comparison) -> list[str]:
+    """Return sentences on the laws without a place, with their names and the reasons."""
+    tuned = [competitor for competitor in comparison.competitors if competitor.tuned is not None]
     groups = {
         "Nothing to tune, so judged as it is": [
-            each for each in found.competitors if each.tuned is None and each.name != TODAY
+            competitor for competitor in comparison.competitors if competitor.tuned is None and competitor.name != TODAY
         ],
-        "Not settled, so not ranked (more --starts may find better gains)": [c for c in tuned if not c.settled],
-        "Outside of the rule, so not ranked": [c for c in found.competitors if c.outside and c.settled],
-        "Without figures, unstable or out of bounds": [c for c in found.competitors if c.unfit],
+        "Not settled, so not ranked (more --starts may find better gains)": [
+            competitor for competitor in tuned if not competitor.settled
+        ],
+        "Outside of the rule, so not ranked": [
+            competitor for competitor in comparison.competitors if competitor.outside and competitor.settled
+        ],
+        "Without figures, unstable or out of bounds": [
+            competitor for competitor in comparison.competitors if competitor.unfit
+        ],
         "Not proven in every point": [
-            c for c in tuned if c.tuned is not None and any(line.holds is not True for line in c.tuned.proof)
+            competitor
+            for competitor in tuned
+            if competitor.tuned is not None and any(line.holds is not True for line in competitor.tuned.proof)
         ],
     }
-    said = [f"{head}: {', '.join(each.name for each in group)}." for head, group in groups.items() if group]
+    lines = [
+        f"{head}: {', '.join(competitor.name for competitor in group)}." for head, group in groups.items() if group
+    ]
     refused = dict[str, list[str]]()
-    for each in found.refusals:
-        first = _SENTENCES.split(marked(each.reason), maxsplit=1)[0].rstrip(".")
-        refused.setdefault(first, []).append(each.name)
+    for refusal in comparison.refusals:
+        first = _SENTENCES.split(marked(refusal.reason), maxsplit=1)[0].rstrip(".")
+        refused.setdefault(first, []).append(refusal.name)
     return [
-        *said,
+        *lines,
         *(Text(f"Cannot control this axis: {', '.join(names)}: {reason}.") for reason, names in refused.items()),
     ]

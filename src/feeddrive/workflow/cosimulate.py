@@ -16,19 +16,18 @@ from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 
 class CosimulateRequest(Request):
-    """Which job, which FMU, and what its variables are."""
+    """The job, the FMU, and the roles of its variables."""
 
     job: JobLike = argument("A job file (TOML) with a reference, or the name of a bundled job")
     fmu: Path = argument("The plant: an FMU 2.0 or 3.0. It is a program, and it is run")
     variable: tuple[str, ...] = option(
-        "Which variable of the FMU is what, as force=F_drive or reading=x:mm; may be repeated", default=()
+        "Role of a variable of the FMU, as force=F_drive or reading=x:mm; may be repeated", default=()
     )
     set: tuple[str, ...] = option("A parameter of the FMU, as m=160; may be repeated", default=())
-    dead_time: float = option("Before a command acts", default=0.0, unit="s")
+    dead_time: float = option("Dead time before a command acts", default=0.0, unit="s")
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"cosimulate_{stem(self.job)}"
 
 
@@ -37,7 +36,7 @@ def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimu
     """Run the laws of a job against somebody else's model of the machine: an FMU in place of the plant."""
     job = read_job(request.job)
     values = {name: _number(name, text) for name, text in _pairs("--set", request.set).items()}
-    found = run_against(
+    cosimulation = run_against(
         job,
         request.fmu,
         names=_pairs("--variable", request.variable),
@@ -47,23 +46,28 @@ def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimu
     )
     files: dict[str, Path] = {}
     if request.out is not None:
-        files["Signals"] = write_cosimulation(found, request.out).parent / "runs"
+        files["Signals"] = write_cosimulation(cosimulation, request.out).parent / "runs"
     remark = "No margins: an FMU states no linear model. `feeddrive run` gives those of the machine file."
-    tripped = any(row.figures()["trip"] > 0.0 for row in found.rows)
+    tripped = any(row.figures()["trip"] > 0.0 for row in cosimulation.rows)
     judgment = Judgment.TRIPPED if tripped else Judgment.RAN
     return Outcome(
-        found, [found.table()], [remark], files=files, judgment=judgment, failure=judgment.says if tripped else ""
+        cosimulation,
+        [cosimulation.table()],
+        [remark],
+        files=files,
+        judgment=judgment,
+        failure=judgment.says if tripped else "",
     )
 
 
 def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
-    found: dict[str, str] = {}
+    pairs: dict[str, str] = {}
     for text in texts:
         name, mark, value = text.partition("=")
-        if not (mark and name and value) or name in found:
+        if not (mark and name and value) or name in pairs:
             raise ParameterError(f"{option} {text}: give each name once, as name=value")
-        found[name] = value
-    return found
+        pairs[name] = value
+    return pairs
 
 
 def _number(name: str, text: str) -> float:

@@ -31,7 +31,7 @@ MOTIONS = (*_TABLE, *_SHAFT)
 
 
 class DriveLogsRequest(Request):
-    """What commands on logs of a drive share: columns of the force, constants of the drive, and where it is written."""
+    """The common options of commands on logs of one drive: columns of the force, constants of the drive, output."""
 
     logs: tuple[LogLike, ...] = argument("Logs of one drive")
     force: str | None = option("column of the force, name:unit", default=None)
@@ -47,12 +47,12 @@ class DriveLogsRequest(Request):
     axis: str | None = option("its axis, if it has several", default=None)
     channels: MappingLike | None = option(CHANNELS, default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of logs without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of logs without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
     out: Path | None = option(OUT, short="-o", default=None)
 
     def forces(self) -> dict[str, str | None]:
-        """The columns that were named, by their roles."""
+        """Return the column texts of force and time by role; None for an option left out."""
         return {
             "force": self.force,
             "torque": self.torque,
@@ -63,10 +63,10 @@ class DriveLogsRequest(Request):
 
 
 def drive_of(request: DriveLogsRequest) -> Drive:
-    """The options, completed by the motor of the machine file."""
-    given = None if request.machine is None else read_machine(request.machine)
-    loop = None if given is None else given.loop(request.axis)
-    return drive_with(given, loop, request.axis, request.force_constant, request.lead, request.gear)
+    """Return the drive by the options, completed by the motor of the machine file."""
+    machine = None if request.machine is None else read_machine(request.machine)
+    loop = None if machine is None else machine.loop(request.axis)
+    return drive_with(machine, loop, request.axis, request.force_constant, request.lead, request.gear)
 
 
 def read_logs(
@@ -78,7 +78,7 @@ def read_logs(
     progress: Progress,
     unit: Sequence[str] = (),
 ) -> tuple[list[Log], dict[str, Column], list[str]]:
-    """All logs with the roles of the first one, whose guess is shown; and doubts about their sizes.
+    """Read all logs with the roles of the first one, whose guess is shown; return them with doubts about their sizes.
 
     Raises LogError as `read_log`, and for a log that is none of a feed drive.
     """
@@ -93,13 +93,13 @@ def read_logs(
             doubts.append(other.doubt.why)
         else:
             read.append(read_log(path, first.columns, sample_time=sample_time))
-    return read, first.columns, [each for each in doubts if each]
+    return read, first.columns, [doubt for doubt in doubts if doubt]
 
 
 def chosen(
     path: Path | OpenedFile, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str
 ) -> str:
-    """The role that is taken: one that was named, else the first of `roles` that is there. Raises LogError."""
+    """Return the role to use: a named one, else the first of `roles` in the log. Raise LogError if there is none."""
     there = [role for role in roles if role in log.channels]
     told = [role for role in there if named.get(role) is not None]
     if not there:
@@ -110,7 +110,7 @@ def chosen(
 def velocity_and_force(
     path: OpenedFile, log: Log, named: Mapping[str, str | None], drive: Drive
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Velocity and force of a log, and whether they are those of a shaft."""
+    """Return velocity and force of a log, and whether they are those of a shaft."""
     acting = chosen(path, log, named, FORCES, "force", "--force, --torque, --current or --command")
     shaft_first = acting == "torque"
     order = (*_SHAFT, *_TABLE) if shaft_first else (*_TABLE, *_SHAFT)
@@ -128,14 +128,14 @@ def velocity_and_force(
 
 
 def logs_stem(logs: Sequence[LogLike]) -> str:
-    """Of the results: the name of the first log, and how many more there are."""
+    """Return a stem for result files: the name of the first log, and the number of further ones."""
     name = Path(called(logs[0])).name.split(".")[0]
     return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}"
 
 
-def logs_said(logs: Sequence[LogLike]) -> str:
-    """Names of the logs, and once the folder in which all of them are."""
-    paths = [Path(called(each)) for each in logs]
+def log_names(logs: Sequence[LogLike]) -> str:
+    """Return the names of the logs, with their folder once if they share it."""
+    paths = [Path(called(log)) for log in logs]
     names = ", ".join(path.name for path in paths)
     folders = {str(path.parent) for path in paths}
     if folders == {"."}:
@@ -143,13 +143,13 @@ def logs_said(logs: Sequence[LogLike]) -> str:
     return f"{names} in {folders.pop()}" if len(folders) == 1 else ", ".join(map(str, paths))
 
 
-def columns_said(mapping: Mapping[str, Column]) -> str:
-    """Which column is what, with its factor and unit, for the facts of a report."""
-    return ", ".join(f"{role}: {each.text()}" for role, each in mapping.items())
+def column_texts(mapping: Mapping[str, Column]) -> str:
+    """Return the column of each role with its factor and unit, for the facts of a report."""
+    return ", ".join(f"{role}: {column.text()}" for role, column in mapping.items())
 
 
 def narrow(table: Table) -> Table:
-    """A table of estimates without its intervals, which the report has: a terminal of 80 columns holds it whole."""
+    """Return a table of estimates without its intervals, which the report has: it fits a terminal of 80 columns."""
     if table.heads[-1] != "95 % interval":
         return table
     rows = [[*row[:-1], "unknown" if str(row[-1]).startswith("not") else ""] for row in table.rows]
@@ -157,7 +157,7 @@ def narrow(table: Table) -> Table:
 
 
 def write_report(report: Report, machine: str | None, out: str | Path) -> Path:
-    """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
+    """Write `report.html` and, if there is one, `machine.toml` into a directory; return the path of the report."""
     with new_directory(out) as folder:
         if machine is not None:
             (folder / "machine.toml").write_text(machine, encoding="utf-8")
@@ -166,5 +166,5 @@ def write_report(report: Report, machine: str | None, out: str | Path) -> Path:
 
 
 def written(report: Path, machine: str | None) -> dict[str, Path]:
-    """What was written beside a report: the machine file, if there is one."""
+    """Return the files written with a report: the machine file, if there is one, and the report."""
     return {**({} if machine is None else {"Machine": report.parent / "machine.toml"}), "Report": report}

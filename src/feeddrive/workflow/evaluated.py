@@ -17,7 +17,7 @@ class EngineRequest(Request):
     """Base of the requests of commands that evaluate cases; their own fields come first."""
 
     workers: int | None = option(
-        "How many cases are computed side by side; default: as many as there are cores",
+        "Number of cases computed side by side; default: the number of cores",
         default=None,
         least=1,
         most=MOST_WORKERS,
@@ -40,10 +40,10 @@ class EvaluationRequest(EngineRequest):
 
 @contextmanager
 def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -> Generator[Engine]:
-    """The engine of a request, whose finished cases stand in `keep`, or else beside `out` until the block is done.
+    """Yield the engine of a request; finished cases are stored in `keep`, else beside `out` until the block is done.
 
     The block writes what the cases came to: cases beside `out` are removed after it, those in `keep` stay.
-    What ends it early says how many cases `--resume` finds.
+    An error that ends the block early states how many cases `--resume` finds.
     Raises ParameterError for a request to resume without either.
     """
     store = _store(keep, out, resume=request.resume)
@@ -53,9 +53,9 @@ def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -
     except (CancelledError, WorkerError) as error:
         if store is None or not store.count:
             raise
-        said = "stopped" if isinstance(error, CancelledError) else error
+        reason = "stopped" if isinstance(error, CancelledError) else error
         raise type(error)(
-            Text(f"{said}; finished cases in {store.place}: {store.count}; go on with --resume")
+            Text(f"{reason}; finished cases in {store.place}: {store.count}; go on with --resume")
         ) from None
     if store is not None and keep is None:
         store.clear()

@@ -38,31 +38,30 @@ WARNING = (
 
 
 class ExciteRequest(Request):
-    """Which axis is excited where, in which band, how strongly, and within which limits."""
+    """The axis, the place, band and amplitude of the excitation, and its limits."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
-    band: str = option("Hz, as 5..500")
+    band: str = option("band in Hz, as 5..500")
     amplitude: float = option("peak: N on the force, m on the setpoint; N m and rad of an axis that turns")
     axis: str | None = option("the axis, if the machine has several", default=None)
-    where: str = option("force or setpoint", default="force")
-    resolution: float = option("from line to line", default=1.0, unit="Hz")
+    where: str = option("signal that is excited: force or setpoint", default="force")
+    resolution: float = option("distance from line to line", default=1.0, unit="Hz")
     periods: int = option("periods in steady state", default=8, least=2)
     realisations: int = option("number of repetitions with other phases", default=2, least=1)
-    grid: str = option("full, odd, odd_odd or random_odd", default="random_odd")
-    offset_velocity: float | None = option("under the excitation; found if left out", unit="m/s", default=None)
-    travel: float | None = option("limit", unit="m", default=None)
-    speed: float | None = option("limit", unit="m/s", default=None)
-    force: float | None = option("limit", unit="N", default=None)
-    seed: int = option("of grid, phases and noise", default=0)
+    grid: str = option("excited lines: full, odd, odd_odd or random_odd", default="random_odd")
+    offset_velocity: float | None = option("velocity under the excitation; found if left out", unit="m/s", default=None)
+    travel: float | None = option("limit of the travel", unit="m", default=None)
+    speed: float | None = option("limit of the speed", unit="m/s", default=None)
+    force: float | None = option("limit of the force", unit="N", default=None)
+    seed: int = option("seed of grid, phases and noise", default=0)
     out: Path | None = option(OUT, short="-o", default=None)
 
     @property
     def name(self) -> str:
-        """Of the excitation and its directory: that of the machine file, and the axis if it was named."""
+        """The name of the excitation and its directory: that of the machine file, with the axis if it was named."""
         return f"{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"excite_{self.name}"
 
 
@@ -75,7 +74,7 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
     machine = read_machine(request.machine)
     loop = machine.loop(request.axis)
     progress.step("designing and simulating")
-    found = design_excitation(
+    excitation = design_excitation(
         loop,
         band=frequencies(request.band),
         name=request.name,
@@ -94,47 +93,54 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
     files: dict[str, str] = {}
     page = partial(
         excitation_report,
-        found,
+        excitation,
         loop,
         {"Machine": machine.name, "Source of its numbers": machine.source or "not stated"},
     )
     if request.out is not None:
         progress.step("report")
-        report = write_excitation(found, request.out, page())
+        report = write_excitation(excitation, request.out, page())
         files["Report"] = f"{report}, to be sent: {report.parent / 'excitation_1.csv'}"
-    return Outcome(found, [found.table()], [*found.remarks, WARNING], files=files, rotary=loop.axis.rotary, page=page)
+    return Outcome(
+        excitation,
+        [excitation.table()],
+        [*excitation.remarks, WARNING],
+        files=files,
+        rotary=loop.axis.rotary,
+        page=page,
+    )
 
 
-def write_excitation(found: Excitation, out: str | Path, page: Report) -> Path:
+def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> Path:
     """Write `excitation_1.csv` ... to be sent, `simulated_1.parquet` ... and `report.html`; the path of the report.
 
     A file to be sent has time, excitation and the set position of the motion underneath.  A simulated log has all that
     `feeddrive frf` needs.  Raises FileError.
     """
-    of_axis = turning if found.rotary else str
+    of_axis = turning if excitation.rotary else str
     with new_directory(out) as folder:
-        for i, drawn in enumerate(found.drawings, start=1):
+        for i, drawn in enumerate(excitation.drawings, start=1):
             sent = {"excitation": drawn.excitation, "set_position": drawn.set_position}
-            units = {"excitation": found.unit, "set_position": of_axis("m")}
+            units = {"excitation": excitation.unit, "set_position": of_axis("m")}
             stamps = np.round(drawn.time, 12)  # 0.00015 and not 0.00015000000000000001, for readability of the file
             write_run_csv(folder / f"excitation_{i}.csv", stamps, sent, units)
             columns = {"excitation": drawn.excitation, **drawn.signals}
-            units = {name: of_axis(UNITS.get(name, "m")) for name in columns} | {"excitation": found.unit}
-            write_run_parquet(folder / f"simulated_{i}.parquet", drawn.time, columns, units, found.sample_time)
+            units = {name: of_axis(UNITS.get(name, "m")) for name in columns} | {"excitation": excitation.unit}
+            write_run_parquet(folder / f"simulated_{i}.parquet", drawn.time, columns, units, excitation.sample_time)
         (folder / "report.html").write_text(html(page), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def rehearsed(found: Excitation, loop: Loop, output: str = "reading_load") -> tuple[FrequencyEstimate, FRF]:
-    """What `estimate_frf` makes of the simulated measurement, and the response of the model that was simulated."""
-    estimate = estimate_frf(found.records(output), method="periodic", period=found.period)
-    velocity = found.offset_velocity or 0.05
+def rehearsed(excitation: Excitation, loop: Loop, output: str = "reading_load") -> tuple[FrequencyEstimate, FRF]:
+    """Return the response estimated from the simulated measurement, and that of the simulated model."""
+    estimate = estimate_frf(excitation.records(output), method="periodic", period=excitation.period)
+    velocity = excitation.offset_velocity or 0.05
     model = linearize(loop, ["cut"], [output], velocity=velocity)
     return estimate, model.response(np.geomspace(estimate.frequency[0], estimate.frequency[-1], 1000))
 
 
 def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
-    """How many lines hold too much noise, from where on, and what to do; empty if none do."""
+    """Return a sentence on the lines with too much noise, from where on, and the remedy; empty if there are none."""
     good = np.flatnonzero(share < _USELESS)
     lost = share.size - good.size
     if lost == 0:
@@ -145,17 +151,17 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
     return Text(f" {lost} of {share.size} lines are not known to {Quantity(_USELESS, 'share')}{above}: {remedy}.")
 
 
-def excitation_report(found: Excitation, loop: Loop, known: Mapping[str, str] | None = None) -> Report:
+def excitation_report(excitation: Excitation, loop: Loop, known: Mapping[str, str] | None = None) -> Report:
     """Return the report of an excitation, with what its measurement will show; `known`: facts on the machine."""
-    estimate, model = rehearsed(found, loop)
+    estimate, model = rehearsed(excitation, loop)
     assert estimate.frf.variance is not None
     share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude
     lead = [
         Text(
-            f"{found.lines.size} lines from {Quantity(found.frequency[0], 'Hz', bare=True)} to "
-            f"{Quantity(found.frequency[-1], 'Hz')} on the {found.where}, peak "
-            f"{readable(found.amplitude, found.unit)}, crest factor {number(found.crest, 4)}; all limits that were "
-            "stated hold in the simulation."
+            f"{excitation.lines.size} lines from {Quantity(excitation.frequency[0], 'Hz', bare=True)} to "
+            f"{Quantity(excitation.frequency[-1], 'Hz')} on the {excitation.where}, peak "
+            f"{readable(excitation.amplitude, excitation.unit)}, crest factor {number(excitation.crest, 4)}; all "
+            "limits that were stated hold in the simulation."
         ),
         Text(
             f"Expect a deviation of {Quantity(np.median(share), 'share'):2} in the middle and "
@@ -171,7 +177,7 @@ def excitation_report(found: Excitation, loop: Loop, known: Mapping[str, str] | 
             "What is sent, and what the axis does",
             "First realisation. Between the dashed lines the speed must keep its sign.",
             "Excitation, speed and force over time.",
-            found.chart,
+            excitation.chart,
         ),
         Picture(
             "expected",
@@ -183,18 +189,22 @@ def excitation_report(found: Excitation, loop: Loop, known: Mapping[str, str] | 
     )
     stated = {
         **(known or {}),
-        "Grid": Text(f"{found.grid}, lines at multiples of {Quantity(1.0 / (found.period * found.sample_time), 'Hz')}"),
-        "Periods": f"{found.periods} of {found.period} samples, each realisation swells and fades over {found.fade}",
-        "Motion underneath": Text(f"{readable(found.offset_velocity, 'm/s')}, back in every second realisation"),
-        "Least speed while excited": Text(f"{readable(found.least_velocity, 'm/s')}"),
+        "Grid": Text(
+            f"{excitation.grid}, lines at multiples of "
+            f"{Quantity(1.0 / (excitation.period * excitation.sample_time), 'Hz')}"
+        ),
+        "Periods": f"{excitation.periods} of {excitation.period} samples, each realisation swells and fades over "
+        f"{excitation.fade}",
+        "Motion underneath": Text(f"{readable(excitation.offset_velocity, 'm/s')}, back in every second realisation"),
+        "Least speed while excited": Text(f"{readable(excitation.least_velocity, 'm/s')}"),
     }
-    noted = Remarks([*found.remarks, *estimate.remarks])
+    noted = Remarks([*excitation.remarks, *estimate.remarks])
     return Report(
         "Excitation for a frequency response",
         "feeddrive excite",
         Verdict(lead),
         (
-            Section("limits", "Limits", (found.table(), noted)),
+            Section("limits", "Limits", (excitation.table(), noted)),
             further((expected,)),
             facts("What was designed", stated),
         ),

@@ -15,7 +15,7 @@ from feeddrive.workflow.request import OUT, Request, argument, option
 
 
 class ExportRequest(Request):
-    """Which axis, or all, for which target."""
+    """The axis, or all of them, and the target."""
 
     source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     target: str = option("c, linuxcnc, linuxcnc-pid, fmu2, fmu3, cortex-m, st, or parameters", short="-t")
@@ -64,13 +64,13 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
         gear=request.gear,
     )
     designs = tuple(design for design, _ in written)
-    said = [f"{design.title}; for the target {request.target}, every {design.period}" for design in designs]
+    titles = [f"{design.title}; for the target {request.target}, every {design.period}" for design in designs]
     remarks = [
         f"Note: {f'axis {design.axis}: ' if len(designs) > 1 else ''}{remark}"
         for design in designs
         for remark in design.remarks
     ]
-    remarks += [said for _, readme in written for said in edits_kept(readme.parent)]
+    remarks += [remark for _, readme in written for remark in edits_kept(readme.parent)]
     first = {f"Read first{f', axis {design.axis}' if len(designs) > 1 else ''}": readme for design, readme in written}
-    judgment = next((each for design in designs if (each := design.judgment).bad), Judgment.EXPORTED)
-    return Outcome(designs, said, remarks, files=first, judgment=judgment)
+    judgment = next((bad for design in designs if (bad := design.judgment).bad), Judgment.EXPORTED)
+    return Outcome(designs, titles, remarks, files=first, judgment=judgment)

@@ -28,36 +28,37 @@ _NO_CLOCK = "{name}: has no clock: give the sample time, so that its rows have t
 
 
 class FollowRequest(Request):
-    """What is followed, which window is kept, and for how long it is waited for."""
+    """The source to follow, the window to keep, and how long to wait for it."""
 
     source: Path = argument(
         "A table in text that grows, as a log that is being written; - for rows from a pipe, as of halsampler; or the "
         "drive file (TOML) of a drive, which is sampled and neither enabled nor moved"
     )
-    channel: str | None = option("that triggers; none: the first window that is whole is kept", default=None)
-    level: float = option("at which it triggers, in the unit of the channel", default=0.0)
-    edge: str = option("in which direction it passes the level", default=RISING, options=("rising", "falling"))
+    channel: str | None = option("channel that triggers; none: the first complete window is kept", default=None)
+    level: float = option("trigger level, in the unit of the channel", default=0.0)
+    edge: str = option("direction in which the channel passes the level", default=RISING, options=("rising", "falling"))
     hysteresis: float = option(
-        "by which the channel must have been on the other side before, in its unit", default=0.0, least=0.0
+        "distance beyond the level on the other side that arms the trigger, in the channel's unit",
+        default=0.0,
+        least=0.0,
     )
-    hold: float = option("after a trigger, the time in which no other one counts", default=0.0, unit="s", least=0.0)
+    hold: float = option("time after a trigger in which no other one counts", default=0.0, unit="s", least=0.0)
     window: float = option("length of the window", default=1.0, unit="s", least=1e-4)
     before: float = option("share of the window before the trigger", default=0.2, least=0.0, most=0.95)
     sample_time: float | None = option(
-        "of a table without a column of time", default=None, unit="s", above=0.0, most=10.0
+        "sample time of a table without a column of time", default=None, unit="s", above=0.0, most=10.0
     )
     time_unit: str | None = option(
-        "of a column of time that states none; default: s", default=None, options=("s", "ms", "us", "ns")
+        "unit of a column of time that states none; default: s", default=None, options=("s", "ms", "us", "ns")
     )
-    timeout: float = option("without a window, after which it ends", default=60.0, unit="s", above=0.0)
+    timeout: float = option("time without a window after which the command ends", default=60.0, unit="s", above=0.0)
     out: Path | None = option(OUT_FILE + "; .parquet", short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"window_{'pipe' if str(self.source) == PIPE else self.source.stem}.parquet"
 
     def trigger(self) -> Trigger | None:
-        """As it is declared; None without a channel."""
+        """Return the trigger as it is declared; None without a channel."""
         if self.channel is None:
             return None
         return Trigger(self.channel, self.level, self.edge, self.hysteresis, self.hold)
@@ -72,7 +73,7 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
     pipe = Pipe(sys.stdin.buffer) if str(request.source) == PIPE else None
     source = opened(request.source, pipe, sample_time=request.sample_time, time_unit=request.time_unit)
     scope = Oscilloscope(request.window, request.before, SINGLE, request.trigger())
-    until, said = time.monotonic() + request.timeout, ""
+    until, reported = time.monotonic() + request.timeout, ""
     try:
         while True:
             came = scope.feed(source)
@@ -85,9 +86,9 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
             if scope.lack:
                 raise ParameterError(f"{source.name}: {scope.lack}")
             state = source.state()
-            if state != said:
+            if state != reported:
                 progress.step(f"{source.name}: {state}")
-                said = state
+                reported = state
             progress.check()
             if time.monotonic() > until or (source.over and not came):
                 within = "" if source.over else Text(f" within {Quantity(request.timeout, 's'):6 SI}")
@@ -120,7 +121,7 @@ def opened(
     time_unit: str | None = None,
     inside: Path | None = None,
 ) -> LiveSource:
-    """A source by what it is called: - for the pipe, a drive file for its drive, else a table that grows.
+    """Open a source by its name: - for the pipe, a drive file for its drive, else a table that grows.
 
     inside  a folder that a file must not leave
     Raises FileError and ParameterError of a drive file; a table that is not there yet is waited for, in a folder that
@@ -139,14 +140,14 @@ def opened(
 
 def check_followed(sources: Collection[Path]) -> None:
     """Raise the errors of sources that were named and can never be followed: no folder, no good drive file."""
-    for each in sources:
-        if each.suffix.lower() == ".toml":
+    for source in sources:
+        if source.suffix.lower() == ".toml":
             from feeddrive.bus.drive_file import read_drive
 
-            read_drive(each)
-        elif str(each) != PIPE and (each.is_dir() or not each.parent.is_dir()):
-            wrong = "is a folder: name a table in it" if each.is_dir() else f"there is no folder {each.parent}"
-            raise FileError(f"{each}: {wrong}")
+            read_drive(source)
+        elif str(source) != PIPE and (source.is_dir() or not source.parent.is_dir()):
+            wrong = "is a folder: name a table in it" if source.is_dir() else f"there is no folder {source.parent}"
+            raise FileError(f"{source}: {wrong}")
 
 
 def check_channel(scope: Oscilloscope) -> None:
@@ -159,7 +160,7 @@ def check_channel(scope: Oscilloscope) -> None:
 def window_log(
     name: str, shown: Shown, stated: Mapping[str, str] | None = None, channels: Collection[str] | None = None
 ) -> Log:
-    """A window as a log, whose time begins at the trigger, or ends at 0.
+    """Return a window as a log whose time is 0 at the trigger, or at the end of the window without one.
 
     stated    units of channels whose source states none
     channels  that are kept; None: all
@@ -169,9 +170,9 @@ def window_log(
     """
     if shown.clock != "s":
         raise ParameterError(_NO_CLOCK.format(name=name))
-    units = {each: unit or (stated or {}).get(each, "") for each, unit in shown.channels.items()}
-    names = [each for each in units if channels is None or each in channels]
-    values = {each: shown.values[:, k] for k, each in enumerate(units) if each in names}
+    units = {channel: unit or (stated or {}).get(channel, "") for channel, unit in shown.channels.items()}
+    names = [channel for channel in units if channels is None or channel in channels]
+    values = {channel: shown.values[:, k] for k, channel in enumerate(units) if channel in names}
     lost = np.flatnonzero(np.any([~np.isfinite(row) for row in values.values()], axis=0)) if values else np.empty(0)
     if lost.size:
         at = float(shown.time[int(lost[0])]) - shown.zero
@@ -180,20 +181,20 @@ def window_log(
             "window without one: between the cursors, or a shorter one"
         )
     time = shown.time - shown.zero
-    found = checked_clock(name, time, lambda row: Text(f"{Quantity(time[row], 's'):6 SI}"))
+    clock = checked_clock(name, time, lambda row: Text(f"{Quantity(time[row], 's'):6 SI}"))
     return Log(
         name=name,
         time=time,
         channels=values,
-        units={each: units[each] for each in names},
-        sample_time=found.sample_time,
-        jitter=found.jitter,
+        units={channel: units[channel] for channel in names},
+        sample_time=clock.sample_time,
+        jitter=clock.jitter,
         provenance={"written_by": "feeddrive follow", "zero": shown.zero, "triggered": shown.triggered},
     )
 
 
 def between(shown: Shown, a: float, b: float) -> Shown:
-    """The part of a window between two places, in relation to its zero. Raises ParameterError where nothing is."""
+    """Return the part of a window between two times relative to its zero. Raise ParameterError if it is empty."""
     low, high = min(a, b), max(a, b)
     kept = (shown.time - shown.zero >= low) & (shown.time - shown.zero <= high)
     if not kept.any():

@@ -27,23 +27,25 @@ SIGNALS = ("percent", "per-mille", "A", "V", "pid.output", "N m", "N")
 
 
 class ForceRequest(Request):
-    """What a column holds, and what the data sheets of motor, drive and screw say."""
+    """The unit of a column, and the data of motor, drive and screw."""
 
     signal: str = argument(f"What the column is in: {', '.join(SIGNALS[:-1])} or {SIGNALS[-1]}")
-    column: str = option("its name in the log", default="signal")
-    rated: str | None = option("what 100 % is, as 3.2:Nm or 850:N or, of a current, 5.6:A", default=None)
+    column: str = option("name of the column in the log", default="signal")
+    rated: str | None = option("rated value, 100 %, as 3.2:Nm or 850:N or, of a current, 5.6:A", default=None)
     torque_constant: float | None = option(
-        "of the motor, for each A that is logged", unit="N m/A", above=0.0, default=None
+        "torque constant of the motor, for each A that is logged", unit="N m/A", above=0.0, default=None
     )
     motor_constant: float | None = option(
-        "of a linear motor, for each A that is logged", unit="N/A", above=0.0, default=None
+        "force constant of a linear motor, for each A that is logged", unit="N/A", above=0.0, default=None
     )
     amplitude: bool = option("the log has the amplitude of the current, and the constant is for A RMS", default=False)
     full: float = option(
         "the command at full output: 10 for ±10 V, pwmgen.scale for pid.output", above=0.0, default=10.0
     )
-    at_full: str | None = option("what the drive gives then, as 12:A, 9.6:Nm, 300:percent or 2500:N", default=None)
-    lead: float | None = option("of the screw, for a force at the table", unit="m", above=0.0, default=None)
+    at_full: str | None = option(
+        "output of the drive at full command, as 12:A, 9.6:Nm, 300:percent or 2500:N", default=None
+    )
+    lead: float | None = option("lead of the screw, for a force at the table", unit="m", above=0.0, default=None)
     gear: float = option("turns of the motor in one turn of the screw", default=1.0, above=0.0)
     inverted: bool = option("a positive signal pushes towards smaller positions", default=False)
     out: Path | None = option("File for the lines (TOML), as --channels takes it", short="-o", default=None)
@@ -58,9 +60,9 @@ class ForceRequest(Request):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ForceScale(Result):
-    """By what a column is multiplied to be a force in N at the table, or a torque in N m at the motor.
+    """The factor from the numbers of a column to a force in N at the table, or a torque in N m at the motor.
 
-    steps   how it came about: what, and how much of it for one of the signal
+    steps   the conversions: name, value for 1 of the signal, and unit
     """
 
     column: str
@@ -70,17 +72,16 @@ class ForceScale(Result):
     steps: tuple[tuple[str, float, str], ...]
 
     def table(self) -> Table:
-        """The chain."""
         rows = [[what, Quantity(value, unit, form="6 SI"), UNIT] for what, value, unit in self.steps]
         title = f"1 of '{self.column}' is {Quantity(self.factor, self.unit):6}"
         return Table(title, ["step", "for 1 of the signal", "unit"], rows)
 
     def line(self) -> str:
-        """Of a file for --channels."""
+        """Return the entry of a file for --channels."""
         return f"{self.role} = {{ column = {json.dumps(self.column, ensure_ascii=False)}, factor = {self.factor!r} }}"
 
     def option(self) -> str:
-        """Of the command line."""
+        """Return the option of the command line."""
         return f"--{self.role} '{self.column}*{self.factor!r}'"
 
 
@@ -91,19 +92,19 @@ def force(request: ForceRequest, progress: Progress) -> Outcome[ForceScale]:
     Raises ParameterError for a datum that is missing, with which one.
     """
     progress.step("computing")
-    found = scale(request)
-    section = f"[log.channels]\n{found.line()}\n"
-    remarks = _remarks(request, found)
+    result = scale(request)
+    section = f"[log.channels]\n{result.line()}\n"
+    remarks = _remarks(request, result)
     files: dict[str, str | Path] = {}
     if request.out is not None:
         write_whole(request.out, section)
         files["Written"] = request.out
-    verdict = f"On the command line: {found.option()}"
-    return Outcome(found, [found.table()], remarks, verdict, section=section, files=files)
+    verdict = f"On the command line: {result.option()}"
+    return Outcome(result, [result.table()], remarks, verdict, section=section, files=files)
 
 
 def scale(request: ForceRequest) -> ForceScale:
-    """The chain from one of the signal to N or N m. Raises ParameterError for what is missing."""
+    """Return the conversion factors from the signal's unit to N or N m. Raise ParameterError for missing data."""
     steps: list[tuple[str, float, str]] = []
     value, unit = 1.0, request.signal
     if unit in ("percent", "per-mille"):
@@ -145,12 +146,12 @@ def scale(request: ForceRequest) -> ForceScale:
 
 
 def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
-    """`3.2:Nm` as number and unit: N m, N, A or percent. Raises ParameterError."""
+    """Parse `3.2:Nm` into number and unit: N m, N, A or percent. Raise ParameterError."""
     if text is None:
         raise ParameterError(f"{flag} is missing: {what}; as {flag} {'12:A' if flag == '--at-full' else '3.2:Nm'}")
-    number, _, given = text.partition(":")
+    number, _, suffix = text.partition(":")
     try:
-        value, unit = float(number), unit_of(given) or ""
+        value, unit = float(number), unit_of(suffix) or ""
     except ValueError:
         raise ParameterError(f"{flag} {text}: must be a number and a unit, as 3.2:Nm or 850:N") from None
     if not (math.isfinite(value) and value > 0.0):
@@ -163,14 +164,20 @@ def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
     raise ParameterError(f"{flag} {text}: the unit must be one of a torque, a force or a current, as Nm, N or A")
 
 
-def _remarks(request: ForceRequest, found: ForceScale) -> list[str]:
-    """What a person cannot see in the factor."""
-    said: list[str] = []
-    if any("constant" in step for step, _, _ in found.steps) and not request.amplitude:
-        said.append("Constants of catalogues are for A RMS; many drives log the amplitude, √2 times that: --amplitude.")
-    if found.unit == "N m":
-        said.append("It is a torque at the motor; --lead of the screw in m makes it a force at the table.")
+def _remarks(request: ForceRequest, result: ForceScale) -> list[str]:
+    """Return remarks on what the factor alone does not show."""
+    remarks: list[str] = []
+    if any("constant" in step for step, _, _ in result.steps) and not request.amplitude:
+        remarks.append(
+            "Constants of catalogues are for A RMS; many drives log the amplitude, √2 times that: --amplitude."
+        )
+    if result.unit == "N m":
+        remarks.append("It is a torque at the motor; --lead of the screw in m makes it a force at the table.")
     if request.signal == "pid.output":
-        said.append("pid.output is what HAL sends on: it is full where the scale of the output pin (pwmgen, DAC) says.")
-    said.append("Friction and efficiency of the screw are not in it: they belong to the friction that identify finds.")
-    return said
+        remarks.append(
+            "pid.output is what HAL sends on: it is full where the scale of the output pin (pwmgen, DAC) says."
+        )
+    remarks.append(
+        "Friction and efficiency of the screw are not in it: they belong to the friction that identify finds."
+    )
+    return remarks

@@ -53,25 +53,28 @@ _FLAGS = {**dict.fromkeys((name for kind in _OUTPUTS for name in kind), "--outpu
 
 
 class FrfRequest(Request):
-    """Logs of one measurement, which column is what, and how the response is estimated."""
+    """Logs of one measurement, the roles of their columns, and the method of estimation."""
 
     logs: tuple[LogLike, ...] = argument("Logs of the same measurement (MAT, CSV, Parquet), one a realisation")
     input: str | None = option("column of the input, name or name:unit", default=None)
     output: tuple[str, ...] = option("column of an output, name or name:unit; may be repeated", default=())
-    reference: tuple[str, ...] = option("column of what was added to the loop; none for no such", default=())
-    method: str = option("auto, periodic, impact, local-polynomial, h1, h2, hv, indirect or joint", default="auto")
-    band: str | None = option("Hz, as 5..500", default=None)
+    reference: tuple[str, ...] = option(
+        "column of the signal that was added to the loop; none: without one", default=()
+    )
+    method: str = option(
+        "estimator: auto, periodic, impact, local-polynomial, h1, h2, hv, indirect or joint", default="auto"
+    )
+    band: str | None = option("band in Hz, as 5..500", default=None)
     period: int | None = option("samples of one period; found if left out", default=None)
     skip: int | None = option("periods dropped at the start; by a test", default=None)
     segment: int | None = option("samples of a stretch of averaged spectra", default=None)
-    sample_time: float | None = option("for logs without time", unit="s", default=None)
+    sample_time: float | None = option("sample time of logs without a clock", unit="s", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
     channels: MappingLike | None = option(CHANNELS, default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"frf_{Path(called(self.logs[0])).name.split('.')[0]}"
 
 
@@ -81,12 +84,12 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
 
     The result has one estimate for each output.  Raises LogError for a log that cannot be used.
     """
-    logs, references = [OpenedFile(each) for each in request.logs], request.reference
+    logs, references = [OpenedFile(log) for log in request.logs], request.reference
     unnamed = request.input is None and not request.output
     read, doubted = _read(logs, unnamed, request, progress)
     inside = None if request.band is None else frequencies(request.band)
-    found: list[FrequencyEstimate] = []
-    said: list[Table | str] = []
+    estimates: list[FrequencyEstimate] = []
+    shown: list[Table | str] = []
     of_input = request.input or _input(read[0])
     outputs = request.output or _outputs(read[0])
     for k, output in enumerate(outputs):
@@ -102,10 +105,10 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
         )
         if request.channels is None and "blows" not in estimate.counts:  # a hammer finds modes, no mass
             doubted += _check_mass(read[0].name, estimate, of_input, output, progress)
-        found.append(estimate)
-        said += [estimate.table(), *([levels(estimate)] if estimate.levels else [])]
-        said += [f"- {text}" for text in (*sentences(estimate), *estimate.remarks)]
-    used = {of_input, *(each.frf.output for each in found), *_references(read[0], references)}
+        estimates.append(estimate)
+        shown += [estimate.table(), *([levels(estimate)] if estimate.levels else [])]
+        shown += [f"- {text}" for text in (*sentences(estimate), *estimate.remarks)]
+    used = {of_input, *(estimate.frf.output for estimate in estimates), *_references(read[0], references)}
     remarks = [
         f"{log.name}: {remark}" for log in read for remark in log.remarks if any(f"'{name}'" in remark for name in used)
     ]
@@ -113,31 +116,31 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     files: dict[str, Path] = {}
     known = {
         "Logs": ", ".join(str(log) for log in logs),
-        "Input": found[0].frf.input,
-        "Output": ", ".join(each.frf.output for each in found),
+        "Input": estimates[0].frf.input,
+        "Output": ", ".join(estimate.frf.output for estimate in estimates),
         "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
         "Sample time": Text(f"{Quantity(read[0].sample_time, 's'):6}"),
         **({"In doubt": " ".join((*doubted, *doubts))} if doubted or doubts else {}),
     }
-    judged_by = units_first(doubted) or _advice(found)
-    page = partial(estimates_report, found, known, judged_by)
+    judged_by = units_first(doubted) or _advice(estimates)
+    page = partial(estimates_report, estimates, known, judged_by)
     if request.out is not None:
         progress.step("report")
-        report = write_estimates(found, request.out, page())
+        report = write_estimates(estimates, request.out, page())
         files |= {"Report": report, "Responses": report.parent / "frf.csv"}
     judgment, verdict = judged_by or (Judgment.DONE, "")
-    return Outcome(found, said, [*remarks, *doubts], verdict, files=files, judgment=judgment, page=page)
+    return Outcome(estimates, shown, [*remarks, *doubts], verdict, files=files, judgment=judgment, page=page)
 
 
-def _advice(found: Sequence[FrequencyEstimate]) -> Advice | None:
-    """The judgment on a response most lines of which cannot be trusted; None if there is none."""
-    for each in found:
-        assert each.frf.coherence is not None
-        poor = float(np.mean(each.frf.coherence <= TRUSTED))
+def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
+    """Return the judgment on estimates of which one is incoherent on most lines; None if all are good."""
+    for estimate in estimates:
+        assert estimate.frf.coherence is not None
+        poor = float(np.mean(estimate.frf.coherence <= TRUSTED))
         if poor > 0.5:
             return Judgment.INCOHERENT.because(
-                f"the coherence of '{each.frf.output}' is {number(TRUSTED)} or less on {Quantity(poor, 'share'):3} of "
-                "the lines; measure again with more amplitude or longer"
+                f"the coherence of '{estimate.frf.output}' is {number(TRUSTED)} or less on "
+                f"{Quantity(poor, 'share'):3} of the lines; measure again with more amplitude or longer"
             )
     return None
 
@@ -145,7 +148,7 @@ def _advice(found: Sequence[FrequencyEstimate]) -> Advice | None:
 def _read(
     files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress
 ) -> tuple[list[Log], list[str]]:
-    """The logs, with the roles of a TOML file, or, where nothing was named and no name is usual, with guessed ones.
+    """Read the logs with the roles of a TOML file, or guess the roles if nothing was named and no name is usual.
 
     The sentences say why a log whose units were told is implausible.
     """
@@ -168,33 +171,35 @@ def _read(
     told = {} if time_ is None else {"time": time_}
     roles = with_units(files[0], guess.mapping, unit)
     read = [read_log(file, {**roles, **told}, sample_time=sample_time, name=str(file)) for file in files]
-    sure = [role for role, each in roles.items() if each != guess.mapping[role]]
+    sure = [role for role, column in roles.items() if column != guess.mapping[role]]
     return read, _check_sizes(files[0], read[0], roles, sure, progress)
 
 
 def _check_sizes(
     file: OpenedFile, log: Log, roles: Mapping[str, Column], told: Collection[str], progress: Progress
 ) -> list[str]:
-    """Stop at a log that is none of a feed drive; the reason if its units were told."""
-    found = doubt(file, log, roles, told, _FLAGS, steady=True)
-    found.stop(progress)
-    return [found.why] if found.why else []
+    """Raise LogError for a log that is implausible for a feed drive; return the reason if its units were told."""
+    doubtful = doubt(file, log, roles, told, _FLAGS, steady=True)
+    doubtful.stop(progress)
+    return [doubtful.why] if doubtful.why else []
 
 
-def _check_mass(where: str, found: FrequencyEstimate, of_input: str, of_output: str, progress: Progress) -> list[str]:
-    """Stop at a response in the units of the file whose mass is none of a feed drive; the reason if they were told.
+def _check_mass(
+    where: str, estimate: FrequencyEstimate, of_input: str, of_output: str, progress: Progress
+) -> list[str]:
+    """Raise LogError for a mass that is implausible for a feed drive; return the reason instead if the units were told.
 
     A response without a unit is in the numbers of the log, and is judged where it is used.
     """
-    if not found.frf.unit:
+    if not estimate.frf.unit:
         return []
 
     def cure(unit: str) -> str:
         output, _, force = unit.rpartition("/")
         return f"--output '{_plain(of_output)}:{output.strip('()')}' --input '{_plain(of_input)}:{force}'"
 
-    told = all(Column.of(each).unit or Column.of(each).factor is not None for each in (of_input, of_output))
-    return [*filter(None, [check_response(where, found.frf, told, progress, cure)])]
+    told = all(Column.of(column).unit or Column.of(column).factor is not None for column in (of_input, of_output))
+    return [*filter(None, [check_response(where, estimate.frf, told, progress, cure)])]
 
 
 def _by_roles(
@@ -205,19 +210,19 @@ def _by_roles(
     progress: Progress,
     doubted: list[str],
 ) -> Log:
-    """A log with the roles of a TOML file; what was named on the command line goes before it."""
+    """Read a log with the roles of a TOML file; columns named on the command line take precedence."""
     file = OpenedFile(request.path)
     told = {} if time is None else {"time": Column.of(time)}
     roles = with_units(file, {**request.mapping, **told}, unit)
     mapping = replace(request.mapping, columns=roles, sample_time=sample_time or request.mapping.sample_time)
     log = replace(request, mapping=mapping).read().from_row(request.skip_samples)
-    sure = [role for role, each in roles.items() if each.unit or each.factor is not None]
+    sure = [role for role, column in roles.items() if column.unit or column.factor is not None]
     doubted += _check_sizes(file, log, roles, sure, progress)
     return log
 
 
 def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) -> Record:
-    """The channels of a log by name, in SI as far as their units are known."""
+    """Return the record of a log's channels by name, in SI as far as their units are known."""
     force, unit_in = _values(log, of_input)
     position, unit_out = _values(log, of_output)
     return Record(
@@ -233,12 +238,12 @@ def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) 
 
 
 def _input(log: Log) -> str:
-    """The column that is named like an input."""
+    """Return the first column with the usual name of an input."""
     return next((name for name in _INPUT if name in log.channels), None) or _missing(log, "input", _INPUT[0])
 
 
 def _outputs(log: Log) -> list[str]:
-    """The columns that are named like an encoder: that of the load, that of the motor, or one position."""
+    """Return the columns with usual names of encoders: of load and motor, or of one position."""
     kinds = [[name for name in kind if name in log.channels] for kind in _OUTPUTS]
     both = next((kind for kind in kinds if kind), [])
     one = [name for name in _ONE_OUTPUT if name in log.channels]
@@ -246,24 +251,24 @@ def _outputs(log: Log) -> list[str]:
 
 
 def _references(log: Log, told: Sequence[str]) -> list[str]:
-    """The signals added to the loop, by name; by default a channel with a known name."""
+    """Return the signals added to the loop, by name; by default a channel with a usual name."""
     named = [*told] or [name for name in _REFERENCE if name in log.channels][:1]
     return [name for name in named if name != "none"]
 
 
 def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence[str]) -> list[str]:
-    """What was not said and matters, in sentences: a reference, and the units of input and output."""
-    said: list[str] = []
+    """Return sentences on missing facts that matter: a reference, and the units of input and output."""
+    missing: list[str] = []
     for role, names in columns.items():
-        said += [
+        missing += [
             f"No unit of '{_plain(name)}' is known, so that the response is in its numbers: name it, as "
             f"--{role} {_plain(name)}:{'N' if role == 'input' else 'mm'}."
             for name in names
             if not _values(log, name)[1]
         ]
     if not _references(log, references):
-        said.append("No reference was given: if the loop was closed, name what was added to it with --reference.")
-    return said
+        missing.append("No reference was given: if the loop was closed, name what was added to it with --reference.")
+    return missing
 
 
 def _missing(log: Log, role: str, usual: str) -> str:
@@ -277,61 +282,61 @@ def _plain(named: str) -> str:
 
 
 def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
-    """A channel, `name`, `name:unit`, `name*factor` or `name*factor:unit`, and its unit in SI."""
-    asked = Column.of(named)
-    if asked.name not in log.channels:
-        raise LogError(f"{log.name}: there is no column '{asked.name}'{nearest(asked.name, log.channels)}")
-    values, to_si = log[asked.name], asked.factor is not None and not asked.unit
-    unit = _known(named, asked.unit) if asked.unit else log.units.get(asked.name, "") or unit_in_name(asked.name)
-    factor = 1.0 if asked.factor is None else asked.factor
+    """Return a channel, `name`, `name:unit`, `name*factor` or `name*factor:unit`, and its unit in SI."""
+    column = Column.of(named)
+    if column.name not in log.channels:
+        raise LogError(f"{log.name}: there is no column '{column.name}'{nearest(column.name, log.channels)}")
+    values, to_si = log[column.name], column.factor is not None and not column.unit
+    unit = _known(named, column.unit) if column.unit else log.units.get(column.name, "") or unit_in_name(column.name)
+    factor = 1.0 if column.factor is None else column.factor
     for si in _SI:
         try:
             size = units.factor(unit, si)
         except ParameterError:
             continue
-        check_sign(log.name, asked, unit, si)
+        check_sign(log.name, column, unit, si)
         return values * (factor if to_si else factor * size), si
     return values * factor, "" if to_si else unit
 
 
 def _known(named: str, unit: str) -> str:
-    """A unit of the command line as `language.units` writes it. Raises ParameterError for one that is none."""
-    found = unit_of(unit)
-    if found is None:
+    """Return a unit of the command line as `language.units` writes it. Raise ParameterError for an unknown one."""
+    known = unit_of(unit)
+    if known is None:
         raise ParameterError(f"'{named}': the unit '{unit}' is not known; give one as mm, N, Nm, A, mdeg or rad")
-    return found
+    return known
 
 
-def write_estimates(found: Sequence[FrequencyEstimate], out: str | Path, report: Report) -> Path:
-    """Write `frf.csv` with all responses and `report.html` into a directory; the path of the report. FileError."""
+def write_estimates(estimates: Sequence[FrequencyEstimate], out: str | Path, report: Report) -> Path:
+    """Write `frf.csv` with all responses and `report.html` into a directory; return the report's path."""
     with new_directory(out) as folder:
-        write_frf(folder / "frf.csv", *(each.frf for each in found))
+        write_frf(folder / "frf.csv", *(estimate.frf for estimate in estimates))
         (folder / "report.html").write_text(html(report), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def estimate_report(found: FrequencyEstimate) -> Report:
+def estimate_report(estimate: FrequencyEstimate) -> Report:
     """Return the report of one response."""
-    return estimates_report((found,))
+    return estimates_report((estimate,))
 
 
 def estimates_report(
-    found: Sequence[FrequencyEstimate], known: Mapping[str, str] | None = None, verdict: Advice | None = None
+    estimates: Sequence[FrequencyEstimate], known: Mapping[str, str] | None = None, verdict: Advice | None = None
 ) -> Report:
     """Return the report of responses, a section for each of several; `known`: facts on the measurement."""
-    verdict = _advice(found) if verdict is None else verdict
-    heads = [estimate.frf.output for estimate in found]  # columns under the names that their owner gave them
-    keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(found))]
+    verdict = _advice(estimates) if verdict is None else verdict
+    heads = [estimate.frf.output for estimate in estimates]  # columns under the names that their owner gave them
+    keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(estimates))]
     lead: list[str] = [
-        sentence if len(found) == 1 else Text(f"{name}: {sentence}")
-        for name, estimate in zip(heads, found, strict=True)
+        sentence if len(estimates) == 1 else Text(f"{name}: {sentence}")
+        for name, estimate in zip(heads, estimates, strict=True)
         for sentence in sentences(estimate)
     ]
-    counts = {"Method": found[0].method, **{name: str(count) for name, count in found[0].counts.items()}}
-    pictures = [_picture(key, estimate) for key, estimate in zip(keys, found, strict=True)]
+    counts = {"Method": estimates[0].method, **{name: str(count) for name, count in estimates[0].counts.items()}}
+    pictures = [_picture(key, estimate) for key, estimate in zip(keys, estimates, strict=True)]
     first, *others = pictures
     return Report(
-        f"Frequency response, {found[0].frf.input} to {' and '.join(heads)}",
+        f"Frequency response, {estimates[0].frf.input} to {' and '.join(heads)}",
         "feeddrive frf",
         Verdict(
             lead if verdict is None else (verdict.sentence, *lead), good=verdict is None or not verdict.judgment.bad
@@ -340,7 +345,7 @@ def estimates_report(
             *(
                 Section(key, head, (*shown, estimate.table(), levels(estimate), Remarks(estimate.remarks)))
                 for key, head, estimate, shown in zip(
-                    keys, heads, found, ((), *((one,) for one in others)), strict=True
+                    keys, heads, estimates, ((), *((one,) for one in others)), strict=True
                 )
             ),
             facts("What was measured", {**(known or {}), **counts}),
@@ -349,7 +354,7 @@ def estimates_report(
     )
 
 
-def _picture(key: str, found: FrequencyEstimate) -> Picture:
+def _picture(key: str, estimate: FrequencyEstimate) -> Picture:
     return Picture(
         f"{key}picture",
         "Response, phase and coherence",
@@ -357,18 +362,18 @@ def _picture(key: str, found: FrequencyEstimate) -> Picture:
         "of the response; distortion only where the excitation left lines empty or the response scatters more than "
         "noise explains.",
         "Magnitude and phase over frequency with their confidence bands, and the coherence below.",
-        found.chart,
+        estimate.chart,
     )
 
 
-def sentences(found: FrequencyEstimate) -> list[str]:
-    """What it is worth, in sentences."""
-    frf = found.frf
+def sentences(estimate: FrequencyEstimate) -> list[str]:
+    """Return sentences on the quality of an estimate: its deviation, and where its coherence is poor."""
+    frf = estimate.frf
     assert frf.coherence is not None
     assert frf.variance is not None
     share = np.sqrt(frf.variance) / frf.magnitude
     good = float(np.mean(frf.coherence > TRUSTED))
-    what = "noise and nonlinear distortion" if found.total else "noise"
+    what = "noise and nonlinear distortion" if estimate.total else "noise"
     lead: list[str] = [
         Text(
             f"{frf.frequency.size} lines from {Quantity(frf.frequency[0], 'Hz', bare=True)} to "
@@ -389,15 +394,15 @@ def sentences(found: FrequencyEstimate) -> list[str]:
     return lead
 
 
-def levels(found: FrequencyEstimate) -> Table:
+def levels(estimate: FrequencyEstimate) -> Table:
     """Noise and distortion as a share of the response, in the median over octaves of the band."""
-    f, size = found.frequency, found.frf.magnitude
-    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)
+    f, size = estimate.frequency, estimate.frf.magnitude
+    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)  # a band has no upper edge: the last line must lie below it
     rows: list[list[Cell]] = []
     for low, high in pairwise(edges):
         row: list[Cell] = [Text(f"{Quantity(low, 'Hz', bare=True)} .. {Quantity(high, 'Hz')}")]
         for name in ("noise", "nonlinear", "odd", "even"):
-            level = found.levels.get(name)
+            level = estimate.levels.get(name)
             inside = None if level is None else (level.frequency >= low) & (level.frequency < high)
             if level is None or inside is None or not np.any(np.isfinite(level.response[inside])):
                 row.append(None)

@@ -44,7 +44,7 @@ from feeddrive.workflow.drive_logs import (
     FORCES,
     MOTIONS,
     DriveLogsRequest,
-    columns_said,
+    column_texts,
     drive_of,
     narrow,
     velocity_and_force,
@@ -69,11 +69,10 @@ class FrictionRequest(DriveLogsRequest):
     angle: str | None = option("the motor's angle instead, to be differenced", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"friction_{drive_logs.logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
-        """The columns that were named, by their roles."""
+        """Return the column texts of the options by role; None for an option left out."""
         return {
             "velocity_load": self.velocity,
             "position_load": self.position,
@@ -90,7 +89,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     Raises LogError for a log that cannot be used, NotIdentifiableError for logs without a constant speed.
     """
     drive, named = drive_of(request), request.named()
-    opened = [OpenedFile(each) for each in request.logs]
+    opened = [OpenedFile(path) for path in request.logs]
     wanted = ("time", *MOTIONS, *FORCES)
     read, mapping, doubts = drive_logs.read_logs(
         opened, named, request.channels, wanted, request.sample_time, progress, request.unit
@@ -98,7 +97,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     progress.step("fitting")
     runs, without = _runs(opened, read, named, drive)
     curve = fit_friction(runs)
-    said = [*doubts, *remarks(curve, drive.loop), *without]
+    noted = [*doubts, *remarks(curve, drive.loop), *without]
     judged_by = units_first(doubts) or advice(curve)
     judgment, verdict = judged_by
     compared, parameters = tables(curve)
@@ -106,20 +105,20 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     text = None if why else machine_text(curve, drive.machine, drive.axis)
     files: dict[str, Path] = {}
     known = {
-        "Logs": drive_logs.logs_said(request.logs),
+        "Logs": drive_logs.log_names(request.logs),
         "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
-        "Columns": columns_said(mapping),
+        "Columns": column_texts(mapping),
         "Lead": "none given" if drive.lead is None else Text(f"{Quantity(drive.lead, 'm'):6 mm}, gear {drive.gear:g}"),
         "Machine": called(request.machine),
     }
-    page = partial(friction_report, curve, said, known, judged_by)
+    page = partial(friction_report, curve, noted, known, judged_by)
     if request.out is not None:
         progress.step("report")
         files = written(drive_logs.write_report(page(), text, request.out), text)
     return Outcome(
         curve,
         [replace(compared, sentences=0), narrow(parameters)],
-        [sentence(each) for each in said],
+        [sentence(text) for text in noted],
         verdict,
         [f"No machine file was written: {why}."] if why else [],
         files=files,
@@ -131,38 +130,40 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
 def _runs(
     paths: Sequence[OpenedFile], logs: Sequence[Log], named: Mapping[str, str | None], drive: Drive
 ) -> tuple[SteadyRuns, list[str]]:
-    """The constant speeds of all logs, and remarks on logs that hold none."""
-    found: list[SteadyRuns] = []
+    """Return the runs of constant speed in all logs, and remarks on logs that hold none."""
+    steady: list[SteadyRuns] = []
     without: list[str] = []
     for path, log in zip(paths, logs, strict=True):
         velocity, force, rotary = velocity_and_force(path, log, named, drive)
         try:
-            found.append(steady_runs([(velocity, force)], rotary=rotary, names=[path.path.name]))
+            steady.append(steady_runs([(velocity, force)], rotary=rotary, names=[path.path.name]))
         except NotIdentifiableError:
             without.append(f"{path.path.name} holds no constant speed for {LEAST_ROWS} rows and is left out")
-    if not found:
+    if not steady:
         raise NotIdentifiableError(
             f"{paths[0]}: no constant speed is held for {LEAST_ROWS} rows"
             + (f", nor in the {len(paths) - 1} other logs" if len(paths) > 1 else "")
             + "; record next runs at a constant speed, some seconds each"
         )
     joined = (
-        np.concatenate([getattr(each, name) for each in found]) for name in ("velocity", "force", "error", "rows")
+        np.concatenate([getattr(part, name) for part in steady]) for name in ("velocity", "force", "error", "rows")
     )
-    runs = SteadyRuns(*joined, frame=found[0].frame, remarks=tuple(said for each in found for said in each.remarks))
+    runs = SteadyRuns(
+        *joined, frame=steady[0].frame, remarks=tuple(remark for part in steady for remark in part.remarks)
+    )
     return (runs.at_table(drive.lead, drive.gear) if drive.lead is not None else runs), without
 
 
 def friction_report(
     curve: FrictionCurve,
-    said: Sequence[str] | None = None,
+    texts: Sequence[str] | None = None,
     known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
 ) -> Report:
-    """Return the report of a friction curve; `said`: remarks, `known`: facts on the logs."""
+    """Return the report of a friction curve; `texts`: remarks, `known`: facts on the logs."""
     first, *others = _pictures(curve)
     judgment, told = verdict or advice(curve)
-    noted = remarks(curve, None) if said is None else said
+    noted = remarks(curve, None) if texts is None else texts
     return Report(
         f"A friction curve from {curve.runs.velocity.size} constant-speed runs",
         "feeddrive friction",
@@ -178,22 +179,22 @@ def friction_report(
 
 
 def tables(curve: FrictionCurve) -> list[Table]:
-    """The models by evidence, then the parameters of the one that is taken."""
-    found = curve.comparison()
-    rows = [[f"{row[0]} (taken)" if row[0] == curve.model.name else row[0], *row[1:]] for row in found.rows]
-    return [Table(found.title, found.columns, rows), curve.table()]
+    """Tabulate the models by evidence, then the parameters of the one that is taken."""
+    comparison = curve.comparison()
+    rows = [[f"{row[0]} (taken)" if row[0] == curve.model.name else row[0], *row[1:]] for row in comparison.rows]
+    return [Table(comparison.title, comparison.columns, rows), curve.table()]
 
 
 def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
-    """Remarks on the curve and on the changes of the machine file."""
-    said = list(curve.remarks)
+    """Return remarks on the curve and on the changes of the machine file."""
+    texts = list(curve.remarks)
     for name, value in curve.values.items():
         if name.startswith("viscous") and value < 0.0:
-            said.append(f"{name} is negative and counts as 0 in a block: friction falls up to the fastest run")
+            texts.append(f"{name} is negative and counts as 0 in a block: friction falls up to the fastest run")
     axis = None if loop is None or curve.frame is SHAFT else loop.axis
     if curve.model.offset and not curve.is_pulled and (axis is None or _weight(axis) is None):
         pull = curve["offset"]
-        said.append(
+        texts.append(
             Text(
                 f"the offset of {Quantity(pull.value, pull.unit, pull.error)} becomes no constant force: that takes "
                 f"more than {number(SIGNIFICANT)} of its errors and {Quantity(LEAST_PULL, 'share'):6} of Coulomb "
@@ -201,31 +202,33 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
             )
         )
     if axis is None:
-        return said
+        return texts
     own = own_viscous(axis)
-    found = min(value for name, value in curve.values.items() if name.startswith("viscous"))
-    if found < own:
-        said.append(
+    least = min(value for name, value in curve.values.items() if name.startswith("viscous"))
+    if least < own:
+        texts.append(
             Text(
-                f"the runs show {Quantity(found, 'N s/m')} of viscous friction, less than the {Quantity(own, 'N s/m')} "
+                f"the runs show {Quantity(least, 'N s/m')} of viscous friction, less than the {Quantity(own, 'N s/m')} "
                 "that the plant has of its own: the block has none, and the plant's must be lowered by hand"
             )
         )
     elif own > 0.0:
-        said.append(Text(f"the plant has {Quantity(own, 'N s/m')} of its own, which is taken off the viscous friction"))
+        texts.append(
+            Text(f"the plant has {Quantity(own, 'N s/m')} of its own, which is taken off the viscous friction")
+        )
     weight = _weight(axis)
     if weight is not None and not curve.model.offset:
-        said.append(
+        texts.append(
             Text(
                 f"the machine has a constant force of {Quantity(float(weight.force), 'N')}, and the runs show none: it "
                 "stays"
             )
         )
-    return said
+    return texts
 
 
 def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
-    """Why the curve must not become part of a machine file; empty if it may."""
+    """Return the reason why the curve must not go into a machine file; empty if it may."""
     if curve.frame is SHAFT:
         return "the curve is that of a shaft; give --lead and --gear to put it at the table"
     if _share(curve) > _POOR:
@@ -239,7 +242,7 @@ def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
 
 
 def advice(curve: FrictionCurve) -> Advice:
-    """What to take, or what to measure next: the judgment and one sentence with its reason."""
+    """Return the judgment on the curve, or on what to measure next, with one sentence and its reason."""
     share = _share(curve)
     if share > _POOR:
         return Judgment.DO_NOT_USE_CURVE.because(
@@ -258,7 +261,7 @@ def advice(curve: FrictionCurve) -> Advice:
 
 
 def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
-    """A machine file with the friction and the constant force, comments kept; without one, the sections alone."""
+    """Return a machine file with friction and constant force, comments kept; without one, the sections alone."""
     gravity = curve.gravity() if curve.is_pulled or (machine and _weight(machine.loop(axis).axis)) else None
     if machine is None:
         place = "friction_load"
@@ -276,11 +279,11 @@ def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -
         if gravity is not None:
             _gravity(edit, axis, before, gravity)
     block = _without(curve.block(), own)
-    for each in curve.estimates:
-        if each.name == "offset":
+    for estimate in curve.estimates:
+        if estimate.name == "offset":
             continue
-        key = edit.set(("axis", axis, place, each.name), float(getattr(block, each.name)), each.unit)
-        edit.comment(key, f"standard error {Quantity(each.error, each.unit):2 SI}")
+        key = edit.set(("axis", axis, place, estimate.name), float(getattr(block, estimate.name)), estimate.unit)
+        edit.comment(key, f"standard error {Quantity(estimate.error, estimate.unit):2 SI}")
     if gravity is not None:
         index = 0 if machine is None else _index(machine.loop(axis).axis)
         key = edit.set(("axis", axis, "forces", index, "force"), float(gravity.force), "N")
@@ -289,12 +292,12 @@ def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -
 
 
 def _place(axis: Axis) -> str:
-    """Where the axis has its friction."""
+    """Return the key under which the axis has its friction."""
     return "friction_motor" if axis.friction_load is None and axis.friction_motor is not None else "friction_load"
 
 
 def _friction(edit: TomlEdit, key: tuple[str | int, ...], before: Friction | None, after: Friction) -> None:
-    """Another kind takes the section's place; of the same kind values change where they stand."""
+    """Replace the section if the kind of friction changes; else change its values in place."""
     same = type(before) is type(after) and getattr(before, "exponent", 0) == getattr(after, "exponent", 0)
     if not same:
         edit.replace(key, to_toml(after, ".".join(map(str, key))))
@@ -314,13 +317,13 @@ def _gravity(edit: TomlEdit, axis: str, before: Axis, gravity: Gravity) -> None:
 
 
 def _weight(axis: Axis) -> Gravity | None:
-    """The constant force of an axis."""
-    return next((each for each in axis.forces if isinstance(each, Gravity)), None)
+    """Return the constant force of an axis, if it has one."""
+    return next((force for force in axis.forces if isinstance(force, Gravity)), None)
 
 
 def _index(axis: Axis) -> int:
-    """Of the constant force among the forces, or of the one that is to come."""
-    return next((i for i, each in enumerate(axis.forces) if isinstance(each, Gravity)), len(axis.forces))
+    """Return the index of the constant force among the forces, or of one that is to be added."""
+    return next((i for i, force in enumerate(axis.forces) if isinstance(force, Gravity)), len(axis.forces))
 
 
 def _force(gravity: Gravity, axis: str) -> str:
@@ -329,24 +332,26 @@ def _force(gravity: Gravity, axis: str) -> str:
 
 
 def _without(friction: Friction, viscous: float) -> Friction:
-    """The friction without what the plant's own dampers take."""
+    """Return the friction without the viscous part that the plant's own dampers have."""
     changes = {
-        each.name: max(0.0, float(getattr(friction, each.name)) - viscous)
-        for each in fields(friction)
-        if each.name.startswith("viscous")
+        parameter.name: max(0.0, float(getattr(friction, parameter.name)) - viscous)
+        for parameter in fields(friction)
+        if parameter.name.startswith("viscous")
     }
     return replace(friction, **changes)
 
 
 def _share(curve: FrictionCurve) -> float:
-    """RMS of the residual over that of the force."""
+    """Return the RMS of the residual over that of the force."""
     return float(np.sqrt(np.mean(curve.residual**2) / max(float(np.mean(curve.runs.force**2)), 1e-300)))
 
 
 def _against(curve: FrictionCurve) -> str:
-    """Why this model and no other."""
-    own = next(each for each in curve.compared if each.name == curve.model.name)
-    others: list[Compared] = [each for each in curve.compared if each is not own and not each.name.startswith("two ")]
+    """Return the reason for this model against the next one."""
+    own = next(model for model in curve.compared if model.name == curve.model.name)
+    others: list[Compared] = [
+        model for model in curve.compared if model is not own and not model.name.startswith("two ")
+    ]
     if not others:
         return "no other model could be fitted"
     best = others[0]
@@ -358,10 +363,14 @@ def _against(curve: FrictionCurve) -> str:
 
 
 def _missing(curve: FrictionCurve) -> tuple[str, str]:
-    """What the runs leave open of the curve, and the parameter that it is about; empty if nothing."""
-    unknown = [e for e in curve.estimates if not e.name.startswith(("viscous", "offset")) and e.error > _OPEN * e.value]
+    """Return what the runs leave open of the curve, and the parameter concerned; both empty if nothing is open."""
+    unknown = [
+        estimate
+        for estimate in curve.estimates
+        if not estimate.name.startswith(("viscous", "offset")) and estimate.error > _OPEN * estimate.value
+    ]
     if unknown:
-        worst = max(unknown, key=lambda each: each.error / max(each.value, 1e-300))
+        worst = max(unknown, key=lambda estimate: estimate.error / max(estimate.value, 1e-300))
         return (
             Text(f"{worst.name} is known to {Quantity(worst.error / max(worst.value, 1e-300), 'share'):2} only"),
             worst.name,
@@ -386,7 +395,7 @@ def _missing(curve: FrictionCurve) -> tuple[str, str]:
 
 
 def _next(curve: FrictionCurve, name: str) -> str:
-    """Speeds at which a parameter shows."""
+    """Return speeds at which a parameter shows."""
     unit = curve.frame.velocity
     top = float(np.max(np.abs(curve.runs.velocity)))
     slow = float(np.min(np.abs(curve.runs.velocity)))

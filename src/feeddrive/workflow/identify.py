@@ -41,7 +41,7 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.tuning.filters import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import columns_said, narrow, write_report, written
+from feeddrive.workflow.drive_logs import column_texts, narrow, write_report, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
 from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called
@@ -73,58 +73,58 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
 
 
 def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, progress: Progress) -> Outcome[Any]:
-    """A rigid drive from a log of one motion."""
-    given = None if request.machine is None else read_machine(request.machine)
-    if given is not None and request.law is not None:
+    """Identify a rigid drive from a log of one motion."""
+    machine = None if request.machine is None else read_machine(request.machine)
+    if machine is not None and request.law is not None:
         raise ParameterError("--law is for a log without a machine file, which states the law: leave one of them out")
-    loop = None if given is None else given.loop(request.axis)
+    loop = None if machine is None else machine.loop(request.axis)
     if isinstance(source, MotionLog):
-        channels: dict[str, Any] = {each.name: getattr(source, each.name) for each in fields(source)}
+        channels: dict[str, Any] = {spec.name: getattr(source, spec.name) for spec in fields(source)}
         doubt, mapping, unused = Doubt(), {}, ()
     else:
         read = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress, request.unit)
         drive = drive_with(
-            given, loop, request.axis, request.force_constant, request.lead, request.gear, turns=request.rotary
+            machine, loop, request.axis, request.force_constant, request.lead, request.gear, turns=request.rotary
         )
         named = {role for role, text in request.named().items() if text is not None}
         channels = _channels(source, read.log, drive, named)
         doubt, mapping, unused = read.doubt, read.columns, read.unused
     channels["turning"] = _turning(request, loop, channels)
     progress.step("fitting")
-    found = _identified(channels, loop, request, doubt, mapping, progress)
+    identified = _identified(channels, loop, request, doubt, mapping, progress)
     if unused:
-        found = replace(found, remarks=(*found.remarks, _not_used(unused)))
-    why = found.unusable or ("" if found.loop is not None else _NO_LAW)
-    text = None if why else machine_text(found, given, axis_name(loop, request.axis))
+        identified = replace(identified, remarks=(*identified.remarks, _not_used(unused)))
+    why = identified.unusable or ("" if identified.loop is not None else _NO_LAW)
+    text = None if why else machine_text(identified, machine, axis_name(loop, request.axis))
     files: dict[str, Path] = {}
     known = {
         "Log": called(request.log),
-        "Rows": Text(f"{found.log.position.size}, {Quantity(found.log.sample_time, 's'):6} apart"),
-        "Columns": columns_said(mapping) or "those of the object",
+        "Rows": Text(f"{identified.log.position.size}, {Quantity(identified.log.sample_time, 's'):6} apart"),
+        "Columns": column_texts(mapping) or "those of the object",
         "Machine": called(request.machine),
     }
-    page = partial(identified_report, found, known)
+    page = partial(identified_report, identified, known)
     if request.out is not None:
         progress.step("report")
         files = written(write_report(page(), text, request.out), text)
     notes = [f"No machine file was written: {why}."] if why else []
-    shown = [narrow(each) for each in tables(found)]
-    first = _estimates(found)
+    shown = [narrow(table) for table in tables(identified)]
+    first = _estimates(identified)
     return Outcome(
-        found,
+        identified,
         shown[:first],
-        [sentence(each) for each in found.remarks],
-        found.recommendation,
+        [sentence(remark) for remark in identified.remarks],
+        identified.recommendation,
         notes,
         files=files,
         details=shown[first:],
-        judgment=found.advice.judgment,
+        judgment=identified.advice.judgment,
         page=page,
     )
 
 
 def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str, Any]) -> bool:
-    """Whether the axis of the log turns by itself, by the machine file or by --rotary."""
+    """Return True if the axis of the log is rotary, by the machine file or by --rotary."""
     turns = request.rotary or (loop is not None and loop.axis.rotary)
     if turns and request.lead is not None:
         raise ParameterError("--lead belongs to a screw, and the axis turns: leave out --lead, or rotary = true")
@@ -137,8 +137,8 @@ def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str,
 
 
 def _not_used(columns: Sequence[str]) -> str:
-    """A remark on columns that were named and have no part in the fit."""
-    outside = any(each.startswith(("load_force", "excitation")) for each in columns)
+    """Return a remark on columns that were named and have no part in the fit."""
+    outside = any(column.startswith(("load_force", "excitation")) for column in columns)
     why = (
         ": what was injected there counts as error of the fit, so identify from a run without it, or add it to the "
         "column of the force if the command does not hold it"
@@ -157,13 +157,15 @@ def _identified(
     columns: Mapping[str, Column],
     progress: Progress,
 ) -> Identified:
-    """The identification. A log that is none of a feed drive stops; columns that were swapped are said first."""
+    """Identify the drive. Raise NotIdentifiableError for swapped columns, else LogError for implausible sizes."""
     try:
         if doubt.moves:
             doubt.stop(progress)
         motion = MotionLog(**channels)
         law = None if request.law is None else read_block(Law, request.law)  # type: ignore[type-abstract]
-        found = identify_motion(motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear)
+        identified = identify_motion(
+            motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear
+        )
         doubt.stop(progress)
     except LogError:
         if swapped(channels):
@@ -172,15 +174,15 @@ def _identified(
                 for roles in ((*_POSITIONS, *_ANGLES), ("force", "torque", "command"))
             )
             raise NotIdentifiableError(
-                f"{channels['name']}: position and force are swapped: '{acting}' moves as '{moving}' makes it; name "
-                f"them the other way round, as --position '{acting}:mm' --force '{moving}:N' with their units"
+                f"{channels['name']}: position and force are swapped: '{acting}' moves as '{moving}' makes it; "
+                f"exchange their names, as --position '{acting}:mm' --force '{moving}:N' with their units"
             ) from None
         raise
-    return replace(found, doubt=doubt.why or found.doubt)
+    return replace(identified, doubt=doubt.why or identified.doubt)
 
 
 def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> dict[str, Any]:
-    """The fields of a `MotionLog`: position and force of the log, along the table or round a shaft.
+    """Return the fields of a `MotionLog`: position and force of the log, along the table or round a shaft.
 
     A motion of the one and a force of the other are both put at the table, by the lead of the screw.
     """
@@ -206,7 +208,7 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
 
 
 def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> tuple[str, str]:
-    """The roles of motion and force: named ones go first, then those that need no lead between them."""
+    """Return the roles of motion and force: named ones first, then those that need no lead between them."""
     motions, forces = (
         [role for role in there if role in named] or there
         for there in ([role for role in roles if role in log.channels] for roles in ((*_POSITIONS, *_ANGLES), _FORCES))
@@ -221,22 +223,22 @@ def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) ->
     return next(iter([*together, *pairs]), (motions[0], forces[0]))
 
 
-def machine_text(found: Identified, machine: MachineFile | None, axis: str) -> str | None:
-    """The text of the machine file; None if the loop is not known whole (no law, or a shaft without a lead)."""
-    if found.loop is None:
+def machine_text(identified: Identified, machine: MachineFile | None, axis: str) -> str | None:
+    """Return the text of the machine file; None if the loop is not known whole (no law, or a shaft without a lead)."""
+    if identified.loop is None:
         return None
-    return _new(found, axis) if machine is None else _edited(found, machine, axis)
+    return _new(identified, axis) if machine is None else _edited(identified, machine, axis)
 
 
-def estimates_of(found: Identified) -> tuple[Estimate, ...]:
-    """The estimates that go into the file: those of the closed loop if there are such, else of the inverse dynamics."""
-    return found.rigid.estimates if found.refinement is None else found.refinement.estimates
+def estimates_of(identified: Identified) -> tuple[Estimate, ...]:
+    """Return the estimates for the file: those of the closed loop if there are any, else of the inverse dynamics."""
+    return identified.rigid.estimates if identified.refinement is None else identified.refinement.estimates
 
 
-def _edited(found: Identified, machine: MachineFile, axis: str) -> str:
-    assert found.loop is not None
+def _edited(identified: Identified, machine: MachineFile, axis: str) -> str:
+    assert identified.loop is not None
     edit = TomlEdit(machine.file.text, machine.file.name)
-    before, after = machine.loop(axis).axis, found.loop.axis
+    before, after = machine.loop(axis).axis, identified.loop.axis
     place = ("axis", axis)
     if isinstance(before.plant, Rigid):
         _values(edit, (*place, "plant"), before.plant, after.plant)
@@ -255,59 +257,59 @@ def _edited(found: Identified, machine: MachineFile, axis: str) -> str:
             edit.set((*key, "dead_time"), float(after.actuator.dead_time), "s")
         else:
             edit.add(f"[axis.{axis}.actuator]\ndead_time = {float(after.actuator.dead_time)!r}")
-    _say_errors(edit, found, axis, found.loop)
+    _say_errors(edit, identified, axis, identified.loop)
     return edit.text
 
 
 def _forces(edit: TomlEdit, axis: str, before: tuple[Block, ...], after: tuple[Block, ...]) -> None:
-    """The constant force changed, or came, or went; the others are as they were."""
+    """Write the constant force where it was changed, added or removed; the other forces stay."""
     if len(before) == len(after) and all(type(a) is type(b) for a, b in zip(before, after, strict=True)):
         for k, (old, new) in enumerate(zip(before, after, strict=True)):
             _values(edit, ("axis", axis, "forces", k), old, new)
         return
     key = f"axis.{axis}.forces"
-    sections = [to_toml(each, key).replace(f"[{key}]", f"[[{key}]]", 1) for each in after]
+    sections = [to_toml(force, key).replace(f"[{key}]", f"[[{key}]]", 1) for force in after]
     edit.remove(("axis", axis, "forces"))
     for section in sections:
         edit.add(section)
 
 
 def _values(edit: TomlEdit, key: tuple[str | int, ...], before: Block, after: Block) -> None:
-    """Every parameter that changed."""
+    """Set every parameter that changed."""
     for name, declared in declarations(type(after)).items():
         old, new = getattr(before, name), getattr(after, name)
         if declared.role == "parameter" and new is not None and new != old:
             edit.set((*key, name), float(new), declared.unit)
 
 
-def _new(found: Identified, axis: str) -> str:
-    """A whole file; each number that was estimated has its standard error beside it."""
-    loop = found.loop
+def _new(identified: Identified, axis: str) -> str:
+    """Return a whole machine file; estimated numbers have their standard errors beside them."""
+    loop = identified.loop
     assert loop is not None
     text = machine_toml(
         Machine.of({axis: loop}),
-        f"axis identified from {_plain(found.log.name)}",
-        f"feeddrive identify {_plain(found.log.name)}",
+        f"axis identified from {_plain(identified.log.name)}",
+        f"feeddrive identify {_plain(identified.log.name)}",
         "Mass, friction and gains were found in one log; limits and encoders are not in it: add them.",
     )
     edit = TomlEdit(text, "identified.toml")
-    _say_errors(edit, found, axis, loop)
+    _say_errors(edit, identified, axis, loop)
     return edit.text
 
 
-def _say_errors(edit: TomlEdit, found: Identified, axis: str, loop: Loop) -> None:
-    """The estimates with their errors in the comments."""
-    for each in estimates_of(found):
-        name = each.name if each.name in tree.parameters(loop) else _place(loop, each.name)
+def _say_errors(edit: TomlEdit, identified: Identified, axis: str, loop: Loop) -> None:
+    """Write the estimates with their standard errors in comments."""
+    for estimate in estimates_of(identified):
+        name = estimate.name if estimate.name in tree.parameters(loop) else _place(loop, estimate.name)
         if name is None:
             continue
         parts = [int(part) if part.isdigit() else part for part in name.split(".")]
-        key = edit.set(("axis", axis, *parts[2:]), float(tree.get(loop, name)), each.unit)
-        edit.comment(key, f"standard error {Quantity(each.error, each.unit):2 SI}")
+        key = edit.set(("axis", axis, *parts[2:]), float(tree.get(loop, name)), estimate.unit)
+        edit.comment(key, f"standard error {Quantity(estimate.error, estimate.unit):2 SI}")
 
 
 def _place(loop: Loop, parameter: str) -> str | None:
-    """Where a parameter of the inverse dynamics stands in a loop."""
+    """Return the path in a loop of a parameter of the inverse dynamics; None if it is not there."""
     own = loop.place_of("axis")
     if parameter == "offset":
         return next((path for path in tree.parameters(loop) if path.startswith(f"{own}.forces.")), None)
@@ -324,45 +326,45 @@ def _plain(name: str) -> str:
     return "".join(c for c in Path(name).name if c.isprintable() and c not in '"\\')
 
 
-def identified_report(found: Identified, known: Mapping[str, str] | None = None) -> Report:
+def identified_report(identified: Identified, known: Mapping[str, str] | None = None) -> Report:
     """Return the report of an identified drive; `known`: facts on the log."""
-    shown, first = tables(found), _estimates(found)
-    picture, *others = _pictures(found)
+    shown, first = tables(identified), _estimates(identified)
+    picture, *others = _pictures(identified)
     return Report(
-        f"A rigid drive in {found.log.name}",
+        f"A rigid drive in {identified.log.name}",
         "feeddrive identify",
-        Verdict((found.recommendation,), good=not found.advice.judgment.bad),
+        Verdict((identified.recommendation,), good=not identified.advice.judgment.bad),
         (
-            Section("result", "Result", (*shown[:first], Remarks(map(sentence, found.remarks)))),
+            Section("result", "Result", (*shown[:first], Remarks(map(sentence, identified.remarks)))),
             further(others),
             Section("details", "Dead time, residual and validation", shown[first:], folded=True),
             facts("The log", known or {}),
         ),
         picture,
-        found.rotary,
+        identified.rotary,
     )
 
 
-def _estimates(found: Identified) -> int:
-    """How many tables hold the estimates: those of the inverse dynamics, and of the closed loop."""
-    return 1 if found.refinement is None else 2
+def _estimates(identified: Identified) -> int:
+    """Return how many tables hold the estimates: those of the inverse dynamics, and of the closed loop."""
+    return 1 if identified.refinement is None else 2
 
 
-def tables(found: Identified) -> list[Table]:
-    """Everything that was estimated, each with its errors."""
-    made = [found.rigid.table()]
-    if found.refinement is not None:
-        made.append(found.refinement.table())
-        rows = [[str(delay), rms] for delay, rms in found.refinement.by_delay.items()]
+def tables(identified: Identified) -> list[Table]:
+    """Tabulate all estimates with their errors."""
+    shown = [identified.rigid.table()]
+    if identified.refinement is not None:
+        shown.append(identified.refinement.table())
+        rows = [[str(delay), rms] for delay, rms in identified.refinement.by_delay.items()]
         columns = ["samples more", TableColumn("RMS", "m")]
-        made.append(Table("position residual in closed loop by dead time", columns, rows))
-    if found.control is not None:
-        made.append(found.control.table())
-    return [*made, found.delay.table(), found.rigid.residuals.table(), found.rigid.validation.table()]
+        shown.append(Table("position residual in closed loop by dead time", columns, rows))
+    if identified.control is not None:
+        shown.append(identified.control.table())
+    return [*shown, identified.delay.table(), identified.rigid.residuals.table(), identified.rigid.validation.table()]
 
 
-def _pictures(found: Identified) -> Iterator[Picture]:
-    rigid = found.rigid
+def _pictures(identified: Identified) -> Iterator[Picture]:
+    rigid = identified.rigid
     left = Text(f"{Quantity(rigid.residuals.relative, 'share'):3}")
     yield Picture(
         "fit",
@@ -372,8 +374,8 @@ def _pictures(found: Identified) -> Iterator[Picture]:
         Text(f"Measured and fitted force over time; the residual is {left} of the force."),
         rigid.chart,
     )
-    if found.refinement is not None:
-        replay = found.refinement.replay
+    if identified.refinement is not None:
+        replay = identified.refinement.replay
         yield Picture(
             "closed",
             "The loop, simulated along the same reference",
@@ -384,8 +386,8 @@ def _pictures(found: Identified) -> Iterator[Picture]:
             ),
             replay.chart,
         )
-    if found.loop is not None and found.friction is not None:
-        loop, seen = found.loop, found.friction
+    if identified.loop is not None and identified.friction is not None:
+        loop, seen = identified.loop, identified.friction
         yield Picture(
             "friction",
             "Friction",
@@ -405,6 +407,6 @@ def _pictures(found: Identified) -> Iterator[Picture]:
         "delay",
         "Dead time",
         "Residual of the inverse dynamics if the force acts this many samples later than its hold.",
-        Text(f"Residual over dead time; least at {Quantity(found.delay.dead_time):.2f} samples."),
-        found.delay.chart,
+        Text(f"Residual over dead time; least at {Quantity(identified.delay.dead_time):.2f} samples."),
+        identified.delay.chart,
     )

@@ -47,7 +47,7 @@ _DECIBEL = 8.686  # of 1 in ln
 
 
 def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
-    """The frequency responses of a file; None if it holds none, as a log does. Raises what is wrong with its lines."""
+    """Return the frequency responses of a file; None for a log. Raise the error of its lines if it has frequencies."""
     try:
         return read_frfs(path)
     except FeeddriveError:
@@ -56,15 +56,15 @@ def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
         return None
 
 
-def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progress: Progress) -> Outcome[Any]:
-    """Masses, springs and modes of the responses in a file; report and machine file on request."""
+def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], progress: Progress) -> Outcome[Any]:
+    """Fit masses, springs and modes to the responses of a file; write report and machine file on request."""
     path, out = Path(called(request.log)), request.out
     model = request.model or ("modal" if request.modes else "auto")
-    chosen = _chosen(path, found, request, model)
+    chosen = _chosen(path, responses, request, model)
     machine = None if request.machine is None else read_machine(request.machine)
     axis = None if machine is None else machine.loop(request.axis).axis
     judged = chosen.values() if request.force_constant is None and request.lead is None else ()
-    doubts = [said for frf in judged if (said := check_response(str(path), frf, bool(request.unit), progress))]
+    doubts = [doubtful for frf in judged if (doubtful := check_response(str(path), frf, bool(request.unit), progress))]
     result = _fit(chosen, request, model, axis, progress)
     judged_by = units_first(doubts) or advice(result)
     judgment, verdict = judged_by
@@ -79,7 +79,7 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
         progress.step("report")
         files = written(write_report(page(), text, out), text)
     shown = [narrow(each) for each in tables(result)]
-    shown = [replace(each, sentences=4) if each.heads[0] == "structure" else each for each in shown]
+    shown = [replace(table, sentences=4) if table.heads[0] == "structure" else table for table in shown]
     *compared, own, agreement = shown
     open_ = {} if isinstance(fit, ModalFit) else fit.not_identifiable
     unknown = [sentence(f"not identifiable: {name}: {why}") for name, why in open_.items()]
@@ -88,7 +88,7 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     return Outcome(
         result,
         [own],
-        [sentence(each) for each in remarks],
+        [sentence(remark) for remark in remarks],
         verdict,
         notes,
         files=files,
@@ -114,41 +114,41 @@ def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> d
 
 
 def _silent(chosen: Mapping[str, FRF]) -> list[str]:
-    """What was taken for granted."""
+    """Return a remark on responses without a unit, which count as m/N."""
     silent = " and ".join(role for role, frf in chosen.items() if not frf.unit)
     return [f"no unit is stated for {silent}: m/N is taken; say another one with --unit, as (m/s)/N"] if silent else []
 
 
-def _chosen(path: Path, found: Mapping[str, FRF], request: IdentifyRequest, model: str) -> dict[str, FRF]:
-    """The responses by role: those that were named, or in files of their own, else by their names."""
+def _chosen(path: Path, responses: Mapping[str, FRF], request: IdentifyRequest, model: str) -> dict[str, FRF]:
+    """Return the responses by role: those that were named, or from separate files, else by their names."""
     named: dict[str, FRF] = {}
     for role, name in (("motor", request.motor), ("load", request.load)):
         if name is None:
             continue
-        elsewhere = responses_in(Path(name)) if name not in found and Path(name).is_file() else None
+        elsewhere = responses_in(Path(name)) if name not in responses and Path(name).is_file() else None
         if elsewhere is not None and len(elsewhere) > 1:
-            elsewhere = {each: frf for each, frf in encoders(elsewhere).items() if each == role}
+            elsewhere = {encoder: frf for encoder, frf in encoders(elsewhere).items() if encoder == role}
         if elsewhere:
             named[role] = next(iter(elsewhere.values()))
-        elif name in found:
-            named[role] = found[name]
+        elif name in responses:
+            named[role] = responses[name]
         else:
             raise ParameterError(
-                f"{path}: there is no response '{name}'{nearest(name, found)}: name one of {', '.join(found)}, or a "
-                f"file with one, with --{role}"
+                f"{path}: there is no response '{name}'{nearest(name, responses)}: name one of "
+                f"{', '.join(responses)}, or a file with one, with --{role}"
             )
     if not named and model == "modes":
-        named = dict(found)
+        named = dict(responses)
     elif not named:
-        named = encoders(found)
-        if len(found) > len(named):
+        named = encoders(responses)
+        if len(responses) > len(named):
             raise ParameterError(
-                f"{path}: holds {len(found)} responses, {', '.join(found)}: say which encoder is which with --motor "
-                f"NAME and --load NAME, or take --model modes for all"
+                f"{path}: holds {len(responses)} responses, {', '.join(responses)}: say which encoder is which with "
+                f"--motor NAME and --load NAME, or take --model modes for all"
             )
     if {"motor", "load"} <= set(named) and np.array_equal(named["motor"].response, named["load"].response):
         raise ParameterError(f"{path}: motor and load are the same response: name that of each encoder")
-    told, *others = [unit_of(each) or each for each in request.unit] or [None]
+    told, *others = [unit_of(text) or text for text in request.unit] or [None]
     if others:
         raise ParameterError(f"{path}: responses have one unit: give --unit once, not as {', '.join(request.unit)}")
     for role, frf in named.items():
@@ -184,11 +184,11 @@ def _fit(
 
 
 def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
-    """`mass_motor=85` or `stiffness_N_per_um=150` as SI values by name. Raises ParameterError."""
+    """Parse `mass_motor=85` or `stiffness_N_per_um=150` into SI values by name. Raise ParameterError."""
     of_all = [plant] if plant is not None else []
     usual = TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=1.0)
-    known = {name: tree.declaration(each, name).unit for each in (usual, *of_all) for name, _ in tree.leaves(each)}
-    found: dict[str, float] = {}
+    known = {name: tree.declaration(block, name).unit for block in (usual, *of_all) for name, _ in tree.leaves(block)}
+    fixed: dict[str, float] = {}
     for text in texts:
         key, _, number = text.partition("=")
         key = key.strip()
@@ -200,30 +200,30 @@ def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
         except ValueError:
             raise ParameterError(f"--fix {text}: must be NAME=NUMBER, as mass_motor=85") from None
         factor = 1.0 if key == name else units.factor(key.removeprefix(f"{name}_"), known[name])
-        found[name] = units.scaled(value, factor)
-    return found
+        fixed[name] = units.scaled(value, factor)
+    return fixed
 
 
 def fit_report(
-    found: AxisFits | ModalFit,
+    result: AxisFits | ModalFit,
     remarks: Sequence[str] | None = None,
     known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
 ) -> Report:
     """Return the report of a model of frequency responses; `known`: facts on the measurement."""
-    fit = found if isinstance(found, ModalFit) else found.fit
+    fit = result if isinstance(result, ModalFit) else result.fit
     first, *others = _pictures(fit)
-    said = list(fit.remarks if remarks is None else remarks)
+    texts = list(fit.remarks if remarks is None else remarks)
     if isinstance(fit, PlantFit):
-        said += [Text(f"not identifiable: {name}: {why}") for name, why in fit.not_identifiable.items()]
-    judgment, told = verdict or advice(found)
-    modal = isinstance(found, ModalFit)
+        texts += [Text(f"not identifiable: {name}: {why}") for name, why in fit.not_identifiable.items()]
+    judgment, told = verdict or advice(result)
+    modal = isinstance(result, ModalFit)
     return Report(
         "Modes of a frequency response" if modal else "An axis from its frequency responses",
         "feeddrive identify",
         Verdict((told,), good=not judgment.bad),
         (
-            Section("result", "Result", (*tables(found), Remarks(map(sentence, said)))),
+            Section("result", "Result", (*tables(result), Remarks(map(sentence, texts)))),
             further(others),
             facts("The measurement", known or {}),
         ),
@@ -232,8 +232,8 @@ def fit_report(
 
 
 def _pictures(fit: PlantFit | ModalFit) -> Iterator[Picture]:
-    found = fit.agreement
-    coherent = any(frf.coherence is not None for frf in found.measured)
+    agreement = fit.agreement
+    coherent = any(frf.coherence is not None for frf in agreement.measured)
     yield Picture(
         "fit",
         "Fitted over measured",
@@ -241,7 +241,7 @@ def _pictures(fit: PlantFit | ModalFit) -> Iterator[Picture]:
         "distance over the size of the response; the dashed line is what noise explains on each line."
         + (" Coherence: 1 is a response without noise." if coherent else ""),
         "Magnitude and phase over frequency, measured and fitted, the error between them, and the coherence.",
-        found.chart,
+        agreement.chart,
     )
     yield Picture(
         "residual",
@@ -249,30 +249,30 @@ def _pictures(fit: PlantFit | ModalFit) -> Iterator[Picture]:
         "Noise would scatter without order, and its autocorrelation would stay between the dashed lines. Waves over "
         "several lines are something regular that is not in the model.",
         Text(
-            f"Weighted residuals over frequency; autocorrelation {Quantity(found.autocorrelation()):.2f} from line to "
-            "line."
+            f"Weighted residuals over frequency; autocorrelation {Quantity(agreement.autocorrelation()):.2f} from "
+            "line to line."
         ),
-        lambda: plot.response_residuals_chart(found),
+        lambda: plot.response_residuals_chart(agreement),
     )
     yield Picture(
         "nyquist",
         "In the complex plane",
         "Velocity over force: a resonance is a circle, the wider the less damping. Dots: measured; curves: the model.",
         "Measured and fitted responses in the complex plane.",
-        lambda: plot.response_nyquist_chart(found),
+        lambda: plot.response_nyquist_chart(agreement),
     )
 
 
-def tables(found: AxisFits | ModalFit) -> list[Table]:
-    """Structures that were compared, parameters with errors, and how well the lines are met."""
-    if isinstance(found, ModalFit):
-        return [found.table(), found.agreement.table()]
-    compared = [found.table()] if len(found.fits) + len(found.refused) > 1 else []
-    return [*compared, found.fit.table(), found.fit.agreement.table()]
+def tables(result: AxisFits | ModalFit) -> list[Table]:
+    """Tabulate the compared structures, the parameters with errors, and the agreement with the lines."""
+    if isinstance(result, ModalFit):
+        return [result.table(), result.agreement.table()]
+    compared = [result.table()] if len(result.fits) + len(result.refused) > 1 else []
+    return [*compared, result.fit.table(), result.fit.agreement.table()]
 
 
 def told_by(fit: PlantFit | ModalFit) -> str:
-    """Why the fit must not become part of a machine file; empty if it may."""
+    """Return the reason why the fit must not go into a machine file; empty if it may."""
     if isinstance(fit, ModalFit):
         return "modes without masses are no plant; --model modal makes one"
     if fit.agreement.unused > _POOR:
@@ -287,13 +287,13 @@ def told_by(fit: PlantFit | ModalFit) -> str:
     return ""
 
 
-def advice(found: AxisFits | ModalFit) -> Advice:
-    """What to do with the model: the judgment and one sentence with its reason."""
-    fit = found if isinstance(found, ModalFit) else found.fit
+def advice(result: AxisFits | ModalFit) -> Advice:
+    """Return the judgment on the model, with one sentence and its reason."""
+    fit = result if isinstance(result, ModalFit) else result.fit
     unused = _DECIBEL * fit.agreement.unused
     if fit.agreement.unused > _POOR:
         where, apart = fit.agreement.worst
-        wrong = not isinstance(found, ModalFit) and found.wrong_sign
+        wrong = not isinstance(result, ModalFit) and result.wrong_sign
         other = (
             "the motor's encoder does not sit where the force acts: give a machine file with the structure of the axis "
             "(a chain of three masses has its encoder on the screw), or take --model modes"
@@ -306,7 +306,7 @@ def advice(found: AxisFits | ModalFit) -> Advice:
         return Judgment.DO_NOT_USE_MODEL.because(f"lines that were not used are {missed}; {other}")
     if told_by(fit) and isinstance(fit, PlantFit) and fit.units.si:
         return Judgment.MODEL_IS_OPEN.because(told_by(fit))
-    which = "" if isinstance(found, ModalFit) or len(found.fits) < 2 else f" ({found.chosen})"
+    which = "" if isinstance(result, ModalFit) or len(result.fits) < 2 else f" ({result.chosen})"
     open_ = ""
     if isinstance(fit, PlantFit) and fit.not_identifiable:
         open_ = f"{', '.join(fit.not_identifiable)} cannot be told from these lines, and stay as stated. "
@@ -318,7 +318,7 @@ def advice(found: AxisFits | ModalFit) -> Advice:
 
 
 def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: bool = True) -> str:
-    """A machine file with the fitted plant, comments kept, and, if its `drive` is in the lines, dead time and lag."""
+    """Return a machine file with the fitted plant, comments kept; with `drive` also dead time and lag of the drive."""
     plant, actuator = fit.blocks()
     section, place = to_toml(plant, f"axis.{axis}.plant"), ("axis", axis, "plant")
     if machine is None:
@@ -328,9 +328,9 @@ def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: b
         edit = TomlEdit(machine.file.text, machine.file.name)
         before = machine.loop(axis).axis
         if type(before.plant) is type(plant) and fit.plant.kind == "two_mass":
-            for each in fit.estimates:
-                if hasattr(plant, each.name):
-                    edit.set((*place, each.name), each.value, each.unit)
+            for estimate in fit.estimates:
+                if hasattr(plant, estimate.name):
+                    edit.set((*place, estimate.name), estimate.value, estimate.unit)
         else:
             edit.replace(place, section)
         if drive and "current_loop" in fit.not_identifiable and actuator.current_loop is None:
@@ -338,19 +338,23 @@ def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: b
             edit.silence(("axis", axis, "actuator", "current_loop"), "Hz")
         if drive:
             _actuator(edit, axis, before.actuator, actuator)
-    for each in fit.estimates:
-        parts = [int(part) if part.isdigit() else part for part in each.name.split(".")]
-        at_drive = each.name in ("dead_time", "current_loop")
-        key = ("axis", axis, "actuator", each.name) if at_drive else (*place, *parts)
+    for estimate in fit.estimates:
+        parts = [int(part) if part.isdigit() else part for part in estimate.name.split(".")]
+        at_drive = estimate.name in ("dead_time", "current_loop")
+        key = ("axis", axis, "actuator", estimate.name) if at_drive else (*place, *parts)
         if edit.has(key[:-1]) and (drive or machine is None or not at_drive):
-            value = getattr(actuator, each.name) if len(parts) == 1 and hasattr(actuator, each.name) else each.value
-            error = Quantity(each.error, each.unit, form="2 SI")
-            edit.comment(edit.set(key, float(value), each.unit), f"standard error {error}")
+            value = (
+                getattr(actuator, estimate.name)
+                if len(parts) == 1 and hasattr(actuator, estimate.name)
+                else estimate.value
+            )
+            error = Quantity(estimate.error, estimate.unit, form="2 SI")
+            edit.comment(edit.set(key, float(value), estimate.unit), f"standard error {error}")
     return edit.text
 
 
 def _actuator(edit: TomlEdit, axis: str, before: Actuator, after: Actuator) -> None:
-    """Dead time and current loop where they changed; the motor stays."""
+    """Set dead time and current loop where they changed; the motor stays."""
     kept = replace(after, motor=before.motor, current_loop=after.current_loop or before.current_loop)
     key = ("axis", axis, "actuator")
     if not edit.has(key):
@@ -365,15 +369,15 @@ MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 
 
 class IdentifyRequest(Request):
-    """A log of one motion or a file of frequency responses, which column is what, and what is known before."""
+    """A log of one motion or a file of frequency responses, the roles of its columns, and known values."""
 
     log: LogLike | MotionLog | FRF = argument(
         "A log of position and force of one motion, or a file of frequency responses"
     )
     machine: MachineLike | None = option("the machine file to start from; its comments are kept", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
-    law: str | None = option("that ran, in SI, as cascade_ppi:Kv=38,Kp=9e4: without a machine file", default=None)
-    friction: str = option("best, symmetric or directional", default="best")
+    law: str | None = option("law that ran, in SI, as cascade_ppi:Kv=38,Kp=9e4: without a machine file", default=None)
+    friction: str = option("friction model: best, symmetric or directional", default="best")
     set_position: str | None = option("column of the set position, name:unit", default=None)
     position: str | None = option("column of the position, name:unit", default=None)
     force: str | None = option("column of the commanded force, name:unit", default=None)
@@ -383,29 +387,30 @@ class IdentifyRequest(Request):
     rotary: bool = option("the axis itself turns, and no screw follows: rad, N m and kg m2", default=False)
     torque: str | None = option("column of the motor's torque, name:unit", default=None)
     force_constant: float | None = option("N at the table per unit of the command", above=0.0, default=None)
-    lead: float | None = option("puts angles and torques at the table", unit="m", above=0.0, default=None)
+    lead: float | None = option(
+        "lead of the screw, to put angles and torques at the table", unit="m", above=0.0, default=None
+    )
     gear: float = option("turns of the motor in one turn of the screw", default=1.0, above=0.0)
-    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
     channels: MappingLike | None = option(CHANNELS, default=None)
-    model: str | None = option("of frequency responses", options=MODELS, default=None)
-    modes: int | None = option("how many; found if left out", default=None)
+    model: str | None = option("model of frequency responses", options=MODELS, default=None)
+    modes: int | None = option("number of modes; found if left out", default=None)
     motor: str | None = option("the motor encoder's response, by name or file", default=None)
     load: str | None = option("the load encoder's response, by name or file", default=None)
-    band: str | None = option("of frequency responses, as 5..300 in Hz", default=None)
+    band: str | None = option("band of frequency responses, as 5..300 in Hz", default=None)
     fix: tuple[str, ...] = option("a parameter that is known, as mass_motor=85; may be repeated", default=())
     measured_input: bool = option("the responses lead from a measured force or current, not a command", default=False)
     unit: tuple[str, ...] = option(
-        "of columns that state none, as mm or kN, or of responses, as um/N; may be repeated", default=()
+        "unit of columns that state none, as mm or kN, or of responses, as um/N; may be repeated", default=()
     )
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"identify_{Path(called(self.log)).name.split('.')[0]}"
 
     def named(self) -> dict[str, str | None]:
-        """The columns that were named, by their roles."""
+        """Return the column texts of the options by role; None for an option left out."""
         return {
             "setpoint_position": self.set_position,
             "position_load": self.position,

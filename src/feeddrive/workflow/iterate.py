@@ -54,11 +54,11 @@ class IterateRequest(Request):
     )
     controller: MachineLike | None = option("the machine file of the loop that ran the log", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
-    form: str = option("model-free, model-based or axis-model", default="model-free")
+    form: str = option("form of the step: model-free, model-based or axis-model", default="model-free")
     columns: str | None = option("parameters to tune, as mass,viscous,coulomb_positive", default=None)
     gamma: float = option("share of the step; 0.5 if gains are known roughly", default=1.0)
     stribeck_velocity: float | None = option("adds a Stribeck column", unit="m/s", default=None)
-    least_mass: float = option("the mass stays above it", default=0.0, unit="kg")
+    least_mass: float = option("lower bound of the mass", default=0.0, unit="kg")
     skip: int = option("samples at the start of the log that do not count", default=0)
     smoothing: int | None = option("samples over which the set position is averaged", default=None)
     set_position: str | None = option("column of the set position, name:unit", default=None)
@@ -66,17 +66,19 @@ class IterateRequest(Request):
     force: str | None = option("column of the commanded force", default=None)
     command: str | None = option("column of the command in the drive's unit", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
     channels: MappingLike | None = option(CHANNELS, default=None)
     trials: int = option("simulated trials", default=6)
-    prefilter: bool = option("of all axes of a job: trajectory prefilters instead of the feedforward", default=False)
+    prefilter: bool = option(
+        "tune trajectory prefilters of all axes of a job instead of the feedforward", default=False
+    )
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
-    seed: int = option("of the noise of simulated trials", default=0)
+    seed: int = option("seed of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
 
     def named(self) -> dict[str, str | None]:
-        """The columns that were named, by their roles."""
+        """Return the column texts of the options by role; None for an option left out."""
         return {
             "setpoint_position": self.set_position,
             "position_load": self.position,
@@ -98,7 +100,7 @@ class IterateRequest(Request):
         """The parameters to tune; None for those that the loop has."""
         if self.columns is None:
             return None
-        return tuple(each.strip() for each in self.columns.split(",") if each.strip())
+        return tuple(name.strip() for name in self.columns.split(",") if name.strip())
 
 
 @command(IterateRequest)
@@ -114,23 +116,23 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | 
     if request.prefilter:
         raise ParameterError("--prefilter is for the axes of a job that run together: name it by --job, without --axis")
     loop, axis = _loop(request)
-    found, tables, remarks = (_simulated if request.controller is None else _measured)(request, loop, progress)
+    iteration, tables, remarks = (_simulated if request.controller is None else _measured)(request, loop, progress)
     key = f"axis.{axis}.control.feedforward"
-    text = to_toml(found.after, key, rotary=loop.axis.rotary).replace(f"[{key}]", f"[[{key}]]", 1)
+    text = to_toml(iteration.after, key, rotary=loop.axis.rotary).replace(f"[{key}]", f"[[{key}]]", 1)
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("writing")
         write_whole(request.out, text)
         files["Written"] = request.out
-    said = [*remarks, *_remarks(found, request)]
-    return Outcome(found, tables, said, section=text, files=files, rotary=loop.axis.rotary)
+    notes = [*remarks, *_remarks(iteration, request)]
+    return Outcome(iteration, tables, notes, section=text, files=files, rotary=loop.axis.rotary)
 
 
 def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
-    """One log, one step."""
+    """Take one step from one log."""
     progress.step(f"reading {called(request.source)}")
     trial = _trial(request, loop, progress)
-    found = next_iteration(
+    iteration = next_iteration(
         loop,
         trial,
         form=request.form.replace("-", "_"),
@@ -141,14 +143,14 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
     )
     moving = trial.starts_moving and request.skip == 0
     text = "The log starts in motion; its first samples are taken as steady: --skip leaves some out."
-    return found, [found.table()], [text] if moving else []
+    return iteration, [iteration.table()], [text] if moving else []
 
 
 def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
-    """Simulated trials on the machine itself."""
+    """Run simulated trials on the machine."""
     references = [_reference(job) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
-    found = iterate_trials(
+    trials = iterate_trials(
         loop,
         references,
         request.trials,
@@ -162,11 +164,11 @@ def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple
         f"Each trial: {Quantity(MOVE.distance, 'm'):6 mm} out and back, at most {Quantity(MOVE.velocity, 'm/s'):6 SI}, "
         f"{Quantity(MOVE.acceleration, 'm/s2')}, {Quantity(MOVE.jerk, 'm/s3'):6}; --job names another motion."
     )
-    return found.iterations[-1], [found.table()], [] if request.job else [text]
+    return trials.iterations[-1], [trials.table()], [] if request.job else [text]
 
 
 def _together(request: IterateRequest) -> Job | None:
-    """The job whose axes learn together, if that is asked."""
+    """Return the job whose axes learn together, if one is asked for."""
     if request.axis is not None or request.controller is not None or len(request.job) != 1:
         return None
     job = read_job(request.job[0])
@@ -174,18 +176,18 @@ def _together(request: IterateRequest) -> Job | None:
 
 
 def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
-    """Runs of a job on all axes of the machine."""
+    """Run a job on all axes of the machine."""
     file = read_machine(request.machine)
     machine = file.machine()
-    paths = {file.named(job.axis): job.reference, **{name: each.reference for name, each in job.others.items()}}
+    paths = {file.named(job.axis): job.reference, **{name: other.reference for name, other in job.others.items()}}
     missing = [name for name in machine.axes() if paths.get(name) is None]
     if missing:
         raise ParameterError(f"{called(request.job[0])}: gives axis {', '.join(missing)} of {file.file.name} no motion")
     references = {name: path for name, path in paths.items() if path is not None}
     if request.prefilter:
-        found = tune_prefilters(machine, references, request.trials, seed=request.seed, progress=progress)
+        trials = tune_prefilters(machine, references, request.trials, seed=request.seed, progress=progress)
     else:
-        found = iterate_machine(
+        trials = iterate_machine(
             machine,
             references,
             request.trials,
@@ -197,7 +199,7 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
             progress=progress,
         )
     texts: list[str] = []
-    for axis, block in found.learned.items():
+    for axis, block in trials.learned.items():
         key = f"axis.{axis}.control.{'prefilter' if request.prefilter else 'feedforward'}"
         text = to_toml(block, key, rotary=file.loops[axis].axis.rotary)
         texts.append(text if request.prefilter else text.replace(f"[{key}]", f"[[{key}]]", 1))
@@ -207,32 +209,34 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
         progress.step("writing")
         write_whole(request.out, section)
         files["Written"] = request.out
-    said = [*found.remarks, *matched_dynamics(found.machine).remarks()]
+    remarks = [*trials.remarks, *matched_dynamics(trials.machine).remarks()]
     if not request.prefilter:
-        said += [each for axis in found.learned for each in _replaced(file.loops[axis], f"The section of axis {axis}")]
-    return Outcome(found, [found.table()], said, section=section, files=files)
+        remarks += [
+            text for axis in trials.learned for text in _replaced(file.loops[axis], f"The section of axis {axis}")
+        ]
+    return Outcome(trials, [trials.table()], remarks, section=section, files=files)
 
 
-def _remarks(found: Iteration, request: IterateRequest) -> list[str]:
-    """What to know before the section is used."""
-    said: list[str] = [Text(f"{name} is frozen: {reason}.") for name, reason in found.frozen.items()]
-    said += [f"{name} is held by its bound." for name in found.held]
-    said += [capitalized(f"{remark}.") for remark in found.remarks]
-    if found.trial.saturated is None:
-        said.append("Whether the force was limited is not known: name its column with --force.")
-    if found.gamma > 0.5:
-        said.append("This step trusts the gains of the controller; where they are known roughly, take --gamma 0.5.")
-    return [*said, *_replaced(read_machine(request.machine).loop(request.axis), "The section")]
+def _remarks(iteration: Iteration, request: IterateRequest) -> list[str]:
+    """Return remarks for the use of the section."""
+    remarks: list[str] = [Text(f"{name} is frozen: {reason}.") for name, reason in iteration.frozen.items()]
+    remarks += [f"{name} is held by its bound." for name in iteration.held]
+    remarks += [capitalized(f"{remark}.") for remark in iteration.remarks]
+    if iteration.trial.saturated is None:
+        remarks.append("Whether the force was limited is not known: name its column with --force.")
+    if iteration.gamma > 0.5:
+        remarks.append("This step trusts the gains of the controller; where they are known roughly, take --gamma 0.5.")
+    return [*remarks, *_replaced(read_machine(request.machine).loop(request.axis), "The section")]
 
 
 def _replaced(loop: Loop, section: str) -> list[str]:
-    """Which blocks of the machine file a section stands for."""
-    there = [each.kind for each in loop.control.feedforward if isinstance(each, (Inertia, DisturbanceCompensator))]
+    """Return a remark on the blocks of the machine file that a section replaces."""
+    there = [block.kind for block in loop.control.feedforward if isinstance(block, (Inertia, DisturbanceCompensator))]
     return [f"{section} takes the place of {' and '.join(there)} in the machine file."] if there else []
 
 
 def _loop(request: IterateRequest) -> tuple[Loop, str]:
-    """The loop with a compensator that has the columns, and the name of its axis."""
+    """Return the loop with a compensator that has the columns, and the name of its axis."""
     machine = read_machine(request.machine)
     loop = machine.loop(request.axis)
     axis = loop.name

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import Job, JobLike, read_job
-from feeddrive.files.machine import MachineFile, MachineLike, found, read_machine
+from feeddrive.files.machine import MachineFile, MachineLike, find_bundled, read_machine
 from feeddrive.files.run_files import write_parquet
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language.errors import FileError, ParameterError
@@ -48,7 +48,10 @@ class LobesRequest(Request):
     )
     rigid: bool = option("the drives count as rigid: the modes alone give way", default=False)
     direction: float | None = option(
-        "of the feed, from x towards y; that of the cut, or 0, if left out", unit="rad", entered="deg", default=None
+        "direction of the feed, from x towards y; that of the cut, or 0, if left out",
+        unit="rad",
+        entered="deg",
+        default=None,
     )
     depth: float | None = option(
         "axial depth of the cut; that of the cutter if left out", unit="m", entered="mm", above=0, default=None
@@ -71,7 +74,6 @@ class LobesRequest(Request):
             raise ParameterError("--rigid leaves nothing that gives way: name the modes of the tool with --mode")
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"lobes_{stem(self.machine)}"
 
 
@@ -136,7 +138,7 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
 
 
 def _machine(source: MachineLike | JobLike) -> Machine:
-    """All axes with their couplings, of a machine file or of a job."""
+    """Return all axes with their couplings, of a machine file or of a job."""
     if isinstance(source, MachineFile):
         return source.machine()
     if not isinstance(source, Job) and _is_job(source):
@@ -147,19 +149,19 @@ def _machine(source: MachineLike | JobLike) -> Machine:
 
 
 def _is_job(path: str | Path) -> bool:
-    """A file that names a machine instead of holding axes; or a name that is bundled as a job only."""
+    """Return True for a file that names a machine instead of holding axes, or a name bundled as a job only."""
     try:
-        place = found(path, "machines")
+        place = find_bundled(path, "machines")
     except FileError:
         try:
-            place = found(path, "jobs")
+            place = find_bundled(path, "jobs")
         except FileError:
             return False
     return not isinstance(read_toml(place).content.get("axis"), dict)
 
 
 def _teeth(request: LobesRequest, cut: MillingCut) -> Regeneration:
-    """The regeneration of the cut, with the process damping of the request or of the cut."""
+    """Return the regeneration of the cut, with the process damping of the request or of the cut."""
     damping = request.process_damping
     if damping is None:
         damping = float(cut.process_damping or 0.0)
@@ -170,7 +172,7 @@ def _teeth(request: LobesRequest, cut: MillingCut) -> Regeneration:
 
 
 def _speeds(text: str | None, own: float, count: int) -> np.ndarray:
-    """`first:last:count` in rpm. Raises ParameterError."""
+    """Parse `first:last:count` in rpm. Raise ParameterError."""
     if text is None:
         return np.linspace(0.5 * own, 2.0 * own, count)
     try:
@@ -187,11 +189,11 @@ def _speeds(text: str | None, own: float, count: int) -> np.ndarray:
 
 
 def _modes(text: str) -> list[ToolMode]:
-    """`Hz:damping ratio:kg`, in both directions, or with :x or :y in one. Raises ParameterError."""
+    """Parse `Hz:damping ratio:kg`, in both directions, or with :x or :y in one. Raise ParameterError."""
     numbers = text.split(":")
     direction = numbers.pop() if numbers[-1] in ("x", "y") else ""
     try:
-        frequency, damping, mass = (float(each) for each in numbers)
+        frequency, damping, mass = (float(part) for part in numbers)
         shapes = {"x": [(1.0, 0.0)], "y": [(0.0, 1.0)], "": [(1.0, 0.0), (0.0, 1.0)]}[direction]
         return [ToolMode(frequency, damping, mass, *shape) for shape in shapes]
     except (ValueError, ParameterError) as error:
@@ -202,12 +204,12 @@ def _modes(text: str) -> list[ToolMode]:
 
 
 def _remarks(result: Lobes) -> list[str]:
-    """What must be known of the limits."""
-    said: list[str] = []
+    """Return remarks on the limits."""
+    remarks: list[str] = []
     if np.any(result.flip):
-        said.append("At flip borders every second tooth cuts deeper: the zero-order theory does not know them.")
+        remarks.append("At flip borders every second tooth cuts deeper: the zero-order theory does not know them.")
     if result.missed > 1e-3:
-        said.append(
+        remarks.append(
             Text(
                 f"The response of the machine at the tool is matched to {Quantity(result.missed, 'share'):2} of its "
                 "largest compliance: limits are as uncertain."
@@ -215,12 +217,12 @@ def _remarks(result: Lobes) -> list[str]:
         )
     if result.islands:
         n = len({speed for speed, _, _ in result.islands})
-        said.append(f"At {n} speeds deeper cuts are stable again above the limit: the table holds the first limit.")
-    return said
+        remarks.append(f"At {n} speeds deeper cuts are stable again above the limit: the table holds the first limit.")
+    return remarks
 
 
 def write_lobes(result: Lobes, simple: ZeroOrder, out: Path, known: Mapping[str, str]) -> Path:
-    """Write `report.html`, `lobes.csv` and `lobes.parquet`; the path of the report. Raises FileError."""
+    """Write `report.html`, `lobes.csv` and `lobes.parquet`; return the path of the report. Raise FileError."""
     columns = {
         "spindle_speed": result.spindle_speed,
         "depth": result.depth,

@@ -1,4 +1,4 @@
-"""`feeddrive new law NAME`: a package with a law of one's own, its battery, and a machine file to try it on."""
+"""`feeddrive new law NAME`: a package with a user-defined law, its battery, and a machine file to try it on."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SUFFIX = ".txt"  # of a template: it is text here, and code in the package that
 
 
 class NewRequest(Request):
-    """What is made, and its name."""
+    """The kind of the package, and its name."""
 
     what: str = argument("What to make: law")
     name: str = argument("Its name, as in a machine file: smith_law, or SmithLaw")
@@ -50,13 +50,12 @@ class NewRequest(Request):
             raise ParameterError(f"Python already has a module '{kind}', which the law would hide: take another name")
 
     def usual_out(self) -> Path:
-        """By the name of the law."""
         return Path(snake_case(self.name))
 
 
 @command(NewRequest)
 def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
-    """Make a package for a law of one's own: its file, a test with the battery, a machine file, an entry point.
+    """Make a package for a user-defined law: its file, a test with the battery, a machine file, an entry point.
 
     The result is its directory. Raises FileError if there is something of this name already: a law is never replaced.
     """
@@ -73,8 +72,8 @@ def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
     progress.step("files")
     written: dict[str, Path] = {}
     with new_directory(out) as folder:
-        for each in sorted(_TEMPLATES.iterdir(), key=lambda each: each.name):
-            name, text = each.name.removesuffix(_SUFFIX), each.read_text(encoding="utf-8")
+        for template in sorted(_TEMPLATES.iterdir(), key=lambda template: template.name):
+            name, text = template.name.removesuffix(_SUFFIX), template.read_text(encoding="utf-8")
             for word, own in words.items():
                 name, text = name.replace(word, own), text.replace(word, own)
             (folder / name).write_text(text, encoding="utf-8")
@@ -85,5 +84,5 @@ def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
 
 
 def _class(name: str) -> str:
-    """The name of the class: as it was given, or in capitals where that was the kind."""
+    """Return the name of the class: as it was given, or in capitals if the kind was given."""
     return name if name != snake_case(name) else "".join(part[:1].upper() + part[1:] for part in name.split("_"))

@@ -40,7 +40,7 @@ FAULT = (
 
 
 class PlanRequest(Request):
-    """Which program is planned, for which machine."""
+    """The part program, and the machine for which it is planned."""
 
     program: Path = argument("A part program (RS-274/NGC)")
     machine: str | Path | MachineFile | None = option(
@@ -51,9 +51,9 @@ class PlanRequest(Request):
     offsets: Path | None = option("parameters (.var): work offsets, G28, G30", default=None)
     tables_inch: bool = option("tools and offsets are in inches", default=False)
     skip_deleted: bool = option("leave out lines that begin with /", default=False)
-    front_end: str = option("what reads the program", default="auto", options=("auto", "own", "rs274"))
+    front_end: str = option("reader of the program", default="auto", options=("auto", "own", "rs274"))
     tolerance: float | None = option(
-        "of corners where the program states none (G64 without P); it stops there if this is left out",
+        "tolerance of corners where the program states none (G64 without P); it stops there if left out",
         default=None,
         unit="m",
         entered="mm",
@@ -64,7 +64,7 @@ class PlanRequest(Request):
         default=None,
     )
     sample_time: float | None = option(
-        "from setpoint to setpoint; that of the machine's loops if it is left out",
+        "time from setpoint to setpoint; that of the machine's loops if left out",
         default=None,
         unit="s",
         entered="ms",
@@ -75,14 +75,13 @@ class PlanRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
-        """Limits come from a machine, a file of limits or both; without a machine the sample time is given."""
+        """Raise ParameterError if limits or the sample time are missing."""
         if self.machine is None and self.limits is None:
             raise ParameterError("--machine is missing: a machine file with limits, or --limits with a file of limits")
         if self.machine is None and self.sample_time is None:
             raise ParameterError("--sample-time is missing: without a machine nothing says how often its loops run")
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"plan_{self.program.stem}"
 
 
@@ -109,23 +108,23 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
             return _outcome(planned_of(setpoints, *names), None, machine)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
-                found = planned_of(setpoints, *names, _into(writer))
-            write_plan(folder, found)
+                planned = planned_of(setpoints, *names, _into(writer))
+            write_plan(folder, planned)
             progress.step("report")
-            (folder / "report.html").write_text(html(plan_report(found)), encoding="utf-8")
-    return _outcome(found, request.out, machine)
+            (folder / "report.html").write_text(html(plan_report(planned)), encoding="utf-8")
+    return _outcome(planned, request.out, machine)
 
 
 def _differing(machine: MachineFile, letters: str) -> list[str]:
-    """What it costs that axes follow differently; nothing of a law without a linear model."""
-    names = [name for name, each in machine.loops.items() if name.upper() in letters and not each.axis.rotary]
+    """Return remarks on axes that follow differently; none for a law without a linear model."""
+    names = [name for name, loop in machine.loops.items() if name.upper() in letters and not loop.axis.rotary]
     with contextlib.suppress(NoSlopeError):
         return matched_dynamics(machine.machine(), names).remarks()
     return []
 
 
 def _into(writer: SetpointWriter) -> Take:
-    """What writes the samples that are proven."""
+    """Return the function that writes the proven samples."""
 
     def write(samples: Samples, stops: Sequence[Standstill]) -> None:
         if samples.proven:
@@ -136,7 +135,7 @@ def _into(writer: SetpointWriter) -> Take:
 
 
 def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> Generator[Move]:
-    """The moves of the program; as they are read the progress is reported."""
+    """Yield the moves of the program, and report the progress as they are read."""
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     moves = read_program(
         request.program,
@@ -166,7 +165,7 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> G
 
 
 def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
-    """Moves that are continuous within a tolerance where the program asks for a continuous path and states none."""
+    """Yield the moves; a continuous path for which the program states no tolerance gets this one."""
     begun = False
     for move in moves:
         if isinstance(move, PathMode) and move.mode == "continuous" and move.tolerance == 0.0:
@@ -179,36 +178,38 @@ def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
 
 
 def _lines_of(program: Path) -> int:
-    """Lines of a file; 0 if it cannot be read, which its reader says better."""
+    """Return the number of lines of a file; 0 if it cannot be read, for which its reader has the better error."""
     with contextlib.suppress(OSError), program.open("rb") as file:
         return sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b"")) + 1
     return 0
 
 
-def _outcome(found: Planned, out: Path | None, machine: MachineFile | None) -> Outcome[Planned]:
-    remarks = [f"{count} x {reason}" for reason, count in sorted(found.stop_reasons.items(), key=lambda each: -each[1])]
-    causes = sorted(found.seconds.items(), key=lambda each: -each[1])
+def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None) -> Outcome[Planned]:
+    remarks = [
+        f"{count} x {reason}" for reason, count in sorted(planned.stop_reasons.items(), key=lambda item: -item[1])
+    ]
+    causes = sorted(planned.seconds.items(), key=lambda item: -item[1])
     told = joined(
         ", ",
-        (f"{name} {Quantity(seconds / max(found.cycle_time, 1e-9), 'share'):3}" for name, seconds in causes[:6]),
+        (f"{name} {Quantity(seconds / max(planned.cycle_time, 1e-9), 'share'):3}" for name, seconds in causes[:6]),
     )
-    said: list[str] = []
+    sentences: list[str] = []
     if causes:
-        said += [f"Stops: {', '.join(remarks) or 'none'}.", Text(f"Most of the time is limited by: {told}.")]
-    proven = found.proof.count == 0
+        sentences += [f"Stops: {', '.join(remarks) or 'none'}.", Text(f"Most of the time is limited by: {told}.")]
+    proven = planned.proof.count == 0
     files = {}
     if out is not None:
         files = {"Plan": out / PLAN, "Report": out / "report.html"}
         files |= {"Setpoints": out / SETPOINTS, "For LinuxCNC's streamer": out / STREAMER} if proven else {}
-    differ = [] if machine is None else _differing(machine, found.limits.letters)
+    differ = [] if machine is None else _differing(machine, planned.limits.letters)
     judgment, failure = (Judgment.PLANNED, "") if proven else (Judgment.NOT_PLANNED, FAULT)
-    faults = [] if proven else [found.limits.named(str(found.proof.faults[0]))]
+    faults = [] if proven else [planned.limits.named(str(planned.proof.faults[0]))]
     return Outcome(
-        found,
-        [found.table()],
-        [*said, *faults, *differ],
+        planned,
+        [planned.table()],
+        [*sentences, *faults, *differ],
         files=files,
         judgment=judgment,
         failure=failure,
-        page=partial(plan_report, found),
+        page=partial(plan_report, planned),
     )

@@ -30,27 +30,26 @@ T = TypeVar("T")
 
 
 class PlayRequest(Request):
-    """What is played on which drive, how strongly, and how it begins."""
+    """The profiles, their drives, the share of the amplitude, and how the motion starts."""
 
     profiles: tuple[Path, ...] = argument(
-        "What `feeddrive excite` wrote to be sent, one a log; or what `feeddrive plan` wrote, a directory"
+        "Files to be sent that `feeddrive excite` wrote, one a log; or the directory that `feeddrive plan` wrote"
     )
     drive: tuple[Path, ...] = option(
         "a drive file (TOML): bus, scaling, limits; for a plan one for each axis, all on one EtherCAT segment"
     )
-    share: float = option("of the excitation; begin with 0.1", default=1.0, least=0.0, most=1.0)
+    share: float = option("share of the excitation; begin with 0.1", default=1.0, least=0.0, most=1.0)
     ramp: float = option("time over which the amplitude rises and falls", default=0.0, unit="s", least=0.0)
     reset_fault: bool = option("reset a fault of the drive first", default=False)
-    unpaced: bool = option("as fast as the drive answers; for a virtual drive only", default=False)
+    unpaced: bool = option("cycle as fast as the drive answers; for a virtual drive only", default=False)
     yes: bool = option("do not ask before the axis moves", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"play_{self.drive[0].stem}"
 
     def check(self) -> None:
-        """One plan on several drives, or any number of profiles on one."""
+        """Raise ParameterError for options of an excitation with a plan, and for several drives without one."""
         if self.plan is not None and (self.share != 1.0 or self.ramp):
             raise ParameterError("--share and --ramp are for an excitation: a plan is played as it was proven")
         if self.plan is None and len(self.drive) != 1:
@@ -62,21 +61,20 @@ class PlayRequest(Request):
     @property
     def plan(self) -> Path | None:
         """The setpoints of a plan; None for profiles."""
-        given = self.profiles[0]
-        folder = given.parent if given.name in (PLAN, SETPOINTS) else given
+        first = self.profiles[0]
+        folder = first.parent if first.name in (PLAN, SETPOINTS) else first
         return folder / SETPOINTS if len(self.profiles) == 1 and (folder / PLAN).is_file() else None
 
 
 class ListenRequest(Request):
-    """Which drive is logged, and for how long."""
+    """The drive to log, and for how long."""
 
     drive: Path = option("a drive file (TOML): bus, scaling, limits")
-    seconds: float = option("for how long", default=1.0, unit="s", least=0.001, most=3600.0)
-    unpaced: bool = option("as fast as the drive answers; for a virtual drive only", default=False)
+    seconds: float = option("duration of the log", default=1.0, unit="s", least=0.001, most=3600.0)
+    unpaced: bool = option("cycle as fast as the drive answers; for a virtual drive only", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"listen_{self.drive.stem}"
 
 
@@ -120,7 +118,7 @@ def listen(request: ListenRequest, progress: Progress) -> Outcome[Played]:
 
 
 def _ask(request: PlayRequest, name: str, progress: Progress) -> None:
-    """Before the bus is opened: a drive in operation does not wait."""
+    """Ask before opening the bus: a drive in operation cannot wait for an answer."""
     if request.yes or request.unpaced:
         return
     progress.remark(f"- {WARNING}")
@@ -129,7 +127,7 @@ def _ask(request: PlayRequest, name: str, progress: Progress) -> None:
 
 
 def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Outcome[Sequence[Played]]:
-    """All axes of a plan in the same cycles of one segment."""
+    """Play all axes of a plan in the same cycles of one segment."""
     files = [read_drive(path) for path in request.drive]
     named = {file.axis: file for file in files}
     if "" in named or len(named) < len(files):
@@ -165,7 +163,7 @@ def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Out
         trouble = BusError(f"{name}: {error}")
         if not done:
             raise trouble from None
-    ends = [each.aborted for each in done if each.aborted]
+    ends = [played.aborted for played in done if played.aborted]
     if trouble is None and ends:
         trouble = AbortedError(f"{name}: {ends[0]}")
     return _outcome(done, done, request.out, trouble, list(named))
@@ -174,7 +172,7 @@ def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Out
 def _play(
     progress: Progress, file: DriveFile, profile: Profile, unpaced: bool, reset_fault: bool, *, first: bool
 ) -> Played:
-    """The drive is opened for each profile, so that none waits for the log of another."""
+    """Play a profile. The drive is opened for each one, so that none waits for the log of another."""
     played: Played | None = None
     try:
         with _named(file), _client(file, unpaced) as client:
@@ -186,7 +184,9 @@ def _play(
     except BusError as error:
         if played is None:
             raise
-        return replace(played, aborted=str(error))  # it would not be left; what it did is kept all the same
+        return replace(
+            played, aborted=str(error)
+        )  # leaving the drive failed: the log of the motion is kept all the same
     return played
 
 
@@ -196,7 +196,7 @@ def _client(file: DriveFile, unpaced: bool) -> DriveClient:
 
 @contextlib.contextmanager
 def _named(file: DriveFile) -> Generator[None]:
-    """An error of the bus, or of what the drive file says of it, begins with the name of that file."""
+    """Put the name of the drive file before errors of the bus and of the file."""
     try:
         yield
     except BusError as error:
@@ -206,7 +206,7 @@ def _named(file: DriveFile) -> Generator[None]:
 
 
 def _greet(progress: Progress, client: DriveClient) -> None:
-    """Which drive it is, and in what state."""
+    """Report the identity of the drive and its state."""
     known = client.identity
     text = ", ".join(f"{key} {known[key]:#x}" for key in ("vendor", "product", "revision") if key in known)
     state = client.state
@@ -221,22 +221,22 @@ def _greet(progress: Progress, client: DriveClient) -> None:
 def _outcome(
     result: T, done: Sequence[Played], out: Path | None, trouble: FeeddriveError | None, names: Sequence[str] = ()
 ) -> Outcome[T]:
-    """Tables and remarks of all logs, and where they were written, by number or by axis."""
-    said: list[Table | str] = []
+    """Return tables and remarks of all logs, and where they were written, by number or by axis."""
+    lines: list[Table | str] = []
     written = [] if out is None else _write(out, done, names or [str(k) for k in range(1, len(done) + 1)])
     for k, played in enumerate(done):
-        said.append(played.log.table())
-        said += [f"- {remark}" for remark in played.remarks]
+        lines.append(played.log.table())
+        lines += [f"- {remark}" for remark in played.remarks]
         if played.lateness is not None:
-            said.append(f"- {_late(played.lateness)}")
-        said += [f"Log: {path}" for path in written[k : k + 1]]
-    return Outcome(result, said, error=trouble)
+            lines.append(f"- {_late(played.lateness)}")
+        lines += [f"Log: {path}" for path in written[k : k + 1]]
+    return Outcome(result, lines, error=trouble)
 
 
 def _write(out: Path, done: Sequence[Played], called: Sequence[str]) -> list[Path]:
     names = [
-        f"{'aborted' if played.aborted else 'measured'}_{each}.parquet"
-        for each, played in zip(called, done, strict=True)
+        f"{'aborted' if played.aborted else 'measured'}_{label}.parquet"
+        for label, played in zip(called, done, strict=True)
     ]
     with new_directory(out) as folder:
         for name, played in zip(names, done, strict=True):

@@ -26,10 +26,10 @@ _WANTED = ("time", "setpoint_position", "position_load", "position_motor", "forc
 
 
 class PrefilterRequest(Request):
-    """Which log, which derivatives, and what is known of the loop that ran it."""
+    """The log, the derivatives that may be used, and known data of the loop that ran it."""
 
     log: LogLike = argument("A log of set position and position (MAT, CSV, Parquet)")
-    regressors: str = option("which derivatives of the reference may be used", default="v,a,j,s")
+    regressors: str = option("derivatives of the reference that may be used", default="v,a,j,s")
     controller: MachineLike | None = option(
         "the machine file of the loop: its clock, limit and prefilter", default=None
     )
@@ -39,13 +39,13 @@ class PrefilterRequest(Request):
     position: str | None = option("column of the position of the table", default=None)
     force: str | None = option("column of the commanded force", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
     channels: MappingLike | None = option(CHANNELS, default=None)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
 
     def named(self) -> dict[str, str | None]:
-        """The columns that were named, by their roles."""
+        """Return the column texts of the options by role; None for an option left out."""
         return {
             "setpoint_position": self.set_position,
             "position_load": self.position,
@@ -127,10 +127,10 @@ def _reference(job: JobLike | None) -> Reference | None:
 
 
 def _chosen(regressors: str) -> list[str]:
-    """`v,a,j,s` or whole names."""
+    """Parse `v,a,j,s` or whole names into the names of regressors."""
     chosen: list[str] = []
-    for word in (each.strip() for each in regressors.split(",")):
-        name = next((each for each in REGRESSORS if word and each.startswith(word)), None)
+    for word in (part.strip() for part in regressors.split(",")):
+        name = next((regressor for regressor in REGRESSORS if word and regressor.startswith(word)), None)
         if name is None:
             raise ParameterError(f"--regressors: '{word}' is none of v, a, j, s ({', '.join(REGRESSORS)})")
         chosen.append(name)

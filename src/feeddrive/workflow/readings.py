@@ -1,4 +1,4 @@
-"""In which units a log was read, and whether a feed drive can do what it then says.
+"""The units in which a log was read, and the check whether a feed drive can do what it then shows.
 
 A command stops before it works on a travel of 200 m or a mass of 0.1 kg: the two likeliest readings are shown side by
 side, and nothing is written until the unit is told.
@@ -68,7 +68,7 @@ FLAGS = {
 
 @dataclass(frozen=True)
 class Doubt:
-    """Why the sizes of a log are none of a feed drive, in a sentence; empty if they are.
+    """A doubt that the sizes of a log are those of a feed drive, as a sentence; empty without a doubt.
 
     told      its units were told, so that the work goes on; else it must stop
     readings  the two likeliest readings side by side, where another unit makes a feed drive of it
@@ -81,7 +81,7 @@ class Doubt:
     moves: bool = False
 
     def stop(self, progress: Progress) -> None:
-        """Show the readings and raise LogError, if the units were not told."""
+        """Show the readings and raise LogError, unless the units were told."""
         if self.why and not self.told:
             if self.readings is not None:
                 progress.remark(self.readings)
@@ -89,13 +89,13 @@ class Doubt:
 
 
 def units_first(doubts: Sequence[str]) -> Advice | None:
-    """The judgment on values from logs whose sizes are in doubt; None if none is."""
+    """Return the judgment on values from logs whose sizes are in doubt; None without a doubt."""
     return Judgment.UNITS_IN_DOUBT.because(doubts[0]) if doubts else None
 
 
 @dataclass(frozen=True)
 class _Group:
-    """The columns of the motion, or of the force: the role that is looked at, its unit as read, how it is known."""
+    """The column of the motion or of the force: its role, its unit as read, and how the unit is known."""
 
     role: str
     column: str
@@ -106,42 +106,42 @@ class _Group:
     def si(self) -> str:
         return ROLES[self.role]
 
-    def said(self) -> str:
-        """How the unit came."""
+    def origin(self) -> str:
+        """Return how the unit is known, as the start of a sentence."""
         if self.how == "stated":
             return f"'{self.column}' is in {self.unit}, as the file says"
         return f"'{self.column}' states no unit"
 
 
-def with_units(file: OpenedFile, mapping: Mapping[str, Column], asked: Sequence[str]) -> dict[str, Column]:
-    """The mapping with the units of `--unit` for columns that state none.
+def with_units(file: OpenedFile, mapping: Mapping[str, Column], texts: Sequence[str]) -> dict[str, Column]:
+    """Return the mapping with the units of `--unit` for columns that state none.
 
     Raises ParameterError for a unit that no such column measures.
     """
-    found = dict(mapping)
-    for text in asked:
+    columns = dict(mapping)
+    for text in texts:
         unit = unit_of(text)
         if unit is None:
             raise ParameterError(f"--unit {text}: is no unit; give one as mm, um, in, N, kN, 'N m' or deg")
         hit = False
-        for role, each in mapping.items():
-            if each.unit or each.factor is not None or stated(file, each.name, role) or role == "time":
+        for role, column in mapping.items():
+            if column.unit or column.factor is not None or stated(file, column.name, role) or role == "time":
                 continue
             try:
                 units.factor(unit, ROLES[role])
             except ParameterError:
                 continue
-            found[role], hit = Column(name=each.name, unit=unit), True
+            columns[role], hit = Column(name=column.name, unit=unit), True
         if not hit:
             raise ParameterError(
                 f"{file}: --unit {text}: no column that states no unit is of that kind; a unit for one column is given "
                 f"with its name, as --position 'x:{text}'"
             )
-    return found
+    return columns
 
 
 def stated(file: OpenedFile, column: str, role: str) -> str:
-    """The unit that the file states for a column, in its head or at the end of its name; empty without one."""
+    """Return the unit that the file states for a column, in its head or at the end of its name; empty without one."""
     return file.columns.units.get(column, "") or unit_at_the_end(column, role)
 
 
@@ -153,7 +153,7 @@ def doubt(
     flags: Mapping[str, str] = FLAGS,
     steady: bool = False,
 ) -> Doubt:
-    """Whether the log, as it was read, is one of a feed drive.
+    """Return the doubt whether the log, as it was read, is one of a feed drive.
 
     told   roles whose unit or factor was given by the person
     flags  by which option of the command a role is named
@@ -168,23 +168,23 @@ def doubt(
     torque = force if force is not None and force.role == "torque" and not force.how else None
     if force is not None and (force.role == "torque") != (frame is SHAFT):
         frame, force = (SHAFT, force) if motion is None else (frame, None)
-    found = _sizes(log, frame, motion, force)
+    measured = _sizes(log, frame, motion, force)
     if steady:
-        found = {name: size for name, size in found.items() if name in ("travel", "speed", "force", "torque")}
+        measured = {name: size for name, size in measured.items() if name in ("travel", "speed", "force", "torque")}
     is_hal = motion is not None and not motion.how and motion.si == "m" and _hal(file, motion.column)
     # beside a motion along the table a torque is asked about too, unless a command may be what acts
     silent = torque is not None and (force is torque or "command" not in mapping)
-    wrong = outside(frame, found)
+    wrong = outside(frame, measured)
     if not wrong and not is_hal and not silent:
         return Doubt()
-    readings = _readings(frame, found, motion, force, is_hal)
+    readings = _readings(frame, measured, motion, force, is_hal)
     if silent and torque is not None and not wrong and not is_hal:
-        return Doubt(_silent_torque(file, torque, log, found), told=False)
-    why = out_of_range(wrong, found)
-    open_ = [each for each in groups if each is not None and each.how != "told" and each in (motion, force)]
+        return Doubt(_silent_torque(file, torque, log, measured), told=False)
+    why = out_of_range(wrong, measured)
+    open_ = [group for group in groups if group is not None and group.how != "told" and group in (motion, force)]
     if not open_:
         return Doubt(Text(f"{file}: as its units were told, {why}"))
-    who = " and ".join(each.said() for each in open_)
+    who = " and ".join(group.origin() for group in open_)
     if not readings or unlikely(frame, readings[0].sizes)[0] > 0.0:
         return Doubt(
             Text(
@@ -197,36 +197,37 @@ def doubt(
     asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else Text(f"as read, {why}")
     return Doubt(
         Text(
-            f"{file}: {who}: {asked}. Likeliest: {joined(' or ', (each.sentence(frame) for each in best))}. Say which "
-            f'with {" or ".join(each.options(flags) for each in best)}, or unit = "..." in a file for --channels; '
-            "nothing was written"
+            f"{file}: {who}: {asked}. Likeliest: {joined(' or ', (reading.sentence(frame) for reading in best))}. Say "
+            "which "
+            f'with {" or ".join(reading.options(flags) for reading in best)}, or unit = "..." in a file for '
+            "--channels; nothing was written"
         ),
         told=False,
         readings=_table(str(file), frame, best),
-        moves=RANGES[frame][4].quantity in found,
+        moves=RANGES[frame][4].quantity in measured,
     )
 
 
 @dataclass(frozen=True)
 class _Reading:
-    """Units of motion and force, what the log is in them, and which of them differ from how it was read."""
+    """A reading of a log: units of motion and force, and its sizes in them."""
 
-    given: tuple[tuple[_Group, str], ...]
+    choices: tuple[tuple[_Group, str], ...]
     sizes: dict[str, float]
 
     @property
     def changes(self) -> int:
-        """How many units are others than those that were taken."""
-        return sum(group.unit != unit for group, unit in self.given)
+        """The number of units that differ from those as read."""
+        return sum(group.unit != unit for group, unit in self.choices)
 
     @property
     def name(self) -> str:
         """`x in mm, f in N`."""
-        return ", ".join(f"{group.column} in {unit}" for group, unit in self.given)
+        return ", ".join(f"{group.column} in {unit}" for group, unit in self.choices)
 
     def options(self, flags: Mapping[str, str]) -> str:
-        """What says so on the command line."""
-        open_ = [(group, unit) for group, unit in self.given if group.how != "told"]
+        """Return the options of the command line for this reading."""
+        open_ = [(group, unit) for group, unit in self.choices if group.how != "told"]
         kept = [(group, unit) for group, unit in open_ if group.unit != unit] or open_
         words = [
             f"--unit {unit if ' ' not in unit else repr(unit)}"
@@ -239,39 +240,39 @@ class _Reading:
     def sentence(self, frame: Frame) -> str:
         """`x in mm (travel 200 mm, ...)`."""
         sizes = [
-            Text(f"{each.quantity} {spoken(self.sizes[each.quantity], each.unit)}")
-            for each in RANGES[frame]
-            if each.quantity in self.sizes and " over " not in each.quantity
+            Text(f"{span.quantity} {spoken(self.sizes[span.quantity], span.unit)}")
+            for span in RANGES[frame]
+            if span.quantity in self.sizes and " over " not in span.quantity
         ]
         return Text(f"{self.name} ({joined(', ', sizes)})")
 
 
 def _readings(
-    frame: Frame, found: Mapping[str, float], motion: _Group | None, force: _Group | None, is_hal: bool
+    frame: Frame, measured: Mapping[str, float], motion: _Group | None, force: _Group | None, is_hal: bool
 ) -> list[_Reading]:
-    """What the log is in other units, likeliest first; the fewer units are changed the likelier."""
-    there = [each for each in (motion, force) if each is not None]
+    """Return readings of the log in other units, likeliest first; a reading that changes fewer units is likelier."""
+    there = [group for group in (motion, force) if group is not None]
     choices: list[list[tuple[_Group, str]]] = []
-    for each in there:
-        if each.how == "told" or each.si not in _UNITS:
-            choices.append([(each, each.unit)])
-        elif is_hal and each is motion:
-            choices.append([(each, unit) for unit in _OF_HAL])
+    for group in there:
+        if group.how == "told" or group.si not in _UNITS:
+            choices.append([(group, group.unit)])
+        elif is_hal and group is motion:
+            choices.append([(group, unit) for unit in _OF_HAL])
         else:
-            choices.append([(each, unit) for unit in dict.fromkeys((each.unit, *_UNITS[each.si]))])
-    made: list[_Reading] = []
-    for given in product(*choices):
+            choices.append([(group, unit) for unit in dict.fromkeys((group.unit, *_UNITS[group.si]))])
+    readings: list[_Reading] = []
+    for choice in product(*choices):
         factors = {
-            group.role: units.factor(unit, group.si) / units.factor(group.unit, group.si) for group, unit in given
+            group.role: units.factor(unit, group.si) / units.factor(group.unit, group.si) for group, unit in choice
         }
         by = [1.0 if group is None else factors[group.role] for group in (motion, force)]
-        made.append(_Reading(given, scaled(frame, found, by[0], by[1])))
+        readings.append(_Reading(choice, scaled(frame, measured, by[0], by[1])))
 
-    def order(each: _Reading) -> tuple[float, int, float]:
-        decades, unusual = unlikely(frame, each.sizes)
-        return decades, each.changes, unusual
+    def order(reading: _Reading) -> tuple[float, int, float]:
+        decades, unusual = unlikely(frame, reading.sizes)
+        return decades, reading.changes, unusual
 
-    return sorted(made, key=order)
+    return sorted(readings, key=order)
 
 
 def _sizes(log: Log, frame: Frame, motion: _Group | None, force: _Group | None) -> dict[str, float]:
@@ -285,15 +286,15 @@ def _sizes(log: Log, frame: Frame, motion: _Group | None, force: _Group | None) 
 def _group(
     file: OpenedFile, mapping: Mapping[str, Column], told: Collection[str], roles: Sequence[str]
 ) -> _Group | None:
-    role = next((each for each in roles if each in mapping), None)
+    role = next((candidate for candidate in roles if candidate in mapping), None)
     if role is None:
         return None
     column = mapping[role]
     if role in told:
         return _Group(role, column.name, column.unit or ROLES[role], "told")
-    said = stated(file, column.name, role)
-    unit = column.unit or unit_of(said) or ROLES[role]
-    return _Group(role, column.name, unit if _measures(unit, role) else ROLES[role], "stated" if said else "")
+    unit_text = stated(file, column.name, role)
+    unit = column.unit or unit_of(unit_text) or ROLES[role]
+    return _Group(role, column.name, unit if _measures(unit, role) else ROLES[role], "stated" if unit_text else "")
 
 
 def _measures(unit: str, role: str) -> bool:
@@ -308,9 +309,9 @@ def _hal(file: OpenedFile, column: str) -> bool:
     return file.columns.format in _HAL_FORMATS or column.startswith(_HAL_PINS)
 
 
-def _silent_torque(file: OpenedFile, force: _Group, log: Log, found: Mapping[str, float]) -> str:
+def _silent_torque(file: OpenedFile, force: _Group, log: Log, measured: Mapping[str, float]) -> str:
     most = float(np.max(np.abs(log["torque"])))
-    inertia = found.get("inertia")
+    inertia = measured.get("inertia")
     as_it_is = f"up to {Quantity(most, 'N m'):3}"
     rated = ""
     if inertia is not None:
@@ -327,17 +328,17 @@ def _silent_torque(file: OpenedFile, force: _Group, log: Log, found: Mapping[str
 def _table(name: str, frame: Frame, readings: Sequence[_Reading]) -> Table:
     rows = [
         [
-            each.quantity,
-            each.bounds(),
+            span.quantity,
+            span.bounds(),
             *(
-                Text(f"{spoken(r.sizes[each.quantity], each.unit)}{' !' if each.apart(r.sizes[each.quantity]) else ''}")
+                Text(f"{spoken(r.sizes[span.quantity], span.unit)}{' !' if span.apart(r.sizes[span.quantity]) else ''}")
                 for r in readings
             ),
         ]
-        for each in RANGES[frame]
-        if each.quantity in readings[0].sizes
+        for span in RANGES[frame]
+        if span.quantity in readings[0].sizes
     ]
-    heads = ["", "feed drives", *(each.name for each in readings)]
+    heads = ["", "feed drives", *(reading.name for reading in readings)]
     return Table(f"{name}: the two likeliest readings", heads, rows, sentences=2)
 
 
@@ -347,7 +348,7 @@ _OUTPUTS = (("m", "mm", "um", "nm"), ("m/s", "mm/s"), ("m/s2", "mm/s2"))  # of a
 def check_response(
     where: str, frf: FRF, told: bool, progress: Progress, cure: Callable[[str], str] | None = None
 ) -> str:
-    """Raise LogError for a response whose mass is none of a feed drive, unless its unit was told: then a sentence.
+    """Raise LogError for a response whose mass is implausible for a feed drive; return a sentence if its unit was told.
 
     The mass is the median over the lines of |F / (ω² x)|; a response in another kind of unit is not judged.
     cure  what to give on the command line for a unit of the response, as um/N
@@ -357,7 +358,7 @@ def check_response(
         known = units.response(unit_of(unit) or unit)
     except ParameterError:
         known = None
-    of_order = [f"({each[0]})/N" if n else f"{each[0]}/N" for n, each in enumerate(_OUTPUTS)]
+    of_order = [f"({names[0]})/N" if n else f"{names[0]}/N" for n, names in enumerate(_OUTPUTS)]
     if known is None or known[0] not in of_order:
         return ""
     order, size = of_order.index(known[0]), 1.0 / known[1]
@@ -366,10 +367,10 @@ def check_response(
         return ""
     w, response = 2.0 * np.pi * frf.frequency[there], np.abs(frf.response[there])
     masses = [w ** (n - 2) / response for n in range(len(_OUTPUTS))]
-    found = float(np.median(masses[order])) / size
-    if not mass.apart(found):
+    read_mass = float(np.median(masses[order])) / size
+    if not mass.apart(read_mass):
         return ""
-    why = Text(f"read in {unit} its mass is {spoken(found, 'kg')}, where feed drives have {mass.bounds()}")
+    why = Text(f"read in {unit} its mass is {spoken(read_mass, 'kg')}, where feed drives have {mass.bounds()}")
     if told:
         return Text(f"{where}: {why}, as its unit was told")
     read: list[
@@ -377,18 +378,18 @@ def check_response(
     ] = []  # unit, mass, and how it scatters over the lines: least in the right order
     for n in [order] if frf.unit else range(len(_OUTPUTS)):
         scatter = float(np.std(np.log(masses[n])))
-        for each in _OUTPUTS[n]:
-            in_it = float(np.median(masses[n])) / units.factor(each, _OUTPUTS[n][0])
-            read.append((f"({each})/N" if n else f"{each}/N", in_it, scatter))
-    read = sorted(read, key=lambda each: (mass.apart(each[1]), each[2], mass.unusual(each[1])))[:2]
+        for name in _OUTPUTS[n]:
+            in_it = float(np.median(masses[n])) / units.factor(name, _OUTPUTS[n][0])
+            read.append((f"({name})/N" if n else f"{name}/N", in_it, scatter))
+    read = sorted(read, key=lambda reading: (mass.apart(reading[1]), reading[2], mass.unusual(reading[1])))[:2]
     rows = [["mass", mass.bounds(), *(Text(f"{spoken(mass_read, 'kg')}") for _, mass_read, _ in read)]]
-    heads = ["", "feed drives", *(each[0] for each in read)]
+    heads = ["", "feed drives", *(reading[0] for reading in read)]
     progress.remark(Table(f"{where}: the two likeliest readings", heads, rows, sentences=2))
-    said = f"is in {unit} by what the file says" if frf.unit else "states no unit"
+    unit_source = f"is in {unit} by what the file says" if frf.unit else "states no unit"
     cure = cure or (lambda unit: f"{'--unit' if not frf.unit else 'a file that says'} '{unit}'")
-    cures = " or ".join(cure(each[0]) for each in read)
+    cures = " or ".join(cure(reading[0]) for reading in read)
     likely = joined(" or ", (f"{unit_read} ({spoken(mass_read, 'kg')})" for unit_read, mass_read, _ in read))
     raise LogError(
-        f"{where}: the response to {frf.output} {said}: {why}. Likeliest: {likely}. Say which with {cures}; nothing "
-        f"was written"
+        f"{where}: the response to {frf.output} {unit_source}: {why}. Likeliest: {likely}. Say which with {cures}; "
+        f"nothing was written"
     )

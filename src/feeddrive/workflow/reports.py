@@ -1,4 +1,4 @@
-"""Which function makes the report of a type of result: by name, so that nothing is imported before `result.report()`.
+"""The functions that make the report of a type of result, by name: nothing is imported before `result.report()`.
 
 The rooms of analysis know nothing of reports; a command adds what it alone knows, as where a log came from.
 """
@@ -31,13 +31,13 @@ REPORTS = {
 
 
 def register_report(kind: type) -> None:
-    """Register what makes the report of a type of result, or of the nearest of its bases that is listed."""
+    """Register the function that makes the report of a type of result, or of its nearest listed base."""
     for base in kind.__mro__:
         name = f"{base.__module__.removeprefix('feeddrive.')}:{base.__qualname__}"
         if name in REPORTS and base not in report_of.registry:
             module, function = REPORTS[name].split(":")
 
-            def made(result: object, module: str = module, function: str = function) -> object:
+            def report(result: object, module: str = module, function: str = function) -> object:
                 return getattr(import_module(f"feeddrive.{module}"), function)(result)
 
-            report_of.register(base, made)
+            report_of.register(base, report)

@@ -17,13 +17,12 @@ from feeddrive.workflow.request import OUT, Request, argument, option
 
 
 class ReproduceRequest(Request):
-    """Which paper."""
+    """The paper to reproduce."""
 
     paper: str = argument("altintas2009, gordon2013, beltran2013, wu2017, or all")
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / self.paper
 
 
@@ -38,17 +37,17 @@ def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence
     with contextlib.ExitStack() as stack:
         # opened before the work: a place that cannot be written is refused at once
         folder = None if request.out is None else stack.enter_context(new_directory(request.out))
-        found = claims.reproduce(names, progress)
+        reproduced = claims.reproduce(names, progress)
         if folder is not None and request.out is not None:
-            claims.fill(folder, found)
+            claims.fill(folder, reproduced)
             files["Report"] = request.out / "report.html"
-    holds = all(claim.holds for each in found for claim in each.claims)
-    tables = [_claims(each) for each in found]
-    sentences = [f"{each.name}: {each.sentence}" for each in found]
+    holds = all(claim.holds for paper in reproduced for claim in paper.claims)
+    tables = [_claims(paper) for paper in reproduced]
+    sentences = [f"{paper.name}: {paper.sentence}" for paper in reproduced]
     judgment = Judgment.CLAIMS_HOLD if holds else Judgment.CLAIM_FAILS
-    return Outcome(found, [*tables, *sentences], files=files, judgment=judgment)
+    return Outcome(reproduced, [*tables, *sentences], files=files, judgment=judgment)
 
 
-def _claims(found: Reproduced) -> Table:
-    rows = [[claim.key, claim.claim, claim.bounds, claim.shown, claim.cells()[-1]] for claim in found.claims]
-    return Table(found.title, ["row", "claim", "expected", "got", "holds?"], rows, sentences=1)
+def _claims(paper: Reproduced) -> Table:
+    rows = [[claim.key, claim.claim, claim.bounds, claim.shown, claim.cells()[-1]] for claim in paper.claims]
+    return Table(paper.title, ["row", "claim", "expected", "got", "holds?"], rows, sentences=1)

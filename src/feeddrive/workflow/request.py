@@ -30,8 +30,8 @@ from feeddrive.language.errors import ParameterError
 
 OUT = "Directory to write; one that feeddrive wrote before is replaced"
 OUT_FILE = "File to write"
-CHANNELS = "which column is what (TOML), as `feeddrive channels` writes it"
-UNIT = "of columns that state none, as mm, in or kN; may be repeated"
+CHANNELS = "mapping of columns to roles (TOML), as `feeddrive channels` writes it"
+UNIT = "unit of columns that state none, as mm, in or kN; may be repeated"
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ class Field:
 
     @property
     def factor(self) -> float:
-        """From the unit in which it is entered to SI."""
+        """The factor from the unit in which it is entered to SI."""
         return units.factor(self.declared.unit, self.unit) if self.declared.unit != self.unit else 1.0
 
     def help(self) -> str:
-        """Meaning, options and unit, as a sentence."""
+        """Return meaning, options and unit as a sentence."""
         meaning = self.declared.meaning
-        options = [str(each) for each in self.declared.options]
+        options = [str(choice) for choice in self.declared.options]
         named = f": {', '.join(options[:-1])} or {options[-1]}" if options else ""
         here = self.declared.unit
         turned = here if self.name == "lead" or here.endswith("/A") else units.turning(here)  # a screw's, a motor's
@@ -76,18 +76,18 @@ class Field:
         return f"{meaning[:1].upper()}{meaning[1:]}{named}{unit}."
 
     def shown(self, value: Any) -> str:
-        """One value as the command line takes it: a number in the unit in which it is entered."""
+        """Return one value as the command line takes it: a number in the unit in which it is entered."""
         if self.kind is float:
             return units.shortest(value, self.factor)
         return str(value) if self.kind is int else called(value)
 
     def checked(self, value: Any) -> Any:
-        """The value as the request holds it. Raises ParameterError with name, value, bound and unit."""
+        """Return the value as the request holds it. Raise ParameterError with name, value, bound and unit."""
         if value is None and self.default is None:
             return None
         if self.many:
-            given: Any = (value,) if isinstance(value, (str, Path)) else value
-            return tuple(self._one(each) for each in given)
+            values: Any = (value,) if isinstance(value, (str, Path)) else value
+            return tuple(self._one(item) for item in values)
         return self._one(value)
 
     def _one(self, value: Any) -> Any:
@@ -97,7 +97,7 @@ class Field:
         if self.kind is not float and (
             not isinstance(value, self.kinds) or isinstance(value, bool) != (self.kind is bool)
         ):
-            names = [each.__name__ for each in self.kinds]
+            names = [kind.__name__ for kind in self.kinds]
             known: dict[type, str] = {int: "a whole number", bool: "True or False"}
             wanted = known.get(self.kind, f"a {' or '.join(names)}")
             shown = f" = {value!r}" if isinstance(value, str | int | float) else ""
@@ -173,49 +173,49 @@ class Request(Declared):
         return _by_name(type(self))[name].checked(value)
 
     def command_line(self, name: str) -> str:
-        """What asks for the same on the command line."""
+        """Return the command line that asks for the same."""
         words = ["feeddrive", name]
         for field in fields_of(type(self)):
             value = getattr(self, field.name)
             if value == field.default or value in (None, ()):
                 continue
             values: tuple[Any, ...] = value if field.many else (value,)
-            for each in values:
-                shown = field.shown(each)
+            for item in values:
+                shown = field.shown(item)
                 words += ([field.flag] if field.flag else []) + ([] if field.kind is bool else [shown])
         return shlex.join(words)
 
     def python(self, name: str) -> str:
-        """What asks for the same from Python, `import feeddrive as fd` before it."""
-        given = [(field, getattr(self, field.name)) for field in fields_of(type(self))]
+        """Return the Python call that asks for the same, after `import feeddrive as fd`."""
+        pairs = [(field, getattr(self, field.name)) for field in fields_of(type(self))]
         words = [
             f"{'' if not field.flag else f'{field.name}='}{_literal(value)}"
-            for field, value in given
+            for field, value in pairs
             if value != field.default
         ]
         return f"fd.workflow.{name.replace('-', '_')}({', '.join(words)})"
 
     def usual_out(self) -> Path | None:
-        """The default output path of a command; None for a command without one."""
+        """Return the default output path of a command; None for a command without one."""
         return None
 
 
 @cache
 def fields_of(request: type[Request]) -> tuple[Field, ...]:
-    """The fields of a request in their order, those declared as last after all others."""
+    """Return the fields of a request in their order, those declared as last after all others."""
     hints = typing.get_type_hints(request)
-    found: list[Field] = []
+    fields: list[Field] = []
     specs = dataclasses.fields(request)  # type: ignore[arg-type]
     for spec in sorted(specs, key=lambda spec: spec.metadata.get("last", False)):
         kinds, many = _kind(hints[spec.name])
-        given = spec.metadata
-        declared = given["declaration"]
+        metadata = spec.metadata
+        declared = metadata["declaration"]
         positional = declared.role == "argument"
-        flag = "" if positional else given["flag"] or f"--{spec.name.replace('_', '-')}"
-        found.append(
-            Field(spec.name, kinds[0], kinds, many, spec.default, given["unit"], declared, flag, given["short"])
+        flag = "" if positional else metadata["flag"] or f"--{spec.name.replace('_', '-')}"
+        fields.append(
+            Field(spec.name, kinds[0], kinds, many, spec.default, metadata["unit"], declared, flag, metadata["short"])
         )
-    return tuple(found)
+    return tuple(fields)
 
 
 @cache
@@ -224,7 +224,7 @@ def _by_name(request: type[Request]) -> dict[str, Field]:
 
 
 def called(source: Any) -> str:
-    """What a path, a name or an object that was read is called: its file, its name or its type; None: none given."""
+    """Return the display name of a source: its file, its name or its type; "none given" for None."""
     if source is None:
         return "none given"
     if isinstance(source, str | Path):
@@ -236,21 +236,21 @@ def called(source: Any) -> str:
 
 
 def stem(source: Any) -> str:
-    """The name without folder and ending, of which names of results are made."""
+    """Return the name without folder and suffix, for the names of results."""
     return Path(called(source)).stem
 
 
 def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
-    """Names of which no two are the same, each given with a word: of a name that stands there the word is added."""
-    found = list[str]()
+    """Make names unique by appending the given word to repeated ones."""
+    unique = list[str]()
     for name, word in named:
         tries = chain([name, f"{name} ({word})"], (f"{name} ({word}, {i})" for i in count(2)))
-        found.append(next(each for each in tries if each not in found))
-    return found
+        unique.append(next(candidate for candidate in tries if candidate not in unique))
+    return unique
 
 
 def _literal(value: Any) -> str:
-    """A value as Python reads it; a path as its text, an object by what it is called."""
+    """Return a value as Python reads it; a path as its text, an object by its display name."""
     if isinstance(value, tuple):
         inside: tuple[Any, ...] = value
         return f"({', '.join(map(_literal, inside))}{',' if len(inside) == 1 else ''})"
@@ -259,16 +259,18 @@ def _literal(value: Any) -> str:
 
 
 def _kind(hint: Any) -> tuple[tuple[type, ...], bool]:
-    """The types of a union, and whether they stand in a tuple: `tuple[Path, ...]`, `str | MachineFile`."""
+    """Return the types of a union, and whether they stand in a tuple: `tuple[Path, ...]`, `str
+    MachineFile`.
+    """
     kinds = typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
-    kinds = tuple(each for each in kinds if each is not type(None))
+    kinds = tuple(kind for kind in kinds if kind is not type(None))
     if typing.get_origin(kinds[0]) is tuple:
         return _kind(typing.get_args(kinds[0])[0])[0], True
     return kinds, False
 
 
 def frequencies(band: str) -> tuple[float, float]:
-    """A band of frequencies as people write it, `5..500`, as two numbers in Hz. Raises ParameterError."""
+    """Parse a band of frequencies such as `5..500` into two numbers in Hz. Raise ParameterError."""
     parts = band.split("..")
     try:
         low, high = (float(part) for part in parts)
@@ -280,6 +282,6 @@ def frequencies(band: str) -> tuple[float, float]:
 def signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
     """Return the fields of the request as parameters, and what the outcome of the work holds as the result."""
     result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
-    made = inspect.signature(request)
-    parameters = [made.parameters[field.name] for field in fields_of(request)]  # type: ignore[arg-type]
-    return made.replace(parameters=parameters, return_annotation=result)
+    declared = inspect.signature(request)
+    parameters = [declared.parameters[field.name] for field in fields_of(request)]  # type: ignore[arg-type]
+    return declared.replace(parameters=parameters, return_annotation=result)

@@ -37,7 +37,7 @@ _TEXT = 100_000  # rows: a longer run is not written as text
 
 
 class RunRequest(EngineRequest):
-    """Which job is run, on which log, and how many of its laws at once."""
+    """The job to run, its log, and how many of its laws run side by side."""
 
     job: JobLike = argument("A job file (TOML), or the name of a bundled job")
     log: Path | None = option("A measured log (MAT, CSV, Parquet) in place of the one that the job names", default=None)
@@ -51,7 +51,6 @@ class RunRequest(EngineRequest):
     )
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / stem(self.job)
 
 
@@ -60,13 +59,12 @@ DEMOS = {"axis": "emps", "mill": "circle_diamond_square"}
 
 
 class DemoRequest(Request):
-    """Which demo, and where its results go."""
+    """The demo, and where its results go."""
 
-    what: str = argument("What is shown", default="axis", options=tuple(DEMOS))
+    what: str = argument("The demo to run", default="axis", options=tuple(DEMOS))
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / ("demo" if self.what == "axis" else f"demo_{self.what}")
 
 
@@ -81,22 +79,22 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     job = read_job(request.job, request.log)
     # processes take a second to begin, longer than most jobs
     workers = 1 if request.workers is None and request.scheduler is None else request.workers
-    found = run_laws(job, progress, Engine.of(workers, request.scheduler))
+    result = run_laws(job, progress, Engine.of(workers, request.scheduler))
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")
-        files["Report"] = write_results(found, request.out)
-    tables = [found.table(), *([] if (others := found.others()) is None else [others])]
-    judgment = Judgment.TRIPPED if any(_tripped(job, row) for row in found.rows) else Judgment.RAN
-    remarks = [each for each in (job.rule, *found.remarks) if each]
+        files["Report"] = write_results(result, request.out)
+    tables = [result.table(), *([] if (others := result.others()) is None else [others])]
+    judgment = Judgment.TRIPPED if any(_tripped(job, row) for row in result.rows) else Judgment.RAN
+    remarks = [remark for remark in (job.rule, *result.remarks) if remark]
     return Outcome(
-        found,
+        result,
         tables,
         remarks,
         files=files,
         judgment=judgment,
         failure=judgment.says if judgment.bad else "",
-        page=partial(job_report, found),
+        page=partial(job_report, result),
     )
 
 
@@ -141,7 +139,7 @@ def write_results(result: JobResult, out: str | Path) -> Path:
 
 
 def program_of(result: JobResult) -> Path | None:
-    """The file of the part program of a job, if it has one that is copied with it."""
+    """Return the file of the part program that is copied with the job, if it has one."""
     return None if result.job.program is None else result.job.program.file
 
 
@@ -162,9 +160,9 @@ def repeatable(result: JobResult) -> str:
 
 
 def summary(result: JobResult) -> dict[str, Any]:
-    """All figures as plain numbers; what does not occur is null."""
+    """Return all figures as plain numbers; a figure that does not occur is null."""
     job = result.job
-    found: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "title": job.title,
         "rule": job.rule,
         "machine": job.machine.name,
@@ -177,19 +175,19 @@ def summary(result: JobResult) -> dict[str, Any]:
     }
     if job.program is not None and job.program.planned is not None:
         planned = job.program.planned
-        found["program"] = {
+        figures["program"] = {
             "file": planned.program,
             "cycle_time_s": planned.cycle_time,
             "blocks": planned.blocks,
             "stops": planned.stop_count,
             "seconds_by_limit": dict(planned.seconds),
-            "cuts": [each._asdict() for each in job.program.cuts],
-            "chatter": [{**each._asdict(), "cut": each.cut.line} for each in result.chatter],
+            "cuts": [cut._asdict() for cut in job.program.cuts],
+            "chatter": [{**sign._asdict(), "cut": sign.cut.line} for sign in result.chatter],
         }
     if result.log is not None:
-        found["log"] = {key: result.log.provenance[key] for key in ("sha256", "format")}
-        found["log"]["rows"] = len(result.log)
-    return found
+        figures["log"] = {key: result.log.provenance[key] for key in ("sha256", "format")}
+        figures["log"]["rows"] = len(result.log)
+    return figures
 
 
 def _control(row: Entry) -> dict[str, float]:

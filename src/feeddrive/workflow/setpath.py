@@ -58,29 +58,29 @@ def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedRefer
     loop = read_machine(request.source).loop(request.axis)
     reference = _reference(request.job)
     if request.method == "zero-phase":
-        found = zero_phase(loop, reference)
+        changed = zero_phase(loop, reference)
     else:
-        found = filtered_splines(loop, reference, spacing=request.spacing, window=request.window)
+        changed = filtered_splines(loop, reference, spacing=request.spacing, window=request.window)
     progress.step("runs of both paths")
     rows = [
         ["as it was", *_left(loop, reference, reference)],
-        ["changed", *_left(loop, found.reference, found.wanted)],
+        ["changed", *_left(loop, changed.reference, changed.wanted)],
     ]
     title = f"{called(request.source)}, axis {loop.name}: distance of the table from the wanted path, {request.method}"
     remarks = [
         Text(
-            f"The changed path is up to {Quantity(found.shift, 'm')} off the wanted one, and begins "
-            f"{Quantity(found.lead, 's')} earlier than the motion: give every axis of a machine the same lead."
+            f"The changed path is up to {Quantity(changed.shift, 'm')} off the wanted one, and begins "
+            f"{Quantity(changed.lead, 's')} earlier than the motion: give every axis of a machine the same lead."
         ),
         "It holds for this load and these gains: after a change of either make it anew.",
     ]
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("writing")
-        write_whole(request.out, _text(found))
+        write_whole(request.out, _text(changed))
         files["Written"] = request.out
     table = Table(title, ["path", Column("largest", "m"), Column("RMS", "m")], rows)
-    return Outcome(found, [table], remarks, files=files, rotary=loop.axis.rotary)
+    return Outcome(changed, [table], remarks, files=files, rotary=loop.axis.rotary)
 
 
 def _reference(job: JobLike | None) -> Reference:
@@ -92,16 +92,16 @@ def _reference(job: JobLike | None) -> Reference:
     return reference
 
 
-def _left(loop: Loop, given: Reference, wanted: Reference) -> list[float]:
+def _left(loop: Loop, reference: Reference, wanted: Reference) -> list[float]:
     """Return the largest and the RMS distance of the table, m."""
-    run = simulate(loop, given, record=["position_load"])
+    run = simulate(loop, reference, record=["position_load"])
     off = run["position_load"] - np.asarray(wanted.at(run.time).position)
     return [float(np.max(np.abs(off))), float(np.sqrt(np.mean(off**2)))]
 
 
-def _text(found: ChangedReference) -> str:
-    """CSV: time, the set positions to play, and where the table will be."""
-    T = float(found.reference.sample_time)
-    rows = zip(found.reference.position, found.wanted.position, strict=True)
-    lines = [f"{k * T:.9g},{float(given)!r},{float(wanted)!r}" for k, (given, wanted) in enumerate(rows)]
+def _text(changed: ChangedReference) -> str:
+    """Return the text of a CSV file: time, the set positions to play, and the wanted positions of the table."""
+    T = float(changed.reference.sample_time)
+    rows = zip(changed.reference.position, changed.wanted.position, strict=True)
+    lines = [f"{k * T:.9g},{float(played)!r},{float(wanted)!r}" for k, (played, wanted) in enumerate(rows)]
     return "\n".join(["time_s,set_position_m,wanted_position_m", *lines, ""])

@@ -26,7 +26,7 @@ from feeddrive.workflow.request import argument, option, stem
 
 
 class SweepRequest(EvaluationRequest):
-    """Which study is run, by how many, and where its rows go."""
+    """The study, who computes it, and where its rows go."""
 
     study: StudyLike = argument("A study file (TOML), or the name of a bundled study")
     out: str | Path | None = option(
@@ -37,7 +37,6 @@ class SweepRequest(EvaluationRequest):
     )
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"sweep_{stem(self.study)}"
 
 
@@ -50,7 +49,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
     """
     if request.out is None:
         raise ParameterError("out: a sweep needs a place for its rows: a directory, or an address of fsspec")
-    found = run_sweep(
+    swept = run_sweep(
         request.study,
         request.out,
         workers=request.workers,
@@ -60,16 +59,16 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
         progress=progress,
     )
     try:
-        told = answers_of(found.store, found.study, progress)
+        told = answers_of(swept.store, swept.study, progress)
         progress.step("report")
-        files = {"Report": write_report(told, request.out), "Rows": found.store.address}
+        files = {"Report": write_report(told, request.out), "Rows": swept.store.address}
     except (CancelledError, KeyboardInterrupt):
-        raise CancelledError(f"stopped; all rows are in {found.store.address}: --resume makes the report") from None
-    bad = found.bad
-    judgment = Judgment.NO_FIGURES if bad[0] == found.study.count else Judgment.SWEPT
+        raise CancelledError(f"stopped; all rows are in {swept.store.address}: --resume makes the report") from None
+    bad = swept.bad
+    judgment = Judgment.NO_FIGURES if bad[0] == swept.study.count else Judgment.SWEPT
     return Outcome(
-        found,
-        [found.table(), told.table()],
+        swept,
+        [swept.table(), told.table()],
         [*told.sentences, *_bad(*bad)],
         files=files,
         judgment=judgment,
@@ -79,7 +78,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
 
 
 def _bad(count: int, first: Sequence[tuple[int, str]]) -> Iterator[str]:
-    """The first variants without figures, with their reasons."""
+    """Yield the first variants without figures, with their reasons."""
     for variant, reason in first:
         yield f"variant {variant} has no figures: {reason}"
     if count > len(first):

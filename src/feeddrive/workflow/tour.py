@@ -35,12 +35,11 @@ _JERK, _SNAP, _PAUSE = 200.0, 2e4, 0.05  # m/s3, m/s4, s
 
 
 class TourRequest(Request):
-    """Where the log goes."""
+    """The directory of the log."""
 
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        """Beside other results."""
         return Path("results/tour")
 
 
@@ -63,7 +62,7 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
             "position_load": moved["reading_load"][rows],
             "position_motor": moved["reading_motor"][rows],
         }
-        columns: dict[str, np.ndarray] = {name: np.round(1e3 * each, 6) for name, each in millimetres.items()}
+        columns: dict[str, np.ndarray] = {name: np.round(1e3 * signal, 6) for name, signal in millimetres.items()}
         columns["force"] = np.round(moved["force"][rows], 3)
         with new_directory(request.out) as folder:
             write_run_csv(
@@ -85,7 +84,7 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
 
 
 def axis() -> Loop:
-    """The axis that is measured on the tour, under today's control."""
+    """Return the axis that is measured on the tour, under today's control."""
     loop = read_machine(MACHINE).loop("x")
     place = loop.place_of("axis")
     more = {"plant.mass_load": WORKPIECE, "friction_motor.coulomb": DRIER, "friction_motor.breakaway": DRIER}
@@ -112,5 +111,5 @@ def strokes(sample_time: float) -> np.ndarray:
         )
         for distance, velocity, acceleration in _STROKES
     ]
-    times = [np.arange(round(each.duration / sample_time)) * sample_time for each in moves]
-    return np.concatenate([each.at(time).position for each, time in zip(moves, times, strict=True)])
+    times = [np.arange(round(move.duration / sample_time)) * sample_time for move in moves]
+    return np.concatenate([move.at(time).position for move, time in zip(moves, times, strict=True)])

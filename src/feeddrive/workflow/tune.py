@@ -49,11 +49,11 @@ _ALONE = {
 
 def _limit_options() -> dict[str, tuple[str, Any]]:
     """Return the options of the limits that the catalogue of figures has, by name."""
-    found: dict[str, tuple[str, Any]] = {}
+    options: dict[str, tuple[str, Any]] = {}
     for figure in limitable():
         limit = figure.limit
         assert limit is not None
-        found[limit.option] = (
+        options[limit.option] = (
             "float" if limit.usual is not None else "float | None",
             option(
                 limit.meaning,
@@ -64,11 +64,11 @@ def _limit_options() -> dict[str, tuple[str, Any]]:
                 default=limit.usual,
             ),
         )
-    return found
+    return options
 
 
 class TuneRequest(Request, more=_limit_options(), after="recipe"):
-    """An axis or its measured response, what is made best, and the limits that are kept.
+    """An axis or its measured response, the goal of the tuning, and the limits to keep.
 
     Limits are in SI here: compliance in m/N, noise of the readings in m; the command line takes um/N and nm.
     """
@@ -76,7 +76,7 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
     source: MachineLike | Loop | FRF | OperatingPoint | None = argument(
         "A machine file (TOML), the name of a bundled machine, or a measured response in m/N", default=None
     )
-    goal: str = option("what is made best", default="rope-snap", options=tuple(goals()))
+    goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
     law: str | None = option("another law, as pole_placement; with --study also every", default=None)
     recipe: str | None = option("a tuning rule instead of a search", options=tuple(RECIPES), default=None)
     reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
@@ -86,8 +86,8 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         above=0.0,
         default=None,
     )
-    band: str | None = option("of the stiffness, as 1..30 in Hz", default=None)
-    filters: str = option("kept, free, or placed: free, and notches where they pay", default="placed")
+    band: str | None = option("band of the stiffness, as 1..30 in Hz", default=None)
+    filters: str = option("filters: kept, free, or placed (free, and notches where they pay)", default="placed")
     baseline: MachineLike | None = option("today's machine file, to compare with and to write into", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
     at: tuple[MachineLike | Loop | FRF | OperatingPoint, ...] = option(
@@ -99,9 +99,11 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         default=(),
     )
     disturbance: Path | FRF | None = option("response to a force on the table", default=None)
-    disturbance_motor: Path | FRF | None = option("the same of the motor's encoder", default=None)
-    unit: str | None = option("of the responses, as um/N, if the files do not say it", default=None)
-    sample_time: float | None = option("of the control", unit="s", above=0.0, default=None)
+    disturbance_motor: Path | FRF | None = option(
+        "response of the motor's encoder to a force on the table", default=None
+    )
+    unit: str | None = option("unit of the responses, as um/N, if the files do not state it", default=None)
+    sample_time: float | None = option("sample time of the control", unit="s", above=0.0, default=None)
     delay: float = option(
         "dead time that the response does not hold: 0 if it leads from the commanded force",
         default=0.0,
@@ -109,13 +111,15 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         least=0.0,
     )
     confidence: float = option("probability that all limits hold on the true axis", default=0.95)
-    starts: int = option("searches; the best end counts", default=2, least=1, most=20)
-    seed: int = option("of the searches after the first", default=0)
+    starts: int = option("number of searches; the best end counts", default=2, least=1, most=20)
+    seed: int = option("seed of the searches after the first", default=0)
     study: StudyLike | None = option(
         "a study file or the name of a bundled one, in place of a machine: one control for all its machines",
         default=None,
     )
-    share: float = option("of the study's machines, for which limits and goal count", default=1.0, least=0.5, most=1.0)
+    share: float = option(
+        "share of the study's machines for which limits and goal count", default=1.0, least=0.5, most=1.0
+    )
     samples: int | None = option("machines of the study that the tuner may see", default=None, least=1, most=5000)
     fresh: int | None = option("further machines on which the result is proven", default=None, least=16, most=1_000_000)
     allow: tuple[str, ...] = option(
@@ -140,17 +144,17 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
                 raise ParameterError(f"--{flag} needs --reading-noise (in nm): the errors of the two readings")
 
     def limits(self) -> Limits:
-        """What the tuned loop must keep."""
+        """Return the limits of the tuned loop."""
         bounds = {figure.key: bound for figure, bound in self._bounds()}
         noise = (self.reading_noise, self.reading_noise)
         return Limits((), reading_noise=noise, snap_force=self.step_force, **bounds)
 
     def _bounds(self) -> list[tuple[Figure, float | None]]:
-        """The limits by figure, None for those that are not set."""
+        """Return the limits by figure, None for those that are not set."""
         return [(figure, getattr(self, figure.limit.option)) for figure in limitable() if figure.limit is not None]
 
     def sources(self) -> Sources:
-        """The axis at every position and load that was given."""
+        """Return the axis at every position and load that was named."""
         return Sources(
             self.source,
             self.at,
@@ -164,7 +168,6 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         )
 
     def usual_out(self) -> Path:
-        """By the name of what it is about."""
         return Path("results") / f"tune_{stem(self.study if self.source is None else self.source)}"
 
 
@@ -179,46 +182,46 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     progress.step("reading")
     if request.study is not None:
         return _of_study(request, progress)
-    found, story, text, name, certificate = _tuned(request, progress)
+    tuned, story, text, name, certificate = _tuned(request, progress)
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")
-        report = write_tuned(found, text, name, request.out, story, certificate)
+        report = write_tuned(tuned, text, name, request.out, story, certificate)
         if text is not None:
-            kind = "Machine, with values that are not recommended" if found.verdict is Verdict.LEAVE else "Machine"
+            kind = "Machine, with values that are not recommended" if tuned.verdict is Verdict.LEAVE else "Machine"
             files[kind] = report.parent / "machine.toml"
-        if found.holds and certificate is not None:
+        if tuned.holds and certificate is not None:
             files["Certificate"] = report.parent / "certificate.json"
         files["Report"] = report
     verdict = {None: "not proven", True: "holds", False: "DOES NOT HOLD"}
-    proof = [(line.holds, Text(f"proof, {line.what}: {verdict[line.holds]} ({line.said})")) for line in found.proof]
-    remarks: list[str] = [said for holds, said in proof if not holds]
-    remarks += [*story.said, *(Text(f"held back by {held.sentence()}") for held in found.held), *found.advice]
-    shown = tables(found, story)[:-1]
-    first = 1 + len(found.after)  # the values, and the figures at each point
+    proof = [(line.holds, Text(f"proof, {line.what}: {verdict[line.holds]} ({line.said})")) for line in tuned.proof]
+    remarks: list[str] = [claim for holds, claim in proof if not holds]
+    remarks += [*story.remarks, *(Text(f"held back by {held.sentence()}") for held in tuned.held), *tuned.advice]
+    shown = tables(tuned, story)[:-1]
+    first = 1 + len(tuned.after)  # the values, and the figures at each point
     details = [
         *shown[first:],
-        *(said for holds, said in proof if holds),
-        *(Text(f"notch {each}") for each in found.notches),
+        *(claim for holds, claim in proof if holds),
+        *(Text(f"notch {notch}") for notch in tuned.notches),
     ]
-    taken = Judgment.LEAVE_CONTROL if found.verdict is Verdict.LEAVE else Judgment.TAKE_TUNING
-    judgment = taken if found.holds else Judgment.DO_NOT_USE_TUNING
+    taken = Judgment.LEAVE_CONTROL if tuned.verdict is Verdict.LEAVE else Judgment.TAKE_TUNING
+    judgment = taken if tuned.holds else Judgment.DO_NOT_USE_TUNING
     return Outcome(
-        found,
+        tuned,
         shown[:first],
         remarks,
-        found.recommendation(),
+        tuned.recommendation(),
         files=files,
         details=details,
         judgment=judgment,
         failure=judgment.says if judgment.bad else "",
         rotary=story.rotary,
-        page=partial(tuned_report, found, story),
+        page=partial(tuned_report, tuned, story),
     )
 
 
 def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
-    """One control for the machines of a study."""
+    """Tune one control for the machines of a study."""
     from feeddrive.study.robust import RobustTuner  # sweeps, which a tuning of one axis does not need
     from feeddrive.workflow.tune_study import tuned_study
 
@@ -247,8 +250,8 @@ def _band(request: TuneRequest) -> tuple[float, float]:
 def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str | None, str, Certificate | None]:
     machine = machine_of(request.source)
     base = machine if request.baseline is None else read_machine(request.baseline)
-    given = request.source if isinstance(request.source, Loop) else None
-    loop = given if base is None else base.loop(request.axis)
+    direct = request.source if isinstance(request.source, Loop) else None
+    loop = direct if base is None else base.loop(request.axis)
     if loop is not None and request.sample_time and abs(request.sample_time / float(loop.sample_time) - 1.0) > 1e-6:
         raise ParameterError(
             f"--sample-time {Quantity(request.sample_time, 's'):6 SI} is not that of the machine file, "
@@ -261,10 +264,10 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     band = _band(request)
     today = None if loop is None else loop.control
     if request.recipe is not None:
-        made = RECIPES[request.recipe](points[0], control)
-        rule = Text(f"{made.name}: {made.reason} ({made.source})")
-        found = assess(
-            replace(control, law=made.law, compensation=()),
+        recipe = RECIPES[request.recipe](points[0], control)
+        rule = Text(f"{recipe.name}: {recipe.reason} ({recipe.source})")
+        tuned = assess(
+            replace(control, law=recipe.law, compensation=()),
             points,
             rule=rule,
             goal=request.goal,
@@ -275,7 +278,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
             progress=progress,
         )
     else:
-        found = tune_control(
+        tuned = tune_control(
             control,
             points,
             goal=request.goal,
@@ -289,7 +292,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
             progress=progress,
         )
     rules: tuple[JudgedRecipe, ...] = ()
-    if found.control.law.kind == "cascade_ppi":
+    if tuned.control.law.kind == "cascade_ppi":
         rules = judged_recipes(points, control, limits, progress)
     what = f"{base.name}, axis {name}" if base is not None else Path(called(request.source)).name
     facts = {
@@ -297,27 +300,27 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         "Today": begun or what,
         "Law": control.law.kind,
         "Sample time": Text(f"{Quantity(float(points[0].sample_time), 's'):6}"),
-        "Loops judged": str(found.evaluations),
+        "Loops judged": str(tuned.evaluations),
         "Searches": "none, a rule"
-        if found.recipe
-        else Text(f"{request.starts}, their ends {Quantity(found.spread, 'share'):2} apart"),
+        if tuned.recipe
+        else Text(f"{request.starts}, their ends {Quantity(tuned.spread, 'share'):2} apart"),
         "Again": request.command_line("tune"),
         "In Python": request.python("tune"),
     }
-    text = None if base is None or not found.holds else machine_text(base, name, found.control)
+    text = None if base is None or not tuned.holds else machine_text(base, name, tuned.control)
     progress.step("certificate")
-    certificate, facts["Certificate"] = certified(found.control, points, text, name) if found.holds else (None, "")
+    certificate, facts["Certificate"] = certified(tuned.control, points, text, name) if tuned.holds else (None, "")
     rotary = loop is not None and loop.axis.rotary
-    said = tuple(remarks)
+    noted = tuple(remarks)
     story = Story(
-        what, {k: v for k, v in facts.items() if v}, rules, said, begun or "today", rotary, _loops(found, loop)
+        what, {k: v for k, v in facts.items() if v}, rules, noted, begun or "today", rotary, _loops(tuned, loop)
     )
-    return found, story, text, name, certificate
+    return tuned, story, text, name, certificate
 
 
-def _loops(found: Tuned, loop: Loop | None) -> dict[str, Loop]:
-    """Axis and control of the machine file, old and new, as far as they are stable at every point."""
+def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:
+    """Return axis and control of the machine file, old and new, as far as they are stable at every point."""
     if loop is None:
         return {}
-    both = {"today": (loop, found.before), "new": (replace(loop, control=found.control), found.after)}
-    return {name: each for name, (each, row) in both.items() if row and all(point.stable for point in row)}
+    both = {"today": (loop, tuned.before), "new": (replace(loop, control=tuned.control), tuned.after)}
+    return {name: variant for name, (variant, row) in both.items() if row and all(point.stable for point in row)}

@@ -47,7 +47,7 @@ _DIGITS = 7
 
 @dataclass(frozen=True)
 class Story:
-    """What a report knows beside the tuning: what was tuned, how, the rules of the trade beside it, and remarks.
+    """The facts of a report beside the tuning: what was tuned, how, tuning rules for comparison, and remarks.
 
     today   the name of the first row of each comparison
     rotary  the axis turns
@@ -57,25 +57,25 @@ class Story:
     what: str
     facts: Mapping[str, str]
     rules: tuple[JudgedRecipe, ...] = ()
-    said: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     today: str = "today"
     rotary: bool = False
     loops: Mapping[str, Loop] = field(default_factory=dict[str, Loop])
 
 
 def write_tuned(
-    found: Tuned, machine: str | None, axis: str, out: str | Path, story: Story, certificate: Certificate | None
+    tuned: Tuned, machine: str | None, axis: str, out: str | Path, story: Story, certificate: Certificate | None
 ) -> Path:
     """Write report, summary, the control and, if the tuning holds, machine file and certificate into a directory.
 
-    The path of the report.  Raises FileError if `out` cannot be written.
+    Return the path of the report. Raise FileError if `out` cannot be written.
     """
     with new_directory(out) as folder:
-        (folder / "report.html").write_text(html(tuned_report(found, story)), encoding="utf-8")
-        figures = summary_text(summary(found, story.said, story.rules), rotary=story.rotary)
+        (folder / "report.html").write_text(html(tuned_report(tuned, story)), encoding="utf-8")
+        figures = summary_text(summary(tuned, story.remarks, story.rules), rotary=story.rotary)
         (folder / "summary.json").write_text(figures, encoding="utf-8")
-        if found.holds:
-            (folder / "control.toml").write_text(to_toml(found.control, f"axis.{axis}.control"), encoding="utf-8")
+        if tuned.holds:
+            (folder / "control.toml").write_text(to_toml(tuned.control, f"axis.{axis}.control"), encoding="utf-8")
             if machine is not None:
                 (folder / "machine.toml").write_text(machine, encoding="utf-8")
             if certificate is not None:
@@ -83,20 +83,22 @@ def write_tuned(
     return Path(out) / "report.html"
 
 
-def tuned_report(found: Tuned, story: Story | None = None) -> Report:
+def tuned_report(tuned: Tuned, story: Story | None = None) -> Report:
     """Return the report of a tuning."""
     story = Story("A tuned axis", {}) if story is None else story
-    timed, reason = _timed(found, story)
-    picture, *others = [*_pictures(found, story), *timed]
+    timed, reason = _timed(tuned, story)
+    picture, *others = [*_pictures(tuned, story), *timed]
     known = {**story.facts, "Old and new in time": reason} if reason else story.facts
-    shown = tables(found, story)
-    first = len(shown) - min(2, len(found.cascade)) - 1  # loop by loop, and the proof, are details
+    shown = tables(tuned, story)
+    first = len(shown) - min(2, len(tuned.cascade)) - 1  # loop by loop, and the proof, are details
     return Report(
-        Text(f"{story.what}: {marked(found.rule).split(' subject to ')[0].split(';')[0]}"),
+        Text(f"{story.what}: {marked(tuned.rule).split(' subject to ')[0].split(';')[0]}"),
         "feeddrive tune",
-        Verdict((found.recommendation(), Text(f"Rule: {found.rule}."), *map(sentence, story.said)), good=found.holds),
+        Verdict(
+            (tuned.recommendation(), Text(f"Rule: {tuned.rule}."), *map(sentence, story.remarks)), good=tuned.holds
+        ),
         (
-            Section("result", "Result", (*shown[:first], _said(found))),
+            Section("result", "Result", (*shown[:first], _active_limits(tuned))),
             further(others),
             Section("proof", "Proof, and the cascade loop by loop", (shown[-1], *shown[first:-1]), folded=True),
             facts("What was tuned", known),
@@ -106,44 +108,44 @@ def tuned_report(found: Tuned, story: Story | None = None) -> Report:
     )
 
 
-def _said(found: Tuned) -> Remarks:
-    said = [Text(f"Held back by {each.sentence()}.") for each in found.held]
-    said += [sentence(text) for text in found.advice]
-    said += [Text(f"Notch {text}.") for text in found.notches]
-    return Remarks(said, "Active limits, and what would help")
+def _active_limits(tuned: Tuned) -> Remarks:
+    texts = [Text(f"Held back by {limit.sentence()}.") for limit in tuned.held]
+    texts += [sentence(text) for text in tuned.advice]
+    texts += [Text(f"Notch {text}.") for text in tuned.notches]
+    return Remarks(texts, "Active limits, and what would help")
 
 
-def tables(found: Tuned, story: Story) -> list[Table]:
-    """Old against new: values, figures at each point, rules of the trade, the cascade loop by loop, the proof."""
+def tables(tuned: Tuned, story: Story) -> list[Table]:
+    """Tabulate old against new: values, figures at each point, tuning rules, the cascade loop by loop, the proof."""
     rows: list[Sequence[Cell]] = []
-    for name, value in found.tunables.items():
-        started, unit = found.started[name], tree.declaration(found.control, name).unit
+    for name, value in tuned.tunables.items():
+        started, unit = tuned.started[name], tree.declaration(tuned.control, name).unit
         before = None if math.isnan(started) else Quantity(started, unit, form="5 SI")
         now = Quantity(value, unit, form="5 SI")
-        rows.append([readable(found.control, name), before, now, _change(started, value), UNIT])
-    made = [Table("values of the control, old and new", ["parameter", story.today, "new", "change", "unit"], rows)]
-    for i, after in enumerate(found.after):
-        before = found.before[i] if found.before else None
-        made.append(_figures(before, after, len(found.after) > 1, story.today))
+        rows.append([readable(tuned.control, name), before, now, _change(started, value), UNIT])
+    listed = [Table("values of the control, old and new", ["parameter", story.today, "new", "change", "unit"], rows)]
+    for i, after in enumerate(tuned.after):
+        before = tuned.before[i] if tuned.before else None
+        listed.append(_figures(before, after, len(tuned.after) > 1, story.today))
     if story.rules:
-        made.append(_compared(found, story))
-    for name, each in zip((story.today, "new"), found.cascade, strict=False):
-        shown = each.table()
-        made.append(replace(shown, title=f"{shown.title}, {name}"))
+        listed.append(_compared(tuned, story))
+    for name, loop in zip((story.today, "new"), tuned.cascade, strict=False):
+        shown = loop.table()
+        listed.append(replace(shown, title=f"{shown.title}, {name}"))
     proof = [
         [line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.said]
-        for line in found.proof
+        for line in tuned.proof
     ]
-    made.append(Table("proof: computed anew in other ways", ["what", "", "figures"], proof))
-    return made
+    listed.append(Table("proof: computed anew in other ways", ["what", "", "figures"], proof))
+    return listed
 
 
 def _figures(before: Figures | None, after: Figures, several: bool, today: str) -> Table:
     rows: list[Sequence[Cell]] = []
     for figure in reported():
         cells = [
-            None if each is None else figure.quantity(figure.read(each)) if each.stable else "unstable"
-            for each in (before, after)
+            None if figures is None else figure.quantity(figure.read(figures)) if figures.stable else "unstable"
+            for figures in (before, after)
         ]
         if cells != [None, None]:
             rows.append([figure.label or figure.title, *cells, UNIT])
@@ -152,10 +154,10 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
     return Table(f"figures of the closed loop{place}{against}", ["what", today, "new", "unit"], rows)
 
 
-def _compared(found: Tuned, story: Story) -> Table:
-    """Today, every rule of the trade and the new control, each at its worst point."""
-    shown = [(story.today, found.before), *((rule.name, rule.figures) for rule in story.rules), ("new", found.after)]
-    rows = [[name, *_cells(row, found.limits)] for name, row in shown]
+def _compared(tuned: Tuned, story: Story) -> Table:
+    """Tabulate today's control, every tuning rule and the new control, each at its worst point."""
+    shown = [(story.today, tuned.before), *((rule.name, rule.figures) for rule in story.rules), ("new", tuned.after)]
+    rows = [[name, *_cells(row, tuned.limits)] for name, row in shown]
     title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"
     return Table(title, ["", *_COMPARED], rows)
 
@@ -173,15 +175,15 @@ def _cells(row: Sequence[Figures], limits: Limits) -> list[Cell]:
     nothing = [None] * (len(_COMPARED) - 1)
     if not row:
         return [*nothing, "no gains"]
-    if not all(each.stable for each in row):
+    if not all(figures.stable for figures in row):
         return [*nothing, "unstable"]
-    phases = [p for each in row if (p := each.margins.phase_margin_deg) is not None]
+    phases = [p for figures in row if (p := figures.margins.phase_margin_deg) is not None]
     return [
-        max(each.margins.sensitivity_peak for each in row),
+        max(figures.margins.sensitivity_peak for figures in row),
         min(phases, default=None),
-        min(each.stiffness.minimum for each in row),
-        max(each.rope_snap for each in row),
-        "broken" if broken_limits(row, limits, ROOM) else "kept",
+        min(figures.stiffness.minimum for figures in row),
+        max(figures.rope_snap for figures in row),
+        "exceeded" if broken_limits(row, limits, ROOM) else "kept",
     ]
 
 
@@ -197,9 +199,9 @@ _STEP = 20e-6  # m
 _LONG = 10.0  # periods of the slowest crossover that are shown
 
 
-def _timed(found: Tuned, story: Story) -> tuple[list[Picture], str]:
-    """The picture of old and new in time, or none and the reason."""
-    crossovers = [c for _, each in _rows(found, story.today) if (c := each.margins.crossover)]
+def _timed(tuned: Tuned, story: Story) -> tuple[list[Picture], str]:
+    """Return the picture of old and new in time, or none and the reason."""
+    crossovers = [c for _, figures in _rows(tuned, story.today) if (c := figures.margins.crossover)]
     if not story.loops or not crossovers:
         return [], "not simulated: no axis is known; give a machine file with --baseline"
     try:
@@ -209,7 +211,7 @@ def _timed(found: Tuned, story: Story) -> tuple[list[Picture], str]:
 
 
 def old_and_new(story: Story, crossover: float) -> Picture:
-    """A step of the set position, a rope that is cut, and the move, simulated with friction, counts and limit."""
+    """Simulate a step of the set position, a rope that is cut, and the move, with friction, counts and limit."""
     duty = duty_of(next(iter(story.loops.values())))
     long, begin, move = _LONG / crossover, duty.begin, duty.move
     T = float(next(iter(story.loops.values())).sample_time)
@@ -247,22 +249,22 @@ def old_and_new(story: Story, crossover: float) -> Picture:
     )
 
 
-def _rows(found: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
-    """Stable loops by name."""
-    many = len(found.after) > 1
+def _rows(tuned: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
+    """Return the figures of the stable loops by name."""
+    many = len(tuned.after) > 1
     return [
-        (f"{name}, {each.point}" if many else name, each)
-        for name, row in ((today, found.before), ("new", found.after))
-        for each in row
-        if each.stable
+        (f"{name}, {figures.point}" if many else name, figures)
+        for name, row in ((today, tuned.before), ("new", tuned.after))
+        for figures in row
+        if figures.stable
     ]
 
 
-def _pictures(found: Tuned, story: Story) -> Iterator[Picture]:
-    rows = _rows(found, story.today)
-    where = "at the drive" if found.at_drive else "on the table"
-    stiff: dict[str, Stiffness] = {name: each.stiffness for name, each in rows}
-    loops: dict[str, Margins] = {name: each.margins for name, each in rows}
+def _pictures(tuned: Tuned, story: Story) -> Iterator[Picture]:
+    rows = _rows(tuned, story.today)
+    where = "at the drive" if tuned.at_drive else "on the table"
+    stiff: dict[str, Stiffness] = {name: figures.stiffness for name, figures in rows}
+    loops: dict[str, Margins] = {name: figures.margins for name, figures in rows}
     yield Picture(
         "stiffness",
         "Dynamic stiffness",
@@ -284,8 +286,8 @@ def _pictures(found: Tuned, story: Story) -> Iterator[Picture]:
         "Sensitivity functions before and after.",
         lambda: plot.sensitivity_chart(loops),
     )
-    if found.cascade:
-        last = found.cascade[-1]
+    if tuned.cascade:
+        last = tuned.cascade[-1]
         yield Picture(
             "cascade",
             "Velocity and position loop",
@@ -296,7 +298,7 @@ def _pictures(found: Tuned, story: Story) -> Iterator[Picture]:
 
 
 def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
-    """The text of the machine's file with another control of one axis.
+    """Return the text of the machine file with another control of one axis.
 
     A law of the same kind is changed number by number; another law takes the place of the section, and so does a
     prefilter.  Numbers of guard, force limit and delay are set, and stay where the control has none.  Of a list of
@@ -339,13 +341,13 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
 
 
 def _listed(block: Block, key: str, rotary: bool) -> str:
-    """A block as one more entry of a list."""
+    """Return a block as one more entry of a list."""
     text = to_toml(block, key, rotary=rotary)
     return text.replace(f"[{key}]", f"[[{key}]]", 1)
 
 
 def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block) -> None:
-    """The numbers of a block that are others now."""
+    """Set the numbers of a block that changed."""
     before = dict(tree.leaves(old))
     for name, value in tree.leaves(new):
         if before.get(name) != value:
@@ -357,7 +359,7 @@ def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block)
 
 
 def _scale(written: str, name: str | int, unit: str) -> float:
-    """What a number of a file counts in its declared unit: 1000 for Kp_kN_s_per_m, 1 for Kp."""
+    """Return the factor from a number in a file to its declared unit: 1000 for Kp_kN_s_per_m, 1 for Kp."""
     stated = written.removeprefix(f"{name}_")
     return 1.0 if stated == written else units.factor(stated, unit)
 

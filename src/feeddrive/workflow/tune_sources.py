@@ -42,7 +42,7 @@ _APART = 0.25  # by which motor and load move differently where one encoder is n
 
 @dataclass(frozen=True)
 class Measurement:
-    """Responses of one position and load: of the load, of the motor (a file, its name, or none), and of the hammer."""
+    """Responses at one position and load: of the load, of the motor (a file, its name, or none), and to a hammer."""
 
     load: FrfLike
     motor: str | None = None
@@ -51,7 +51,7 @@ class Measurement:
 
     @property
     def name(self) -> str:
-        """The file of the load, by which errors call it."""
+        """The file of the load, which names the measurement in errors."""
         return called(self.load)
 
 
@@ -77,40 +77,40 @@ class Sources:
     delay: float = 0.0
 
 
-def points_of(given: Sources, loop: Loop | None, progress: Progress) -> tuple[list[OperatingPoint | Loop], list[str]]:
-    """The axis at every place: machines, loops and points as they are, and measurements; and what must be said."""
+def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[list[OperatingPoint | Loop], list[str]]:
+    """Return the operating points: machines, loops and points as they are, and measurements; and remarks on them."""
     first, *others = (
-        each if isinstance(each, OperatingPoint) else loop_or_response(each, given.axis)
-        for each in (given.source, *given.at)
-        if each is not None  # as of a study, which gives machines of its own
+        source if isinstance(source, OperatingPoint) else loop_or_response(source, sources.axis)
+        for source in (sources.source, *sources.at)
+        if source is not None  # as of a study, which gives machines of its own
     )
-    measured = [each for each in others if not isinstance(each, OperatingPoint | Loop)]
-    found: list[OperatingPoint | Loop] = []
+    measured = [source for source in others if not isinstance(source, OperatingPoint | Loop)]
+    points: list[OperatingPoint | Loop] = []
     if isinstance(first, OperatingPoint | Loop):
-        if given.motor or given.disturbance:
+        if sources.motor or sources.disturbance:
             raise ParameterError(
                 "--motor and --disturbance belong to a measured response: leave them out for a machine"
             )
-        found.append(first)
-        places = [Measurement(each) for each in measured]
+        points.append(first)
+        places = [Measurement(frf) for frf in measured]
     else:
-        hammer = Measurement(first, None, given.disturbance, given.disturbance_motor)
-        places = several(hammer, measured, given.motor)
+        hammer = Measurement(first, None, sources.disturbance, sources.disturbance_motor)
+        places = several(hammer, measured, sources.motor)
     remarks: list[str] = []
-    names = told_apart((stem(each.load), Path(each.name).parent.name) for each in places)
-    for each, name in zip(places, names, strict=True):
-        progress.step(f"reading {Path(each.name).name}")
-        point, words = point_of(each, name, loop, given.sample_time, given.delay, given.unit, progress)
-        found.append(point)
+    names = told_apart((stem(place.load), Path(place.name).parent.name) for place in places)
+    for place, name in zip(places, names, strict=True):
+        progress.step(f"reading {Path(place.name).name}")
+        point, words = point_of(place, name, loop, sources.sample_time, sources.delay, sources.unit, progress)
+        points.append(point)
         remarks += words
-    return [*found, *(each for each in others if isinstance(each, OperatingPoint | Loop))], remarks
+    return [*points, *(source for source in others if isinstance(source, OperatingPoint | Loop))], remarks
 
 
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
-    """Where a search begins: today's control, another law on the same axis, or a P-PI by robust margins.
+    """Return the control to start a search from: today's, another law on the same axis, or a P-PI by robust margins.
 
     Today's law by name gets an integral where today's control has none.
-    And what stands in the place of today's control, if there is none.
+    The text names what replaces today's control, if there is none.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
@@ -124,22 +124,22 @@ def first_control(law: str | None, loop: Loop | None, points: Sequence[Operating
 
 
 def has_integral(control: Control, sample_time: float) -> bool:
-    """Whether a constant force on the table leaves no offset."""
+    """Return True if a constant force on the table leaves no offset."""
     return ControlResponse(control, float(sample_time), ()).integrates(())
 
 
 def machine_of(source: object) -> MachineFile | None:
-    """The machine in a TOML file or bundled under a name, or one that was read; None for what is none."""
+    """Return the machine of a TOML file or a bundled name, or one that was read; None for any other source."""
     if isinstance(source, MachineFile):
         return source
     if not isinstance(source, str | Path):
         return None
-    given = Path(source)
-    bundled = not given.suffix and not given.exists()
-    if given.suffix.lower() == ".toml" or (bundled and (BUNDLED / "machines" / f"{source}.toml").exists()):
+    path = Path(source)
+    bundled = not path.suffix and not path.exists()
+    if path.suffix.lower() == ".toml" or (bundled and (BUNDLED / "machines" / f"{source}.toml").exists()):
         return read_machine(source)
     if bundled:
-        names = [each.stem for each in (BUNDLED / "machines").glob("*.toml")]
+        names = [file.stem for file in (BUNDLED / "machines").glob("*.toml")]
         raise ParameterError(
             f"{source}: is neither a file nor the name of a bundled machine{nearest(str(source), names)}"
         )
@@ -147,7 +147,7 @@ def machine_of(source: object) -> MachineFile | None:
 
 
 def loop_or_response(source: MachineLike | Loop | FrfLike, axis: str | None) -> Loop | FrfLike:
-    """The loop of a machine's axis; a loop, and a measured response with its file, as they are."""
+    """Return the loop of a machine's axis; a loop or a measured response is returned as it is."""
     if isinstance(source, Loop | FRF):
         return source
     machine = machine_of(source)
@@ -158,7 +158,7 @@ def loop_or_response(source: MachineLike | Loop | FrfLike, axis: str | None) -> 
 
 
 def point_of(
-    given: Measurement,
+    measurement: Measurement,
     name: str,
     loop: Loop | None,
     sample_time: float | None,
@@ -166,37 +166,39 @@ def point_of(
     unit: str | None,
     progress: Progress,
 ) -> tuple[OperatingPoint, list[str]]:
-    """The measured point, and what must be said of it. Raises ParameterError for what does not fit, with what to do."""
+    """Return the measured point and remarks on it. Raise ParameterError for what does not fit, with the remedy."""
     turns = loop is not None and loop.axis.rotary
-    found = {key: in_metres(given.name, frf, unit, turns) for key, frf in read_frfs(given.load).items()}
-    load, motor = _roles(given, found, unit, turns)
+    responses = {key: in_metres(measurement.name, frf, unit, turns) for key, frf in read_frfs(measurement.load).items()}
+    load, motor = _roles(measurement, responses, unit, turns)
     remarks = [
         words
-        for each in (load, motor)
-        if each is not None and loop is None and (words := check_response(given.name, each, unit is not None, progress))
+        for frf in (load, motor)
+        if frf is not None
+        and loop is None
+        and (words := check_response(measurement.name, frf, unit is not None, progress))
     ]
     step = sample_time or load.sample_time or (None if loop is None else float(loop.sample_time))
     if step is None:
         raise ParameterError(
-            f"{given.name}: does not say with which sample time the control runs: give it with --sample-time, or "
+            f"{measurement.name}: does not say with which sample time the control runs: give it with --sample-time, or "
             f"today's machine with --baseline"
         )
     struck = None
-    if given.struck is not None:
-        back = None if given.struck_motor is None else _only(given.struck_motor, unit, turns)
+    if measurement.struck is not None:
+        back = None if measurement.struck_motor is None else _only(measurement.struck_motor, unit, turns)
         if motor is not None and back is None:
             raise ParameterError(
                 "--disturbance with two encoders needs --disturbance-motor: the motor's answer to the hammer"
             )
-        struck = (_only(given.struck, unit, turns), back)
-    for each in (load, motor):
-        if each is not None:
-            _check_sign(given.name, each)
+        struck = (_only(measurement.struck, unit, turns), back)
+    for frf in (load, motor):
+        if frf is not None:
+            _check_sign(measurement.name, frf)
     point = measured_point(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name)
     if loop is not None:
-        _check_size(given.name, point, loop, stated=bool(load.unit) or unit is not None)
-        if motor is None and given.motor != _NONE:
-            _check_encoders(given.name, loop)
+        _check_size(measurement.name, point, loop, stated=bool(load.unit) or unit is not None)
+        if motor is None and measurement.motor != _NONE:
+            _check_encoders(measurement.name, loop)
     if point.at_drive:
         point, words_ = _on_the_table(point, loop, load, motor, step)
         remarks += words_
@@ -204,52 +206,59 @@ def point_of(
         point, words = with_table_force(point, loop, _BASELINE)
         remarks += [words] if words else []
     if not load.unit and unit is None:
-        remarks.append(f"{given.name} does not say its unit: it counts as m/N (--unit)")
+        remarks.append(f"{measurement.name} does not say its unit: it counts as m/N (--unit)")
     return point, remarks
 
 
-def _roles(given: Measurement, found: dict[str, FRF], unit: str | None, turns: bool) -> tuple[FRF, FRF | None]:
-    """Response of the load, and of the motor if there is one: from one file or from two."""
-    by_output = {frf.output: key for key, frf in found.items()}
-    names = {**by_output, **{key: key for key in found}}
-    if given.motor is None and len(found) > 1:
-        motor = next((names[each] for each in MOTOR if each in names), None)
-        load = next((names[each] for each in LOAD if each in names), None)
+def _roles(
+    measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool
+) -> tuple[FRF, FRF | None]:
+    """Return the response of the load, and of the motor if there is one: from one file or from two."""
+    by_output = {frf.output: key for key, frf in responses.items()}
+    names = {**by_output, **{key: key for key in responses}}
+    if measurement.motor is None and len(responses) > 1:
+        motor = next((names[name] for name in MOTOR if name in names), None)
+        load = next((names[name] for name in LOAD if name in names), None)
         if motor is None or load is None:
             raise ParameterError(
-                f"{given.name}: holds {len(found)} responses: {', '.join(found)}; say which one is the motor's with "
-                f"--motor NAME (the other one is the table's)"
+                f"{measurement.name}: holds {len(responses)} responses: {', '.join(responses)}; say which one is the "
+                f"motor's with --motor NAME (the other one is the table's)"
             )
-        return found[load], found[motor]
-    if given.motor is not None and given.motor in names:
-        others = [key for key in found if key != names[given.motor]]
+        return responses[load], responses[motor]
+    if measurement.motor is not None and measurement.motor in names:
+        others = [key for key in responses if key != names[measurement.motor]]
         if len(others) != 1:
-            raise ParameterError(f"{given.name}: beside '{given.motor}' there must be one response, not {len(others)}")
-        return found[others[0]], found[names[given.motor]]
-    if len(found) > 1:
+            raise ParameterError(
+                f"{measurement.name}: beside '{measurement.motor}' there must be one response, not {len(others)}"
+            )
+        return responses[others[0]], responses[names[measurement.motor]]
+    if len(responses) > 1:
         raise ParameterError(
-            f"{given.name}: holds {len(found)} responses, {', '.join(found)}: a file for one encoder must hold one"
+            f"{measurement.name}: holds {len(responses)} responses, {', '.join(responses)}: a file for one encoder "
+            "must hold one"
         )
-    load = next(iter(found.values()))
-    return load, None if given.motor in (None, _NONE) else _only(given.motor, unit, turns)
+    load = next(iter(responses.values()))
+    return load, None if measurement.motor in (None, _NONE) else _only(measurement.motor, unit, turns)
 
 
-def _only(given: FrfLike, unit: str | None, turns: bool) -> FRF:
-    found, path = read_frfs(given), called(given)
-    if len(found) != 1:
-        raise ParameterError(f"{path}: holds {len(found)} responses, {', '.join(found)}: one is wanted here")
-    return in_metres(path, next(iter(found.values())), unit, turns)
+def _only(source: FrfLike, unit: str | None, turns: bool) -> FRF:
+    responses, path = read_frfs(source), called(source)
+    if len(responses) != 1:
+        raise ParameterError(f"{path}: holds {len(responses)} responses, {', '.join(responses)}: one is wanted here")
+    return in_metres(path, next(iter(responses.values())), unit, turns)
 
 
 def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
-    """The response in m/N, or the same number of rad/(N m) if the axis turns: other units are converted to it.
+    """Return the response in m/N, or the same number of rad/(N m) if the axis turns; other units are converted.
 
     A velocity is integrated.  Raises ParameterError for what is no response of such an axis.
     """
     stated = unit or frf.unit
     f = frf.frequency
     by_order = {"m/N": 1.0 + 0.0 * f, "(m/s)/N": 1.0 / (2j * np.pi * f), "(m/s2)/N": -1.0 / (2.0 * np.pi * f) ** 2}
-    wanted = {units.turning(each) if turns else each: whole for each, whole in by_order.items()}
+    wanted = {
+        units.turning(response_unit) if turns else response_unit: whole for response_unit, whole in by_order.items()
+    }
     if stated in ("", "m/N"):  # responses of models are in m/N, also where the axis turns
         return frf
     known = units.response(unit_of(stated) or stated)
@@ -268,7 +277,7 @@ def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
 
 
 def _check_sign(path: str, frf: FRF) -> None:
-    """A force pushes the axis its own way: its velocity lags by 90° for a free mass, by 0° where friction holds it."""
+    """Raise ParameterError for a response against the force: velocity lags by 90° for a free mass, 0° by friction."""
     lines = slice(0, max(5, frf.frequency.size // 20))
     turned = np.angle(np.sum(frf.frequency[lines] ** 2 * frf.response[lines] * 1j / frf.frequency[lines]))
     if _BACKWARD[0] < turned < _BACKWARD[1]:
@@ -280,7 +289,7 @@ def _check_sign(path: str, frf: FRF) -> None:
 
 
 def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -> None:
-    """A response without a unit that is many times what the baseline's plant gives is in another unit."""
+    """Raise ParameterError for a response without a unit that is many times that of the baseline's plant."""
     model = linearize(loop, ["cut"], READINGS)
     low = point.frequency <= 3.0 * point.frequency[0]
     true = model.response(point.frequency[low], READINGS[1], "cut").response
@@ -296,11 +305,11 @@ def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -
 
 
 def _check_encoders(path: str, loop: Loop) -> None:
-    """One response is not enough for a law that reads both encoders of an axis with a spring between them."""
+    """Raise ParameterError if one response is not enough: the law reads both encoders, with a spring between them."""
     T = float(loop.sample_time)
     model = linearize(loop, ["cut"], READINGS)
     lines = np.geomspace(1.0, 0.3 / T, 60)
-    motor, load = (model.response(lines, each, "cut").response for each in READINGS)
+    motor, load = (model.response(lines, reading, "cut").response for reading in READINGS)
     C = ControlResponse(loop.control, T, ()).at((), lines).value
     near = np.abs(C[0] * motor + C[1] * load) > 0.3
     both = bool(np.max(np.abs(C[0])) > 1e-6 * np.max(np.abs(C[1])))
@@ -315,31 +324,33 @@ def _check_encoders(path: str, loop: Loop) -> None:
 def _on_the_table(
     point: OperatingPoint, loop: Loop | None, load: FRF, motor: FRF | None, step: float
 ) -> tuple[OperatingPoint, list[str]]:
-    """The point with a force on the table by the baseline's plant, else by a fit of modes to both encoders."""
-    said: list[str] = []
+    """Return the point with a force on the table by the baseline's plant, else by a fit of modes to both encoders."""
+    remarks: list[str] = []
     if loop is not None:
-        made, words = with_table_force(point, loop, _BASELINE)
-        if not made.at_drive:
-            return made, [words]
-        said.append(words)
+        completed, words = with_table_force(point, loop, _BASELINE)
+        if not completed.at_drive:
+            return completed, [words]
+        remarks.append(words)
     if motor is None:
-        return point, said
+        return point, remarks
     try:
         # what a control reads and commands is sampled and held, also where a file does not say so
-        at_motor, at_load = (replace(_fewer(each), sample_time=step) for each in (motor, load))
+        at_motor, at_load = (replace(_fewer(frf), sample_time=step) for frf in (motor, load))
         fit = fit_modal_axis(at_motor, at_load)
         plant, actuator = fit.blocks()
         control = Control(law=margin_goals(point).law) if loop is None else loop.control
         fitted = Loop(control=control, axis=Axis(plant=plant, actuator=actuator), sample_time=step)
-        made, words = with_table_force(point, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes", run=False)
+        completed, words = with_table_force(
+            point, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes", run=False
+        )
     except FeeddriveError as error:
-        return point, [*said, Text(f"no plant could be fitted for a force on the table: {error}")]
-    return made, [words] if not made.at_drive else [*said, words]
+        return point, [*remarks, Text(f"no plant could be fitted for a force on the table: {error}")]
+    return completed, [words] if not completed.at_drive else [*remarks, words]
 
 
 def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]) -> list[Measurement]:
-    """The first measurement and those at other places; a motor's file stands for one place, a name for all."""
-    named = [each for each in motors if each == _NONE or not Path(each).suffix]
+    """Return the first measurement and those at other places; a motor's file belongs to one place, a name to all."""
+    named = [motor for motor in motors if motor == _NONE or not Path(motor).suffix]
     if len(motors) > 1 and (named or len(motors) != 1 + len(others)):
         raise ParameterError(
             f"--motor was given {len(motors)} times: once for each place, which are {1 + len(others)}, in the order of "
@@ -356,7 +367,7 @@ def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]
 
 
 def _fewer(frf: FRF) -> FRF:
-    """The response on lines that a fit of modes takes in a second or two, evenly over ln f."""
+    """Return the response on few enough lines for a fit of modes in a second or two, evenly over ln f."""
     x = np.log(frf.frequency)
     kept = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], _OF_A_FIT)).clip(0, x.size - 1))
     variance = None if frf.variance is None else frf.variance[kept]

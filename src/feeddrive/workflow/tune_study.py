@@ -43,17 +43,19 @@ class Laws:
     The best is good on the most fresh machines; of several alike it has the least rope-snap error on 95 % of them.
     """
 
-    found: Mapping[str, Robust]
+    tuned: Mapping[str, Robust]
     refused: Mapping[str, str]
 
     @property
     def best(self) -> Robust:
-        """The first."""
-        return next(iter(self.found.values()))
+        """The result of the best law."""
+        return next(iter(self.tuned.values()))
 
     def table(self) -> Table:
-        """A row a law, today's control last."""
-        rows = [[name, *_cells(each.after), "no" if each.unsettled else "yes"] for name, each in self.found.items()]
+        """Tabulate the laws by row, today's control last."""
+        rows = [
+            [name, *_cells(robust.after), "no" if robust.unsettled else "yes"] for name, robust in self.tuned.items()
+        ]
         columns = [
             Column("law"),
             Column("yield and its 95 % interval"),
@@ -70,7 +72,7 @@ def _cells(fresh: Measured) -> list[Cell]:
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
-    """A law, today's if none is named, or every law of the catalogue that can control the axis.
+    """Tune a law, today's if none is named, or every law of the catalogue that can control the axis.
 
     Raises UnstableError if none keeps the limits.
     """
@@ -78,27 +80,27 @@ def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
     starts: dict[str, Control] = {}
     today = tuner.loop.control
     if law == EVERY:
-        made, not_made = candidates(tuner.loop)
-        refused |= {each.name: each.reason for each in not_made if " + " not in each.name}
-        starts |= {each.name: each.loop.control for each in made if " + " not in each.name}
-        starts = {name: each for name, each in starts.items() if law_tunables(each)}
+        usable, unusable = candidates(tuner.loop)
+        refused |= {candidate.name: candidate.reason for candidate in unusable if " + " not in candidate.name}
+        starts |= {candidate.name: candidate.loop.control for candidate in usable if " + " not in candidate.name}
+        starts = {name: control for name, control in starts.items() if law_tunables(control)}
     else:
         kind = today.law.kind if law is None else law
         starts[kind] = today if kind == today.law.kind else control_with(tuner.loop, kind)
-    found: dict[str, Robust] = {}
+    tuned: dict[str, Robust] = {}
     for name, control in starts.items():
         try:
-            found[name] = tuner.tuned(control)
+            tuned[name] = tuner.tuned(control)
         except FeeddriveError as error:
             if law != EVERY:
                 raise
             refused[name] = str(error)
-    if not found:
+    if not tuned:
         raise UnstableError(f"no law keeps {tuner.limits.sentence()} on the machines of the study: {_first(refused)}")
     best = sorted(
-        found, key=lambda each: (-found[each].after.all.kept, found[each].after.quantile(ROPE_SNAP.key, 0.95))
+        tuned, key=lambda name: (-tuned[name].after.all.kept, tuned[name].after.quantile(ROPE_SNAP.key, 0.95))
     )
-    return Laws({name: found[name] for name in best}, refused)
+    return Laws({name: tuned[name] for name in best}, refused)
 
 
 def _first(refused: Mapping[str, str]) -> str:
@@ -106,7 +108,7 @@ def _first(refused: Mapping[str, str]) -> str:
 
 
 def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Mapping[str, str]) -> Outcome[Any]:
-    """The outcome of the command; `again` says how to ask for the same."""
+    """Return the outcome of the command; `again`: how to ask for the same."""
     laws = tune_laws(tuner, law)
     best = laws.best
     text = _machine(tuner, best)
@@ -117,7 +119,7 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
         files = {"Machine": report.parent / "machine.toml"} if text is not None else {}
         files["Report"] = report
     shown = [best.table(), tables(best.tuned, _story(tuner, again))[0]]
-    if len(laws.found) > 1:
+    if len(laws.tuned) > 1:
         shown.insert(0, laws.table())
     judgment = Judgment.TAKE_TUNING if best.better else Judgment.FEWER_ARE_GOOD
     judgment = judgment if best.tuned.holds else Judgment.DO_NOT_USE_TUNING
@@ -137,7 +139,7 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
 
 
 def _machine(tuner: RobustTuner, best: Robust) -> str | None:
-    """The text of the machine file with the new control, if it should be taken."""
+    """Return the text of the machine file with the new control, if it should be taken."""
     base = next(tuner.study.bases())
     if not best.tuned.holds or not best.better:
         return None
@@ -145,23 +147,23 @@ def _machine(tuner: RobustTuner, best: Robust) -> str | None:
 
 
 def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
-    """What must be known of the result."""
+    """Return remarks on the result."""
     best = laws.best
-    made: list[str] = [Text(f"held back by {each.sentence()}") for each in best.tuned.held]
-    made += [
+    remarks: list[str] = [Text(f"held back by {held.sentence()}") for held in best.tuned.held]
+    remarks += [
         Text(f"proof, {line.what}: does not hold ({line.said})") for line in best.tuned.proof if line.holds is False
     ]
-    made += [Text(f"not settled: {best.unsettled}")] if best.unsettled else []
+    remarks += [Text(f"not settled: {best.unsettled}")] if best.unsettled else []
     kept = {bound.figure.key for bound in tuner.kept_bounds}
     beside = [said(bound) for bound in best.after.bounds if bound.figure.key not in kept]
     if beside:
-        made.append(Text(f"counted in the yield, but not kept by the tuner: {joined(', ', beside)}"))
-    made += [Text(f"variant {number} was left out: {reason}") for number, reason in best.bad[:5]]
-    made += [f"{len(best.bad) - 5} more were left out"] if len(best.bad) > 5 else []
+        remarks.append(Text(f"counted in the yield, but not kept by the tuner: {joined(', ', beside)}"))
+    remarks += [Text(f"variant {number} was left out: {reason}") for number, reason in best.bad[:5]]
+    remarks += [f"{len(best.bad) - 5} more were left out"] if len(best.bad) > 5 else []
     if len(tuner.study.jobs) > 1:
-        made.append("the machine file is that of the first choice of the study; control.toml is for all")
-    made += [Text(f"'{name}' was not tuned: {reason}") for name, reason in laws.refused.items()]
-    return made
+        remarks.append("the machine file is that of the first choice of the study; control.toml is for all")
+    remarks += [Text(f"'{name}' was not tuned: {reason}") for name, reason in laws.refused.items()]
+    return remarks
 
 
 def _story(tuner: RobustTuner, again: Mapping[str, str]) -> Story:
@@ -169,7 +171,7 @@ def _story(tuner: RobustTuner, again: Mapping[str, str]) -> Story:
 
 
 def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: Mapping[str, str]) -> Path:
-    """Write everything into a directory; the path of the report."""
+    """Write everything into a directory; return the path of the report."""
     best, story = laws.best, _story(tuner, again)
     base = next(tuner.study.bases())
     numbers = {
@@ -180,9 +182,9 @@ def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: M
             for bound in best.after.bounds
         },
         "machines": {"sampled": len(tuner.sample.points), "share": best.share, "decide": list(best.active)},
-        "laws": {name: _share(each.after) for name, each in laws.found.items()},
+        "laws": {name: _share(robust.after) for name, robust in laws.tuned.items()},
         "not_tuned": dict(laws.refused),
-        "tuning": summary(best.tuned, story.said, story.rules),
+        "tuning": summary(best.tuned, story.remarks, story.rules),
     }
     with new_directory(out) as folder:
         (folder / "report.html").write_text(html(study_tuning_report(tuner, laws, story)), encoding="utf-8")
@@ -201,7 +203,7 @@ def _share(fresh: Measured) -> dict[str, Any]:
 def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
     """Return the report of one control for the machines of a study."""
     best = laws.best
-    made = [*([laws.table()] if len(laws.found) > 1 else []), best.table(), tables(best.tuned, story)[0]]
+    result_tables = [*([laws.table()] if len(laws.tuned) > 1 else []), best.table(), tables(best.tuned, story)[0]]
     first, second = (
         Picture(
             "fresh",
@@ -219,7 +221,7 @@ def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
             best.tuned.chart,
         ),
     )
-    remarks = [sentence(each) for each in _remarks(tuner, laws)]
+    remarks = [sentence(remark) for remark in _remarks(tuner, laws)]
     known = {
         **story.facts,
         "Rule": best.tuned.rule,
@@ -232,7 +234,7 @@ def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
         "feeddrive tune --study",
         Verdict((best.sentence(), *remarks), good=best.tuned.holds and best.better),
         (
-            Section("result", "Result", made),
+            Section("result", "Result", result_tables),
             further((second,)),
             Section("proof", "Proof on the machines that decide", (_deciding(best), tables(best.tuned, story)[-1])),
             facts("How", known),
@@ -243,16 +245,16 @@ def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
 
 
 def _deciding(best: Robust) -> Table:
-    """The machines that decide, under the new control."""
+    """Tabulate the machines that decide, under the new control."""
     rows = [
         [
-            each.point,
-            each.margins.sensitivity_peak,
-            each.margins.phase_margin_deg,
-            each.stiffness.minimum,
-            each.rope_snap,
+            figures.point,
+            figures.margins.sensitivity_peak,
+            figures.margins.phase_margin_deg,
+            figures.stiffness.minimum,
+            figures.rope_snap,
         ]
-        for each in best.tuned.after
+        for figures in best.tuned.after
     ]
     columns = [
         Column("machine"),

@@ -1,4 +1,4 @@
-"""All figures of a tuning as plain numbers, for summary.json."""
+"""The figures of a tuning as plain numbers, for summary.json."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from feeddrive.tuning.recipes import JudgedRecipe
 from feeddrive.tuning.tune import Tuned
 
 
-def summary(found: Tuned, said: Sequence[str], rules: Sequence[JudgedRecipe]) -> dict[str, Any]:
-    """All figures as plain numbers; what does not occur is null.
+def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe]) -> dict[str, Any]:
+    """Return all figures as plain numbers; a figure that does not occur is null.
 
-    said, rules  remarks and rules of the trade beside the tuning
+    remarks, rules  of the tuning, and of the trade beside it
     """
     return {
-        "rule": found.rule,
-        "recommendation": found.recommendation(),
-        "holds": found.holds,
-        "tunables": dict(found.tunables),
-        "today": {name: None if math.isnan(value) else value for name, value in found.started.items()},
+        "rule": tuned.rule,
+        "recommendation": tuned.recommendation(),
+        "holds": tuned.holds,
+        "tunables": dict(tuned.tunables),
+        "today": {name: None if math.isnan(value) else value for name, value in tuned.started.items()},
         "figures": {
-            name: {each.point: _plain(each) for each in row}
-            for name, row in (("today", found.before), ("new", found.after))
+            name: {figures.point: _plain(figures) for figures in row}
+            for name, row in (("today", tuned.before), ("new", tuned.after))
         },
         "held_back_by": [
-            {"what": h.what, "point": h.point, "frequency_Hz": h.frequency, "gain_percent": h.gain} for h in found.held
+            {"what": h.what, "point": h.point, "frequency_Hz": h.frequency, "gain_percent": h.gain} for h in tuned.held
         ],
-        "against": "a force at the drive" if found.at_drive else "a force on the table",
-        "remarks": [*said, *found.advice],
+        "against": "a force at the drive" if tuned.at_drive else "a force on the table",
+        "remarks": [*remarks, *tuned.advice],
         "rules": {
-            rule.name: {"reason": rule.reason, "figures": {each.point: _plain(each) for each in rule.figures}}
+            rule.name: {"reason": rule.reason, "figures": {figures.point: _plain(figures) for figures in rule.figures}}
             for rule in rules
         },
-        "standard_deviations_kept": found.sure,
-        "probability_that_all_limits_hold": found.confidence,
-        "proof": {line.what: {"holds": line.holds, "said": line.said} for line in found.proof},
+        "standard_deviations_kept": tuned.sure,
+        "probability_that_all_limits_hold": tuned.confidence,
+        "proof": {line.what: {"holds": line.holds, "said": line.said} for line in tuned.proof},
     }
 
 
@@ -47,9 +47,12 @@ def _usual(quantity: Quantity | None) -> float | None:
     return None if quantity is None else USUAL.of(quantity.unit)[1] * float(quantity.value)
 
 
-def _plain(each: Figures) -> dict[str, float | bool | None]:
+def _plain(figures: Figures) -> dict[str, float | bool | None]:
     values = {
-        figure.label or figure.title: _usual(figure.quantity(figure.read(each))) if each.stable else None
+        figure.label or figure.title: _usual(figure.quantity(figure.read(figures))) if figures.stable else None
         for figure in reported()
     }
-    return {"stable": each.stable, **{k: None if v is None or not math.isfinite(v) else v for k, v in values.items()}}
+    return {
+        "stable": figures.stable,
+        **{k: None if v is None or not math.isfinite(v) else v for k, v in values.items()},
+    }

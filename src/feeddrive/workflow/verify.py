@@ -13,13 +13,13 @@ from feeddrive.workflow.request import Request, argument, option
 
 
 class VerifyRequest(Request):
-    """Which export, how long the trial is, and with which compiler."""
+    """The export, the length of the trial, and the compiler."""
 
     directory: Path = argument("A directory that `feeddrive export` wrote")
     samples: int | None = option(
-        "of the trial; default: 1000000, 5000 in single precision", least=1, most=MOST, default=None
+        "samples of the trial; default: 1000000, 5000 in single precision", least=1, most=MOST, default=None
     )
-    seed: int = option("of the random samples", default=1, least=0)
+    seed: int = option("seed of the random samples", default=1, least=0)
     compiler: str | None = option("another compiler than gcc, cc or clang", default=None)
     flag: tuple[str, ...] = option("a flag for it, such as -O3; may be repeated", default=())
     out: Path | None = option("File for the certificate (text)", short="-o", default=None)
@@ -29,13 +29,13 @@ class VerifyRequest(Request):
 def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
     """Run the equality proof of an export again, with this machine's compiler."""
     progress.step(f"verifying {request.directory}")
-    found = verify_export(
+    verified = verify_export(
         request.directory, samples=request.samples, seed=request.seed, flags=request.flag, command=request.compiler
     )
-    text = found.sentences()
+    text = verified.sentences()
     files: dict[str, Path] = {}
     if request.out is not None:
         write_whole(request.out, text + "\n")
         files["Certificate"] = request.out
-    judgment = Judgment.NOT_EQUAL if found.differing else Judgment.EQUAL if found.holds else Judgment.CHANGED
-    return Outcome(found, text.splitlines(), files=files, judgment=judgment)
+    judgment = Judgment.NOT_EQUAL if verified.differing else Judgment.EQUAL if verified.holds else Judgment.CHANGED
+    return Outcome(verified, text.splitlines(), files=files, judgment=judgment)

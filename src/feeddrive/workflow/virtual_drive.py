@@ -19,7 +19,7 @@ from feeddrive.workflow.request import Request, argument, option
 
 
 class VirtualDriveRequest(Request):
-    """Which axes stand on which bus."""
+    """The axes, their bus, and the drive file to write."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     interface: str = option("ethercat: veth1; canopen: socketcan:vcan0, udp_multicast:239.74.163.2")
@@ -27,14 +27,14 @@ class VirtualDriveRequest(Request):
     bus: str = option("kind of bus", default="ethercat", options=("ethercat", "canopen"))
     station: int = option("number of the CANopen node", default=1, least=1, most=127)
     cycle_us: float | None = option(
-        "bus cycle: samples of the machine file; default: 1",
+        "bus cycle, a whole multiple of the sample time of the machine file; default: one sample",
         unit="s",
         entered="us",
         above=0.0,
         default=None,
     )
-    position: float = option("where the axis stands", default=0.0, unit="m")
-    seed: int = option("of the noise of the encoders", default=0)
+    position: float = option("position of the axis at the start", default=0.0, unit="m")
+    seed: int = option("seed of the noise of the encoders", default=0)
     watchdog_ms: float | None = option(
         "fault without frames for so long, by the clock; default: none",
         unit="s",
@@ -102,5 +102,5 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
             serve_ethercat(firmwares, request.interface, ready=ready, stopped=stopped, watchdog=request.watchdog_ms)
         else:
             serve_canopen(firmwares[0], request.interface, request.station, ready=ready, stopped=stopped)
-    states = ", ".join(f"'{each.state.words}'" for each in firmwares)
+    states = ", ".join(f"'{firmware.state.words}'" for firmware in firmwares)
     return Outcome(firmwares[0].cycles, verdict=f"{firmwares[0].cycles} cycles; last in {states}.")

@@ -37,24 +37,24 @@ _MOST_COLUMNS = 64
 
 
 def read_npy(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The columns of an array, numbered from 1 as `column_1`. Raises LogError for objects and for a damaged file."""
+    """Read the columns of an array, numbered from 1 as `column_1`. Raise LogError for objects or a damaged file."""
     array = _array(name, content)
     if array.dtype.names is not None:
-        found = {str(field): array[field] for field in array.dtype.names}
+        arrays = {str(field): array[field] for field in array.dtype.names}
     elif array.ndim == 1:
-        found = {"column_1": array}
+        arrays = {"column_1": array}
     else:
         columns = array if array.shape[0] > array.shape[1] else array.T
         if columns.shape[1] > _MOST_COLUMNS:
             raise LogError(
                 f"{name}: is a matrix of {array.shape[0]} x {array.shape[1]}; a log has at most {_MOST_COLUMNS} columns"
             )
-        found = {f"column_{k + 1}": columns[:, k] for k in range(columns.shape[1])}
-    check_size(name, len(found), array.shape[0] if array.ndim else 0)
+        arrays = {f"column_{k + 1}": columns[:, k] for k in range(columns.shape[1])}
+    check_size(name, len(arrays), array.shape[0] if array.ndim else 0)
     values: dict[str, np.ndarray] = {}
     left_out: dict[str, str] = {}
     unread: list[str] = []
-    for label, column in found.items():
+    for label, column in arrays.items():
         if column.dtype.kind not in "fiub" or column.ndim != 1:
             left_out[label] = "complex numbers" if column.dtype.kind == "c" else f"of type {column.dtype}"
         elif is_wanted(label, wanted):
@@ -65,7 +65,7 @@ def read_npy(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _array(name: str, content: bytes) -> np.ndarray:
-    """The array in a file, without a copy. Every length is checked before it is used."""
+    """Return the array in a file, without a copy. Every length is checked before it is used."""
     file = io.BytesIO(content[: _LONGEST_HEADER + 32])
     try:
         version = npy_format.read_magic(file)
@@ -123,7 +123,7 @@ class _Bytes:
         return int.from_bytes(self.content[at : at + 4], "little" if self.order == "<" else "big")
 
     def element(self, at: int) -> tuple[int, _Bytes, int]:
-        """Type and content of the element at a place, and the place of the next one."""
+        """Return type and content of the element at a place, and the place of the next one."""
         kind, length = self.word(at), self.word(at + 4)
         if kind >> 16:  # the short form: length and type in the first four bytes, content in the next four
             kind, length, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
@@ -146,7 +146,7 @@ class _Bytes:
 
 
 def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The columns of a MATLAB 5 file; a matrix gives a column each, numbered from 1; a single number is a constant.
+    """Read the columns of a MATLAB 5 file: a matrix gives a column each, numbered from 1; one number is a constant.
 
     Raises LogError for a file that is cut off or damaged, with the last variable before that place.
     """
@@ -167,17 +167,17 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
             if kind == _PACKED:
                 piece = _unpacked(name, piece, left)
                 left -= len(piece.content)
-            for variable, found in _arrays(piece, "", 0):
+            for variable, array in _arrays(piece, "", 0):
                 last = variable
                 if not variable:  # internal data of MATLAB objects
                     continue
-                if isinstance(found, str):
-                    left_out[variable] = found
+                if isinstance(array, str):
+                    left_out[variable] = array
                 else:
-                    numbers = sum(column.size for column in values.values()) + found.size
+                    numbers = sum(column.size for column in values.values()) + array.size
                     if wanted is None:
                         check_unpacked(name, numbers, len(content))
-                    unread += _keep(variable, found, wanted, values, constants)
+                    unread += _keep(variable, array, wanted, values, constants)
     except (_DamagedError, zlib.error, OverflowError):
         after = f" after variable '{last}'" if last else ""
         raise LogError(f"{name}: is damaged or cut off{after}; copy it again") from None
@@ -187,7 +187,7 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
-    """The element in a packed one, with exactly the length of its tag. Raises LogError for more than `most` bytes."""
+    """Unpack an element, with exactly the length of its tag. Raise LogError for more than `most` bytes."""
     zip_ = zlib.decompressobj()
     tag = _Bytes(memoryview(zip_.decompress(packed.content, 8)), packed.order)
     kind, length = tag.word(0), tag.word(4)
@@ -205,7 +205,7 @@ def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
 
 
 def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.ndarray | str]]:
-    """Dotted name and array of everything numeric in a matrix element, or why it is left out."""
+    """Yield dotted name and array of everything numeric in a matrix element, or why it is left out."""
     if not len(piece.content):
         return
     _, flags, at = piece.element(0)
@@ -228,10 +228,10 @@ def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.nd
         yield name, "complex numbers" if is_complex else _OTHER.get(array_class, "a structure of several elements")
     else:
         kind, numbers, _ = piece.element(at)
-        found = numbers.numbers(kind)
-        if found.size != np.prod(shape, dtype=object):
+        values = numbers.numbers(kind)
+        if values.size != np.prod(shape, dtype=object):
             raise _DamagedError
-        yield name, found.reshape(shape, order="F")
+        yield name, values.reshape(shape, order="F")
 
 
 def _fields(piece: _Bytes, at: int, name: str, depth: int) -> Iterator[tuple[str, np.ndarray | str]]:

@@ -71,30 +71,30 @@ class _Element:
 
     @property
     def member(self) -> str:
-        """Which member of its parent the element is; an item of a list has only its class."""
+        """The name of the element as a member of its parent; an item of a list has only its class."""
         return self.attributes.get("name", self.tag)
 
     def text(self) -> str:
         return "".join(self.parts)
 
     def member_named(self, name: str) -> _Element | None:
-        return next((each for each in self.children if each.member == name), None)
+        return next((child for child in self.children if child.member == name), None)
 
     def scalars(self) -> dict[str, float | str]:
-        """Numbers and texts that stand directly in the element."""
-        found: dict[str, float | str] = {}
-        for each in self.children:
-            text = each.text().strip()
-            if each.tag not in _SCALARS or not text:
+        """Return the numbers and texts that stand directly in the element."""
+        scalars: dict[str, float | str] = {}
+        for child in self.children:
+            text = child.text().strip()
+            if child.tag not in _SCALARS or not text:
                 continue
             try:
-                found[each.member] = text if each.tag == "string" else float(text)
+                scalars[child.member] = text if child.tag == "string" else float(text)
             except ValueError:
-                found[each.member] = text
-        return found
+                scalars[child.member] = text
+        return scalars
 
     def walk(self, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], _Element]]:
-        """The element and all in it, each with its path; depth is bounded when it is read."""
+        """Yield the element and all in it, each with its path; depth is bounded when it is read."""
         yield path, self
         counts: dict[str, int] = {}
         for child in self.children:
@@ -114,7 +114,7 @@ def is_ast(content: bytes) -> bool:
 
 
 def _parsed(name: str, content: bytes) -> _Element:
-    """The tree of a text, without entities. Raises LogError for anything else."""
+    """Return the tree of a text, without entities. Raise LogError for anything else."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of XML that are read; export less"
@@ -156,7 +156,7 @@ def _parsed(name: str, content: bytes) -> _Element:
 
 
 def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """A table of f, re, im, coherence for each response that has numbers, and its input and output.
+    """Yield a table of f, re, im, coherence for each response that has numbers, and its input and output.
 
     A response is named by the list that it stands in, its place there, and its member: `speed_plant_1_plant`.  The
     coherence of a plant is a response with frequencies of its own: lines of the plant without one are left out; if
@@ -165,7 +165,7 @@ def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
     names: dict[str, int] = {}
     empty = 0
     for path, parent in _parsed(name, content).walk():
-        responses = {each.member: each for each in parent.children if each.tag == _RESPONSE}
+        responses = {child.member: child for child in parent.children if child.tag == _RESPONSE}
         coherence = _lines(name, responses.pop(_COHERENCE, None))
         for member, response in responses.items():
             lines = _lines(name, response)
@@ -190,7 +190,7 @@ def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 
 
 def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | str]], dict[str, float | str]]:
-    """Controllers, filters and models of the mechanics by their path, and all other numbers and texts by theirs.
+    """Return controllers, filters and mechanical models by their path, and all other numbers and texts by theirs.
 
     The numbers are those of the file, which does not state units; presumably SI.
     """
@@ -223,7 +223,7 @@ def _label(path: tuple[str, ...]) -> str:
 
 
 def _lines(name: str, response: _Element | None) -> tuple[np.ndarray, np.ndarray] | None:
-    """Frequencies in Hz and complex values of a response; None for one that is not there or holds no numbers."""
+    """Return frequencies in Hz and complex values of a response; None for a missing one or one without numbers."""
     if response is None:
         return None
     parts = [response.member_named(key) for key in ("m_FrequencyVector", "m_ValueVector")]
@@ -242,20 +242,20 @@ def _lines(name: str, response: _Element | None) -> tuple[np.ndarray, np.ndarray
 
 
 def _shared(plant: np.ndarray, coherence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places in the plant's frequencies, and in those of the coherence, at which both have a line."""
+    """Return the places in the plant's frequencies, and in those of the coherence, at which both have a line."""
     places = np.minimum(np.searchsorted(coherence, plant * (1.0 - 1e-9)), coherence.size - 1)
     same = np.isclose(coherence[places], plant, rtol=1e-9, atol=0.0)
     return np.flatnonzero(same), places[same]
 
 
 def _numbers(name: str, array: _Element) -> np.ndarray:
-    """The doubles of an array; of complex numbers real and imaginary part in turn."""
+    """Return the doubles of an array; of complex numbers real and imaginary part in turn."""
     raw = array.member_named("m_pNumberArray")
     holders = [array] if raw is None else [raw, array]
     text = re.sub(r"\s+", "", holders[0].text())
-    if any(each.attributes.get("format", "").upper() == "CSV" for each in holders):
+    if any(holder.attributes.get("format", "").upper() == "CSV" for holder in holders):
         try:
-            return np.array([float(each) for each in re.split(r"[,;]", text) if each], dtype=np.float64)
+            return np.array([float(number) for number in re.split(r"[,;]", text) if number], dtype=np.float64)
         except ValueError:
             raise LogError(f"{name}: {array.member} is not a list of numbers with commas; export it again") from None
     try:
@@ -268,7 +268,7 @@ def _numbers(name: str, array: _Element) -> np.ndarray:
 
 
 def _words(text: str) -> np.ndarray:
-    """The words of 32 bits in a text of base 85. Raises ValueError, with the reason, for other text."""
+    """Return the words of 32 bits in a text of base 85. Raise ValueError, with the reason, for other text."""
     try:
         letters = np.frombuffer(text.encode("ascii"), np.uint8)
     except UnicodeEncodeError:

@@ -56,7 +56,7 @@ class CsvLayout:
 
 
 def split(line: str, separator: str) -> list[str]:
-    """The cells of a line, without quotes and spaces around them."""
+    """Return the cells of a line, without quotes and spaces around them."""
     if separator == "":
         return line.split()
     if '"' in line:
@@ -73,7 +73,7 @@ def is_skipped(line: str) -> bool:
 
 
 def layout_of(text: str) -> CsvLayout | None:
-    """The layout of a text, or None if it holds no rows of numbers."""
+    """Return the layout of a text, or None if it holds no rows of numbers."""
     lines = [line[:_LINE] for line in text[: _SAMPLE * 2000].split("\n")[:_SAMPLE]]
     rows = [(k, line) for k, line in enumerate(lines) if not is_skipped(line)]
     candidates: list[tuple[tuple[float, bool, int], CsvLayout]] = []
@@ -98,20 +98,20 @@ def _mask(line: str, separator: str, decimal: str) -> tuple[bool, ...]:
 
 
 def _usual_mask(lines: list[str], separator: str, decimal: str) -> tuple[bool, ...]:
-    """Which cells are numbers in most of the lines of the second half; at least two lines, or the only one."""
+    """Return which cells are numbers in most lines of the second half; at least two lines, or the only one."""
     half = lines[len(lines) // 2 :]
     usual, count = Counter(_mask(line, separator, decimal) for line in half).most_common(1)[0] if half else ((), 0)
     return usual if count >= min(2, len(half)) else ()
 
 
 def _has_decimal_comma(rows: list[tuple[int, str]], separator: str, mask: tuple[bool, ...]) -> bool:
-    """Whole numbers fit both marks; one number with a comma decides."""
+    """Return True if a number has a comma: whole numbers fit both marks, and one such number decides."""
     fitting = [split(line, separator) for _, line in rows if _mask(line, separator, ",") == mask]
     return any("," in cell for cells in fitting for cell, numeric in zip(cells, mask, strict=True) if numeric)
 
 
 def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tuple[bool, ...]) -> int:
-    """The line at which the numbers begin: the first of two usual ones, or an unusual one with numbers above it."""
+    """Return the line where the numbers begin: the first of two usual ones, or an unusual one with numbers above it."""
     fits = [_mask(line, separator, decimal) == mask for _, line in rows]
     start = next((k for k, fit in enumerate(fits) if fit and (k + 1 == len(fits) or fits[k + 1])), fits.index(True, 0))
     while start > 0:
@@ -123,32 +123,32 @@ def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tupl
 
 
 def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[list[str]]:
-    """The one or two lines of heads that stand just above the numbers, as cells; none if there are none."""
-    found: list[list[str]] = []
+    """Return the one or two lines of heads that stand just above the numbers, as cells; none if there are none."""
+    heads: list[list[str]] = []
     for line in [line for line in above if line.strip()][:-3:-1]:
         cells = _cells(line, separator)
         if len(cells) != count and _COMMENT.match(line):  # a remark with commas may follow the names
             cells = _cells(line.split(" (")[0], separator)
         if len(cells) != count or not any(cells) or any(_NUMBER[decimal].fullmatch(cell) for cell in cells):
             break
-        found.insert(0, cells)
-    return found
+        heads.insert(0, cells)
+    return heads
 
 
 def _names(heads: list[list[str]], count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of the columns; the lower of two lines is one of units if all its cells are."""
+    """Return names and units of the columns; the lower of two lines is one of units if all its cells are."""
     names, units = heads[-1] if heads else [""] * count, [""] * count
     if len(heads) == 2 and all(unit_of(cell) is not None or cell.lower() in COUNTS for cell in names):
         names, units = heads[0], [cell if cell.lower() in COUNTS else unit_of(cell) or "" for cell in names]
-    found: list[str] = []
+    unique: list[str] = []
     taken: dict[str, int] = {}
     for k in range(count):
         name, unit = _named(names[k])
         units[k] = unit or units[k]
         if not name:
             name = "time" if k == 0 and units[k] in ("s", "ms", "us", "ns") else f"column_{k + 1}"
-        found.append(free_name(name, taken))
-    return tuple(found), tuple(units)
+        unique.append(free_name(name, taken))
+    return tuple(unique), tuple(units)
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -157,15 +157,15 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _named(head: str) -> tuple[str, str]:
-    """`velocity [mm/s]` and `velocity (mm/s)` as name and unit."""
-    found = _HEAD.fullmatch(head)
-    if found is None:
+    """Split `velocity [mm/s]` and `velocity (mm/s)` into name and unit."""
+    match = _HEAD.fullmatch(head)
+    if match is None:
         return head, ""
-    inside = found[2] if found[2] is not None else found[3]
+    inside = match[2] if match[2] is not None else match[3]
     unit = unit_of(inside)
     if unit is None and "[" in head and len(inside) <= 20:
         unit = inside.strip()
-    return (found[1], unit) if unit is not None else (head, "")
+    return (match[1], unit) if unit is not None else (head, "")
 
 
 MOST_BYTES = 500_000_000
@@ -189,7 +189,7 @@ class Text:
     encoding: str
 
     def pieces(self, first: int = 0) -> Iterator[Piece]:
-        """The text from a line of the first piece on, piece by piece."""
+        """Yield the text from a line of the first piece on, piece by piece."""
         line, at, length = 0, 0, len(self.content)
         while True:
             end = self.content.find(b"\n", at + PIECE) + 1 or length
@@ -207,20 +207,20 @@ class Text:
 
 
 def text_of(content: bytes) -> Text:
-    """The text in some bytes: UTF-8, UTF-16 by its mark, else that of older Windows programs (µ, °)."""
+    """Return the text in some bytes: UTF-8, UTF-16 by its mark, else that of older Windows programs (µ, °)."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         content = content.decode("utf-16", "replace").encode("utf-8", "replace")
     if b"\n" not in content:
         content = content.replace(b"\r", b"\n")
-    found = Text(content, "utf-8")
-    for piece in found.pieces():
+    text = Text(content, "utf-8")
+    for piece in text.pieces():
         if "\ufffd" in piece.text:
             return Text(content, "cp1252")
-    return found
+    return text
 
 
 def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The columns of a text. Raises LogError that names file and line."""
+    """Read the columns of a text. Raise LogError that names file and line."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has {Quantity(len(content) / 1e6, 'MB'):,.0f} of text, more than the "
@@ -254,14 +254,14 @@ def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _rows(body: str) -> Iterator[tuple[int, str]]:
-    """Number, from 0, and text of the lines that are neither empty nor comments."""
+    """Yield number, from 0, and text of the lines that are neither empty nor comments."""
     for k, line in enumerate(io.StringIO(body)):
         if not is_skipped(line):
             yield k, line.rstrip("\n")
 
 
 def _line_of(text: Text, first: int, row: int) -> int:
-    """The line, from 0, of a row of numbers."""
+    """Return the line, from 0, of a row of numbers."""
     count = 0
     for piece in text.pieces(first):
         for k, _ in _rows(piece.text):
@@ -272,7 +272,7 @@ def _line_of(text: Text, first: int, row: int) -> int:
 
 
 def _numbers(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
-    """The chosen columns as an array of shape (rows, columns): fast if the text is plain, else cell by cell.
+    """Return the chosen columns, of shape (rows, columns): fast if the text is plain, else cell by cell.
 
     pyarrow reads plain text 5 times as fast as `np.loadtxt`, to the same bits; text that it does not accept (runs of
     spaces, a plus sign) is read by `loadtxt`, and text that `loadtxt` refuses is read cell by cell, which finds the
@@ -286,20 +286,20 @@ def _numbers(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> n
             plain = plain.replace(",", ".")
         if not plain.strip():
             return np.empty((0, len(chosen)))
-        found = plain_numbers(plain, layout, chosen)
-        if found is not None:
-            return found
+        numbers = plain_numbers(plain, layout, chosen)
+        if numbers is not None:
+            return numbers
     return _numbers_one_by_one(name, piece, layout, chosen)
 
 
 def plain_numbers(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:
-    """The chosen columns of lines that are all rows, with decimal points, without quotes; None if one is not."""
-    found = _numbers_by_arrow(plain, layout, chosen) if layout.separator else None
-    return _numbers_by_loadtxt(plain, layout, chosen) if found is None else found
+    """Return the chosen columns of lines that are all rows, with decimal points and no quotes; None if one is not."""
+    numbers = _numbers_by_arrow(plain, layout, chosen) if layout.separator else None
+    return _numbers_by_loadtxt(plain, layout, chosen) if numbers is None else numbers
 
 
 def _numbers_by_arrow(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:
-    """The numbers of a text in which every cell is one; None if a cell is not, or a row is short or long."""
+    """Read a text in which every cell is a number by pyarrow; None if a cell is not, or a row is short or long."""
     import pyarrow as arrow
     from pyarrow import csv as arrow_csv
 
@@ -320,9 +320,9 @@ def _numbers_by_arrow(plain: str, layout: CsvLayout, chosen: list[int]) -> np.nd
 
 
 def _numbers_by_loadtxt(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:
-    """The same by numpy."""
+    """Read the text by numpy; None if it refuses a row."""
     try:
-        found = np.loadtxt(
+        numbers = np.loadtxt(
             io.StringIO(plain),
             delimiter=layout.separator or None,
             usecols=None if len(chosen) == len(layout.names) else chosen,
@@ -331,18 +331,18 @@ def _numbers_by_loadtxt(plain: str, layout: CsvLayout, chosen: list[int]) -> np.
         )
     except (ValueError, OverflowError, MemoryError):
         return None
-    return found if _is_complete(plain, layout, found) else None
+    return numbers if _is_complete(plain, layout, numbers) else None
 
 
-def _is_complete(plain: str, layout: CsvLayout, found: np.ndarray) -> bool:
-    """Whether every row had as many cells as the layout: `usecols` does not look at the rest of a row."""
+def _is_complete(plain: str, layout: CsvLayout, numbers: np.ndarray) -> bool:
+    """Return True if every row has as many cells as the layout: `usecols` does not look at the rest of a row."""
     if layout.separator == "":
-        return found.shape[1] == len(layout.names)
-    return plain.count(layout.separator) == len(found) * (len(layout.names) - 1)
+        return numbers.shape[1] == len(layout.names)
+    return plain.count(layout.separator) == len(numbers) * (len(layout.names) - 1)
 
 
 def _numbers_one_by_one(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
-    """Cell by cell: slow, but accepts quotes and finds the line of an error."""
+    """Read cell by cell: slow, but accepts quotes and finds the line of an error."""
     count = len(layout.names)
     rows: list[list[float]] = []
     total = piece.text.count("\n") + 1
@@ -361,9 +361,9 @@ def _numbers_one_by_one(name: str, piece: Piece, layout: CsvLayout, chosen: list
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(chosen))
 
 
-def _count_reason(line: str, found: int, expected: int, *, last: bool) -> str:
+def _count_reason(line: str, count: int, expected: int, *, last: bool) -> str:
     if "overrun" in line.lower():
         return "says that samples were lost ('overrun'); cut the log there, or record it again with a longer period"
-    if last and found < expected:
-        return f"has {found} cells, the lines above {expected}: the file is cut off there; remove its last line"
-    return f"has {found} cells, the lines above {expected}: '{line.strip()[:40]}'; correct or remove that line"
+    if last and count < expected:
+        return f"has {count} cells, the lines above {expected}: the file is cut off there; remove its last line"
+    return f"has {count} cells, the lines above {expected}: '{line.strip()[:40]}'; correct or remove that line"

@@ -58,7 +58,7 @@ class Named:
 
 
 def named(column: str, unit: str) -> Named | None:
-    """Kind, name of the response and unit of a column; None if it does not belong to a response.
+    """Return kind, name of the response and unit of a column; None if it does not belong to a response.
 
     `Re_Pv1`, `ReGm_rad_per_A`, `Gm.real`, `mag(dB)`, `phase_deg`, `coherence_y`
     """
@@ -67,9 +67,9 @@ def named(column: str, unit: str) -> Named | None:
         rest, unit, decibel = re.sub(r"[\s_.]*[(\[]?dB[)\]]?$", "", rest) or "magnitude", "", True
     if not unit:
         for start in [k + 1 for k, letter in enumerate(rest) if letter in "_ "]:
-            found = unit_of(rest[start:])
-            if found and ("per" in found or found in ("deg", "rad")):  # of one word it is a name: re_m, re_l
-                rest, unit = rest[: start - 1], found
+            known = unit_of(rest[start:])
+            if known and ("per" in known or known in ("deg", "rad")):  # of one word it is a name: re_m, re_l
+                rest, unit = rest[: start - 1], known
                 break
     kind, name = _kind(rest)
     if kind is None:
@@ -80,7 +80,7 @@ def named(column: str, unit: str) -> Named | None:
 
 
 def _kind(rest: str) -> tuple[str | None, str]:
-    """The kind that a name begins or ends with, and the rest of the name."""
+    """Return the kind that a name begins or ends with, and the rest of the name."""
     for kind, words in _KINDS.items():
         for word in words:
             if rest.lower() == word or rest == f"|{word}|":
@@ -101,8 +101,8 @@ def _kind(rest: str) -> tuple[str | None, str]:
 
 
 def frequency_of(name: str, columns: Columns) -> tuple[str, np.ndarray]:
-    """The column of frequency in Hz, and its name. Raises LogError if there is none or several."""
-    found: list[tuple[str, str]] = []
+    """Return the column of frequency in Hz, and its name. Raise LogError if there is none or several."""
+    candidates: list[tuple[str, str]] = []
     for column in columns.values:
         unit = columns.units.get(column, "")
         word = column
@@ -112,15 +112,15 @@ def frequency_of(name: str, columns: Columns) -> tuple[str, np.ndarray]:
                 word = column[: start - 1]
                 break
         if _FREQUENCY.fullmatch(word.strip()) or _is_frequency(unit):
-            found.append((column, unit))
-    if len(found) != 1:
+            candidates.append((column, unit))
+    if len(candidates) != 1:
         there = ", ".join(f"'{column[:40]}'" for column in [*columns.values][:12])
-        what = "no column of frequency" if not found else f"{len(found)} columns of frequency"
+        what = "no column of frequency" if not candidates else f"{len(candidates)} columns of frequency"
         raise LogError(
             f"{name}: has {what} among {there}; name the columns of a file without heads, as in  "
             "columns = ['f_Hz', 're', 'im', 'coherence']  or  ['f_Hz', 'magnitude_dB', 'phase_deg']"
         )
-    column, unit = found[0]
+    column, unit = candidates[0]
     if not unit:
         unit = "rad/s" if column.strip().lower() in ("omega", "w") else "Hz"
     try:
@@ -140,15 +140,15 @@ def _is_frequency(unit: str) -> bool:
 
 
 def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
-    """The responses in the columns, each with those that it needs. Raises LogError for an incomplete one."""
-    found: dict[str, Response] = {}
+    """Return the responses in the columns, each with those that it needs. Raise LogError for an incomplete one."""
+    responses: dict[str, Response] = {}
     for column in columns.values:
         if column == frequency:
             continue
         taken = named(column, columns.units.get(column, ""))
         if taken is None:
             continue
-        response = found.setdefault(taken.name, Response(taken.name))
+        response = responses.setdefault(taken.name, Response(taken.name))
         if taken.kind in response.places:
             both = f"'{response.places[taken.kind]}' and '{column}'"
             raise LogError(f"{name}: {both} are both the {taken.kind} of one response; name the columns")
@@ -161,24 +161,28 @@ def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
             response.unit, response.factor = in_si(name, column, taken.unit)
         if taken.kind == "phase":
             response.degrees = taken.degrees
-    _share(found)
-    whole = [each for each in found.values() if {"re", "im"} <= set(each.places) or "magnitude" in each.places]
+    _share(responses)
+    whole = [
+        response
+        for response in responses.values()
+        if {"re", "im"} <= set(response.places) or "magnitude" in response.places
+    ]
     if not whole:
         raise LogError(
             f"{name}: no column is the real and imaginary part, or the magnitude, of a response"
             f"{nearest('re', columns.values)}; name them, as in  columns = ['f_Hz', 're', 'im', 'coherence']"
         )
-    for each in whole:
-        if not {"re", "im"} <= set(each.places) and "phase" not in each.places:
+    for complete in whole:
+        if not {"re", "im"} <= set(complete.places) and "phase" not in complete.places:
             raise LogError(
-                f"{name}: '{each.places['magnitude']}' is a magnitude without a phase; margins need both: export the "
-                "phase too, or real and imaginary part"
+                f"{name}: '{complete.places['magnitude']}' is a magnitude without a phase; margins need both: export "
+                "the phase too, or real and imaginary part"
             )
     return whole
 
 
 def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
-    """The unit in SI, and the factor to it: um/N is m/N times 1e-6. Raises LogError for text that is not a unit."""
+    """Return the unit in SI, and the factor to it: um/N is m/N times 1e-6. Raise LogError for text that is no unit."""
     if not unit:
         return "", 1.0
     try:
@@ -200,12 +204,14 @@ def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
         raise LogError(f"{name}: column '{column}': {error}; give the response in SI, as m/N or rad/A") from None
 
 
-def _share(found: dict[str, Response]) -> None:
-    """A coherence or variance without a name belongs to the only response."""
-    nameless = found.get("")
-    others: Iterable[Response] = [each for key, each in found.items() if key and "coherence" not in each.places]
+def _share(responses: dict[str, Response]) -> None:
+    """Give a coherence or variance without a name to the only response."""
+    nameless = responses.get("")
+    others: Iterable[Response] = [
+        response for key, response in responses.items() if key and "coherence" not in response.places
+    ]
     if nameless is not None and not {"re", "magnitude"} & set(nameless.places):
-        holders = [each for each in others if {"re", "magnitude"} & set(each.places)]
+        holders = [response for response in others if {"re", "magnitude"} & set(response.places)]
         if len(holders) == 1:
             holders[0].places = {**nameless.places, **holders[0].places}
-            del found[""]
+            del responses[""]

@@ -29,7 +29,7 @@ _BASE_SECONDS, _BYTES_PER_SECOND = 60.0, 5e6  # a busy computer reads faster
 
 
 def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The columns of an HDF5 file, groups as `group.x`; a single number is a constant.
+    """Read the columns of an HDF5 file, groups as `group.x`; a single number is a constant.
 
     Raises LogError for a damaged file, MissingExtraError without h5py.
     """
@@ -90,7 +90,7 @@ def _limit_memory(most: int) -> None:
 
 
 def read_here(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The columns of an HDF5 file, read in this process. Raises LogError."""
+    """Read the columns of an HDF5 file in this process. Raise LogError."""
     import h5py
 
     values: dict[str, np.ndarray] = {}

@@ -38,15 +38,15 @@ class Block:
     data: memoryview
 
     def link(self, place: int) -> int:
-        """A link, 0 if the block does not have so many."""
+        """Return a link, 0 if the block does not have so many."""
         return self.links[place] if place < len(self.links) else 0
 
     def numbers(self, layout: str, at: int = 0) -> tuple[int, ...]:
-        """Little-endian numbers from byte `at` on. Raises DamagedError if the block ends before."""
+        """Return little-endian numbers from byte `at` on. Raise DamagedError if the block ends before."""
         return self._unpacked(layout, at)
 
     def floats(self, count: int, at: int) -> tuple[float, ...]:
-        """`count` doubles from byte `at` on. Raises DamagedError if the block ends before."""
+        """Return `count` doubles from byte `at` on. Raise DamagedError if the block ends before."""
         return self._unpacked(f"{count}d", at)
 
     def _unpacked(self, layout: str, at: int) -> tuple[int, ...]:
@@ -57,7 +57,7 @@ class Block:
 
 
 class Blocks:
-    """All blocks of a file by their address."""
+    """The blocks of a file by their address."""
 
     def __init__(self, name: str, content: bytes) -> None:
         self.name = name
@@ -65,7 +65,7 @@ class Blocks:
         self.visited = 0
 
     def at(self, address: int, *kinds: bytes) -> Block:
-        """The block at an address. Raises DamagedError if it is of another kind or not completely in the file."""
+        """Return the block at an address. Raise DamagedError if it is of another kind or not completely in the file."""
         self.visited += 1
         if self.visited > _MOST_BLOCKS or address < 0 or address + _HEAD.size > len(self.content):
             raise DamagedError
@@ -77,14 +77,14 @@ class Blocks:
         return Block(kind, links, self.content[begin : address + length])
 
     def chain(self, address: int, kind: bytes) -> Iterator[Block]:
-        """A block and those that its first links lead to."""
+        """Yield a block and those that its first links lead to."""
         while address:
             block = self.at(address, kind)
             yield block
             address = block.link(0)
 
     def text(self, address: int) -> str:
-        """A text, plain or in the TX element of a comment; empty if there is none."""
+        """Return a text, plain or in the TX element of a comment; empty if there is none."""
         if not address:
             return ""
         block = self.at(address, b"##TX", b"##MD")
@@ -95,7 +95,7 @@ class Blocks:
         return " ".join(text.split())
 
     def records(self, address: int) -> list[memoryview]:
-        """The pieces of a data group's records, unpacked if they are packed.
+        """Return the pieces of a data group's records, unpacked if they are packed.
 
         Raises LogError for packed pieces above their limit, and for kinds of storage that are not supported.
         """
@@ -108,16 +108,16 @@ class Blocks:
             block = self.at(block.link(0), b"##DL")
         if block.kind in (b"##DT", b"##DZ"):
             return [self._piece(block, 0)]
-        found: list[memoryview] = []
+        pieces: list[memoryview] = []
         size = 0
         while True:
             for address in block.links[1:]:
                 if address:
-                    found.append(self._piece(self.at(address, b"##DT", b"##DZ"), size))
-                    size += len(found[-1])
+                    pieces.append(self._piece(self.at(address, b"##DT", b"##DZ"), size))
+                    size += len(pieces[-1])
                     self._check(size)
             if not block.link(0):
-                return found
+                return pieces
             block = self.at(block.link(0), b"##DL")
 
     def _piece(self, block: Block, before: int) -> memoryview:
@@ -138,17 +138,17 @@ class Blocks:
             raise LogError(f"{self.name}: is an MDF4 file packed in a way that is not read; save it without or by zlib")
         zip_ = zlib.decompressobj()
         try:
-            found = zip_.decompress(block.data[_PACKED.size : _PACKED.size + packed], stated + 1)
+            unpacked = zip_.decompress(block.data[_PACKED.size : _PACKED.size + packed], stated + 1)
         except zlib.error:
             raise DamagedError from None
-        if len(found) != stated:
+        if len(unpacked) != stated:
             raise DamagedError
         if way == 0 or columns < 2 or stated < columns:
-            return found
+            return unpacked
         # the bytes of the records were transposed, which packs better
         whole = stated // columns * columns
-        turned = np.frombuffer(found, np.uint8, whole).reshape(columns, -1)
-        return turned.T.tobytes() + found[whole:]
+        turned = np.frombuffer(unpacked, np.uint8, whole).reshape(columns, -1)
+        return turned.T.tobytes() + unpacked[whole:]
 
 
 MOST_BYTES = 200_000_000
@@ -191,7 +191,7 @@ class _Group:
 
 
 def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The channels of one group. Raises LogError if the file is damaged, or stores records in an unsupported way."""
+    """Read the channels of one group. Raise LogError for a damaged file or an unsupported storage of records."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has {Quantity(len(content) / 1e6, 'MB'):,.0f}, more than the "
@@ -212,8 +212,8 @@ def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _groups(blocks: Blocks) -> list[_Group]:
-    """All groups that hold records."""
-    found: list[_Group] = []
+    """Return all groups that hold records."""
+    recorded: list[_Group] = []
     finished = bytes(blocks.content[:8]) == b"MDF     "
     for data_group in blocks.chain(blocks.at(_HEADER, b"##HD").link(0), b"##DG"):
         (before,) = data_group.numbers("B")
@@ -231,16 +231,16 @@ def _groups(blocks: Blocks) -> list[_Group]:
                 rows = sum(len(piece) for piece in blocks.records(data_group.link(2))) // size
             channels = _channels(blocks, group)
             if rows and channels:
-                found.append(_Group(channels, data_group.link(2), rows, before, kept, invalid))
-    return found
+                recorded.append(_Group(channels, data_group.link(2), rows, before, kept, invalid))
+    return recorded
 
 
 def _channels(blocks: Blocks, group: Block) -> tuple[_Channel, ...]:
-    found: list[_Channel] = []
+    channels: list[_Channel] = []
     seen: dict[str, int] = {}
     for block in blocks.chain(group.link(1), b"##CN"):
         kind, _, data, _ = block.numbers("BBBB")
-        label = blocks.text(block.link(2)) or f"channel_{len(found) + 1}"
+        label = blocks.text(block.link(2)) or f"channel_{len(channels) + 1}"
         seen[label] = seen.get(label, 0) + 1
         label = label if seen[label] == 1 else f"{label}_{seen[label]}"
         conversion = blocks.at(block.link(4), b"##CC") if block.link(4) else None
@@ -248,8 +248,8 @@ def _channels(blocks: Blocks, group: Block) -> tuple[_Channel, ...]:
         trouble = "" if conversion is None or conversion.numbers("B")[0] in _CONVERSIONS else _TROUBLE
         if kind not in (_FIXED, _MASTER, _VIRTUAL_MASTER) or (kind != _VIRTUAL_MASTER and data > 5) or block.link(1):
             trouble = "not plain numbers"
-        found.append(_Channel(label, unit, block, trouble))
-    return tuple(found)
+        channels.append(_Channel(label, unit, block, trouble))
+    return tuple(channels)
 
 
 def _columns(blocks: Blocks, chosen: _Group, groups: list[_Group], wanted: frozenset[str] | None) -> Columns:
@@ -277,7 +277,7 @@ def _columns(blocks: Blocks, chosen: _Group, groups: list[_Group], wanted: froze
 
 
 def _raw(channel: Block, group: _Group, data: list[memoryview]) -> np.ndarray:
-    """Numbers of a channel as they were recorded, NaN where its flag says that they are not valid."""
+    """Return the numbers of a channel as recorded, NaN where its flag says that they are not valid."""
     kind, _, form, shift, offset, bits, flags, flag_at = channel.numbers("BBBBIIII")
     if kind == _VIRTUAL_MASTER:
         return np.arange(group.rows, dtype=np.float64)
@@ -288,50 +288,50 @@ def _raw(channel: Block, group: _Group, data: list[memoryview]) -> np.ndarray:
     if form >= 4:
         if bits not in _FLOATS or shift:
             raise DamagedError
-        found = _strided(data, group, offset, (">" if big else "<") + _FLOATS[bits]).astype(np.float64, copy=False)
+        values = _strided(data, group, offset, (">" if big else "<") + _FLOATS[bits]).astype(np.float64, copy=False)
     else:
-        found = _integers(data, group, offset, width, big)
-        found = (found >> np.uint64(shift)) & np.uint64((1 << bits) - 1)
+        values = _integers(data, group, offset, width, big)
+        values = (values >> np.uint64(shift)) & np.uint64((1 << bits) - 1)
         if form >= 2:  # two's complement: the highest bit counts negative
-            found = (found << np.uint64(64 - bits)).view(np.int64) >> np.int64(64 - bits)
-        found = found.astype(np.float64, copy=False)
+            values = (values << np.uint64(64 - bits)).view(np.int64) >> np.int64(64 - bits)
+        values = values.astype(np.float64, copy=False)
     if flags & 1:
-        found[:] = np.nan
+        values[:] = np.nan
     elif flags & 2:
         if flag_at // 8 >= group.invalid:
             raise DamagedError
         flag = _strided(data, group, group.kept + flag_at // 8, "u1")
-        found[flag & np.uint8(1 << flag_at % 8) != 0] = np.nan
-    return found
+        values[flag & np.uint8(1 << flag_at % 8) != 0] = np.nan
+    return values
 
 
 def _integers(data: list[memoryview], group: _Group, offset: int, width: int, big: bool) -> np.ndarray:
-    """`width` bytes of each record as an unsigned number."""
-    found = np.zeros(group.rows, dtype=np.uint64)
+    """Return `width` bytes of each record as an unsigned number."""
+    numbers = np.zeros(group.rows, dtype=np.uint64)
     for k in range(width):
         place = offset + (width - 1 - k if big else k)
-        found |= _strided(data, group, place, "u1").astype(np.uint64) << np.uint64(8 * k)
-    return found
+        numbers |= _strided(data, group, place, "u1").astype(np.uint64) << np.uint64(8 * k)
+    return numbers
 
 
 def _strided(data: list[memoryview], group: _Group, offset: int, dtype: str) -> np.ndarray:
-    """One number of each record, without copying the records."""
+    """Return one number of each record, without copying the records."""
     at, size = group.before + offset, group.size
     return np.concatenate([np.ndarray((len(piece) // size,), dtype, piece, at, (size,)) for piece in data])
 
 
 def _whole(pieces: list[memoryview], group: _Group) -> list[memoryview]:
-    """Pieces of whole records: joined only if a record runs over the end of one. Raises DamagedError if some lack."""
+    """Return pieces of whole records, joined only if a record runs over two. Raise DamagedError if some lack."""
     size, length = group.size, group.rows * group.size
     if size == 0 or length > sum(len(piece) for piece in pieces):
         raise DamagedError
     if any(len(piece) % size for piece in pieces[:-1]):
         pieces = [memoryview(b"".join(pieces))]
-    found: list[memoryview] = []
+    whole: list[memoryview] = []
     for piece in pieces:
-        found.append(piece[: min(len(piece), length) // size * size])
-        length -= len(found[-1])
-    return [piece for piece in found if len(piece)]
+        whole.append(piece[: min(len(piece), length) // size * size])
+        length -= len(whole[-1])
+    return [piece for piece in whole if len(piece)]
 
 
 _CONVERSIONS = (0, 1, 2, 4, 5)  # none, linear, rational, tables of values with and without interpolation
@@ -339,7 +339,7 @@ _TROUBLE = "converted by a formula, a table of ranges or of texts"
 
 
 def _converted(blocks: Blocks, channel: Block, raw: np.ndarray) -> np.ndarray:
-    """In the channel's unit."""
+    """Return the numbers in the channel's unit."""
     if not channel.link(4):
         return raw
     block = blocks.at(channel.link(4), b"##CC")

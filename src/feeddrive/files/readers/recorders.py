@@ -71,12 +71,12 @@ def is_epos(content: bytes) -> bool:
 
 
 def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The channels of a recording. Raises LogError that names file and line, also for rows that are missing."""
+    """Read the channels of a recording. Raise LogError that names file and line, also for rows that are missing."""
     content, written = _without_remarks(content)
-    found = read_csv(name, content, wanted)
-    rows = max((column.size for column in found.values.values()), default=0)
+    columns = read_csv(name, content, wanted)
+    rows = max((column.size for column in columns.values.values()), default=0)
     stated = _EPOS_ROWS.search(content[:_EPOS_HEAD])
-    if stated is not None and found.values and rows != int(stated[1]):
+    if stated is not None and columns.values and rows != int(stated[1]):
         raise LogError(
             f"{name}: states {int(stated[1])} recorded samples and holds {rows}; it is cut off or was edited: "
             "export it again, or correct the line 'Recorded samples'"
@@ -84,15 +84,15 @@ def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
     period = _EPOS_PERIOD.search(content[:_EPOS_HEAD])
     seconds = 0.0 if period is None else round(float(period[1].replace(b",", b".")) * 1e-3, 12)
     left_out = {
-        **found.left_out,
+        **columns.left_out,
         **({"after the last channel": f"remarks in {written} row{'s' * (written != 1)}"} if written else {}),
     }
     metadata = {"sample_time": seconds} if seconds > 0.0 else {}
-    return replace(found, format="EPOS Studio", left_out=left_out, metadata=metadata)
+    return replace(columns, format="EPOS Studio", left_out=left_out, metadata=metadata)
 
 
 def _without_remarks(content: bytes) -> tuple[bytes, int]:
-    """The recording without remarks after its last channel, and the number of rows with such a remark.
+    """Return the recording without remarks after its last channel, and the number of rows with such a remark.
 
     A table program writes all lines as long as the longest one (`-24.1,,`), with a remark in some of them.
     """
@@ -111,7 +111,7 @@ def _without_remarks(content: bytes) -> tuple[bytes, int]:
 
 
 def _to_width(line: bytes, width: int) -> bytes:
-    """A line of heads, cut to its first cells; the last one ends at a comma."""
+    """Return a line of heads, cut to its first cells; the last one ends at a comma."""
     cells = line.rstrip(b"\r").split(b";")[: width + 1]
     return b";".join([*cells[:-1], cells[-1].split(b",")[0]])
 
@@ -134,7 +134,7 @@ def is_halsampler(content: bytes) -> bool:
 
 
 def read_halscope(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The channels of a halscope log, with its sample time. Raises LogError that names file and line."""
+    """Read the channels of a halscope log, with its sample time. Raise LogError that names file and line."""
     head = _HALSCOPE_PERIOD.match(content)
     assert head is not None
     period = int(head[1])
@@ -144,25 +144,25 @@ def read_halscope(name: str, content: bytes, wanted: frozenset[str] | None) -> C
     if content.startswith(b"#"):
         # the lines of the screen, between names and numbers, are emptied: line numbers stay right
         body = b"\n" + _HALSCOPE_SCREEN.sub(b"", content[head.end() :])
-        found = read_csv(name, body, wanted)
-        return replace(found, format="halscope", metadata=metadata)
-    found = read_csv(name, b"\n" + content[head.end() :], None)
+        columns = read_csv(name, body, wanted)
+        return replace(columns, format="halscope", metadata=metadata)
+    columns = read_csv(name, b"\n" + content[head.end() :], None)
     names = _names_between(name, content[head.end() :])
     places = {f"column_{2 * k + 2}": label for k, label in enumerate(names)}
-    if set(found.values) != set(places):
+    if set(columns.values) != set(places):
         raise LogError(f"{name}: is a halscope log whose lines are not names and numbers by turns; export it as CSV")
-    rows = max(values.size for values in found.values.values())
+    rows = max(values.size for values in columns.values.values())
     for label in names:
         word = label.encode("utf-8", "replace")
         if content.count(word + b" +") + content.count(word + b" -") < rows:
             raise LogError(f"{name}: '{label[:40]}' is not in every line; export it again")
-    kept = {places[key]: values for key, values in found.values.items() if wanted is None or places[key] in wanted}
+    kept = {places[key]: values for key, values in columns.values.items() if wanted is None or places[key] in wanted}
     unread = tuple(label for label in names if label not in kept)
-    return replace(found, format="halscope", values=kept, left_out={}, unread=unread, metadata=metadata)
+    return replace(columns, format="halscope", values=kept, left_out={}, unread=unread, metadata=metadata)
 
 
 def _names_between(name: str, body: bytes) -> list[str]:
-    """The names in the first line of an old log, each once."""
+    """Return the names in the first line of an old log, each once."""
     line = next((line for line in body.split(b"\n", 100) if line.strip()), b"")
     names = line.decode("utf-8", "replace").split()[::2]
     if len(set(names)) != len(names):
@@ -171,14 +171,14 @@ def _names_between(name: str, body: bytes) -> list[str]:
 
 
 def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The pins of a halsampler log as column_1, column_2, ...; a number of the sample is its clock.
+    """Read the pins of a halsampler log as column_1, column_2, ...; a number of the sample is its clock.
 
     `overrun` before the first line means no loss within the log; elsewhere it is an error that names the line.
     """
     late = _HALSAMPLER_OVERRUNS.match(content)
     lines = 0 if late is None else late[0].count(b"\n")
-    found = read_csv(name, b"\n" * lines + content[0 if late is None else late.end() :], None)
-    values = dict(found.values)
+    columns = read_csv(name, b"\n" * lines + content[0 if late is None else late.end() :], None)
+    values = dict(columns.values)
     first = values.get("column_1")
     metadata: dict[str, str] = {}
     if first is not None and len(values) > 1 and counts_samples(first):
@@ -189,7 +189,7 @@ def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) ->
         key: column for key, column in values.items() if wanted is None or key in wanted or key in metadata.values()
     }
     unread = tuple(key for key in values if key not in kept)
-    return replace(found, format="halsampler", values=kept, unread=unread, metadata=metadata)
+    return replace(columns, format="halsampler", values=kept, unread=unread, metadata=metadata)
 
 
 def counts_samples(numbers: np.ndarray) -> bool:
@@ -224,7 +224,7 @@ class _TwincatChannel:
 
 
 def read_twincat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The channels of one clock, with that clock. Raises LogError that names file and line."""
+    """Read the channels of one clock, with that clock. Raise LogError that names file and line."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of text that are read; export a part"
@@ -237,16 +237,18 @@ def read_twincat(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
     decimal = "," if separator != "," and _has_comma(text, first) else "."
     chosen, left_out = _one_clock(channels, wanted)
     places = sorted({chosen[0].time, *(channel.place for channel in chosen)})
-    found, lines = _twincat_numbers(name, text, first, separator, decimal, places, max(c.place for c in channels) + 1)
+    by_place, lines = _twincat_numbers(
+        name, text, first, separator, decimal, places, max(c.place for c in channels) + 1
+    )
     check_size(name, len(places), lines.size)
-    time, ticks = found[chosen[0].time], 1e-3
+    time, ticks = by_place[chosen[0].time], 1e-3
     metadata: dict[str, float] = {}
     if time.size and time[0] > _FILETIME:
         time, ticks = time - time[0], 1e-7
         stated = chosen[0].properties.get("SampleTime[ms]", "").replace(",", ".")
         if _is_float(stated, ".") and 0.0 < float(stated) < 1e6:
             metadata["sample_time"] = round(float(stated) * 1e-3, 12)
-    values = {"time": time * ticks, **{channel.name: found[channel.place] for channel in chosen}}
+    values = {"time": time * ticks, **{channel.name: by_place[channel.place] for channel in chosen}}
     units = {"time": "s"}
     for channel in chosen:
         stated = re.sub(r" *\(.*\)$", "", channel.properties.get("Unit", ""))
@@ -260,7 +262,7 @@ def read_twincat(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 
 
 def _twincat_channels(name: str, begin: str, separator: str) -> tuple[list[_TwincatChannel], int]:
-    """The channels that the head lists, and the line at which the numbers begin."""
+    """Return the channels that the head lists, and the line at which the numbers begin."""
     rows = [[cell.strip().strip('"') for cell in line.split(separator)] for line in begin.split("\n")[:200]]
     heads = [k for k, row in enumerate(rows) if row[0] == "Name" and k > 0]
     start = next((k for k in heads if _follows(rows, k)), heads[0] if heads else 0)
@@ -302,14 +304,14 @@ def _has_comma(text: Text, first: int) -> bool:
 def _one_clock(
     channels: list[_TwincatChannel], wanted: frozenset[str] | None
 ) -> tuple[list[_TwincatChannel], dict[str, str]]:
-    """The channels of the clock that most wanted channels have, and why the others are left out."""
+    """Return the channels of the clock that most wanted channels have, and why the others are left out."""
 
     def clock(channel: _TwincatChannel) -> str:
         return channel.properties.get("SampleTime[ms]", "")
 
     asked = [channel for channel in channels if wanted is None or channel.name in wanted] or channels
     clocks = [clock(channel) for channel in asked]
-    usual = max(clocks, key=lambda each: (clocks.count(each), -clocks.index(each)))
+    usual = max(clocks, key=lambda period: (clocks.count(period), -clocks.index(period)))
     chosen = [channel for channel in asked if clock(channel) == usual]
     left_out = {
         channel.name: f"sampled every {clock(channel)} ms, not every {usual} ms"
@@ -322,7 +324,7 @@ def _one_clock(
 def _twincat_numbers(
     name: str, text: Text, first: int, separator: str, decimal: str, places: list[int], width: int
 ) -> tuple[Mapping[int, np.ndarray], np.ndarray]:
-    """The columns at some places, and the line of each row; rows end where the first of them is empty."""
+    """Return the columns at some places, and the line of each row; rows end where the first of them is empty."""
     columns: list[list[float]] = [[] for _ in places]
     lines: list[int] = []
     blocks: list[np.ndarray] = []

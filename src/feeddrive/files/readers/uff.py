@@ -26,7 +26,7 @@ _UNITS = {8: "m", 9: "N", 11: "m/s", 12: "m/s2", 13: "N", 17: "s", 18: "Hz"}  # 
 
 
 def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
-    """The datasets 58 of a universal file. Raises LogError if it is damaged, MissingExtraError without pyuff."""
+    """Return the datasets 58 of a universal file. Raise LogError if it is damaged, MissingExtraError without pyuff."""
     try:
         import pyuff
     except ImportError:
@@ -42,85 +42,87 @@ def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
             path.write_bytes(content)
             file = pyuff.UFF(str(path))
             kinds = [int(kind) for kind in file.get_set_types()]
-            found: list[Any] = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58][: MOST_SETS + 1]
+            sets: list[Any] = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58][: MOST_SETS + 1]
     except Exception:  # pyuff raises plain exceptions for all errors
         raise LogError(f"{name}: is a damaged or cut off universal file; export it again") from None
-    if len(found) > MOST_SETS:
-        raise LogError(f"{name}: holds {len(found)} functions, more than the {MOST_SETS} that are read; export fewer")
-    if not found:
+    if len(sets) > MOST_SETS:
+        raise LogError(f"{name}: holds {len(sets)} functions, more than the {MOST_SETS} that are read; export fewer")
+    if not sets:
         raise LogError(f"{name}: is a universal file without a function (dataset 58); export functions or FRFs")
-    for each in found:
-        stated, there = int(each.get("num_pts", 0)), np.size(each.get("data"))
-        if there < stated or np.size(each.get("x")) != there:
-            raise LogError(f"{name}: '{_label(each)}' states {stated} values and holds {there}; export it again")
-    return found
+    for dataset in sets:
+        stated, there = int(dataset.get("num_pts", 0)), np.size(dataset.get("data"))
+        if there < stated or np.size(dataset.get("x")) != there:
+            raise LogError(f"{name}: '{_label(dataset)}' states {stated} values and holds {there}; export it again")
+    return sets
 
 
 def read_uff(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The time responses of a universal file as channels over one time. Raises LogError."""
+    """Read the time responses of a universal file as channels over one time. Raise LogError."""
     values: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     left_out: dict[str, str] = {}
     unread: list[str] = []
     names: dict[str, int] = {}
-    for each in sets_of(name, content):
-        label = free_name(_label(each), names)
-        if each["func_type"] != _TIME or np.iscomplexobj(each["data"]):
+    for dataset in sets_of(name, content):
+        label = free_name(_label(dataset), names)
+        if dataset["func_type"] != _TIME or np.iscomplexobj(dataset["data"]):
             left_out[label] = "no time response but another function; read_frf reads frequency responses"
         elif not is_wanted(label, wanted):
             unread.append(label)
         else:
-            time = np.asarray(each["x"], dtype=np.float64)
+            time = np.asarray(dataset["x"], dtype=np.float64)
             if "time" in values and (time.size != values["time"].size or np.any(time != values["time"])):
                 left_out[label] = "over another time than the first"
                 continue
             values.setdefault("time", time)
             units.setdefault("time", "s")
-            values[label] = np.asarray(each["data"], dtype=np.float64)
-            units[label] = _unit(each, "ordinate")
+            values[label] = np.asarray(dataset["data"], dtype=np.float64)
+            units[label] = _unit(dataset, "ordinate")
     return Columns("UFF 58", values, units, unread=tuple(unread), left_out=left_out)
 
 
 def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """A table of f, re, im, coherence for each frequency response, and its input and output."""
+    """Yield a table of f, re, im, coherence for each frequency response, and its input and output."""
     sets = sets_of(name, content)
-    responses = [each for each in sets if each["func_type"] == _FRF]
+    responses = [dataset for dataset in sets if dataset["func_type"] == _FRF]
     if not responses:
         raise LogError(f"{name}: is a universal file without a frequency response (function type 4)")
-    coherences = {(_end(each, "rsp"), _end(each, "ref")): each for each in sets if each["func_type"] == _COHERENCE}
+    coherences = {
+        (_end(dataset, "rsp"), _end(dataset, "ref")): dataset for dataset in sets if dataset["func_type"] == _COHERENCE
+    }
     names: dict[str, int] = {}
-    for each in responses:
-        output, entrance = _end(each, "rsp"), _end(each, "ref")
+    for dataset in responses:
+        output, entrance = _end(dataset, "rsp"), _end(dataset, "ref")
         label = free_name(f"{output}_{entrance}", names)
-        data = np.asarray(each["data"])
+        data = np.asarray(dataset["data"])
         values = {
-            "f": np.asarray(each["x"], dtype=np.float64),
+            "f": np.asarray(dataset["x"], dtype=np.float64),
             f"re_{label}": np.real(data).astype(np.float64),
             f"im_{label}": np.imag(data).astype(np.float64),
         }
         coherence = coherences.get((output, entrance))
-        if coherence is not None and np.array_equal(coherence["x"], each["x"]):
+        if coherence is not None and np.array_equal(coherence["x"], dataset["x"]):
             values[f"coherence_{label}"] = np.real(coherence["data"]).astype(np.float64)
-        over, under = _unit(each, "ordinate"), _unit(each, "orddenom")
+        over, under = _unit(dataset, "ordinate"), _unit(dataset, "orddenom")
         unit = f"{over}/{under}" if over and under and "/" not in under else ""
         units = {"f": "Hz", f"re_{label}": unit} if unit else {"f": "Hz"}
         yield Columns("UFF 58", values, units), {"input": entrance, "output": output}
 
 
-def _end(each: Mapping[str, Any], end: str) -> str:
-    """Node and direction of one end, as 12+Z."""
-    direction = int(each.get(f"{end}_dir", 0))
+def _end(dataset: Mapping[str, Any], end: str) -> str:
+    """Return node and direction of one end, as 12+Z."""
+    direction = int(dataset.get(f"{end}_dir", 0))
     sign = "-" if direction < 0 else "+"
-    return f"{int(each.get(f'{end}_node', 0))}{sign}{'SXYZUVW'[min(abs(direction), 6)]}".replace("+S", "")
+    return f"{int(dataset.get(f'{end}_node', 0))}{sign}{'SXYZUVW'[min(abs(direction), 6)]}".replace("+S", "")
 
 
-def _label(each: Mapping[str, Any]) -> str:
-    text = " ".join(str(each.get("id1", "")).split())
-    return text if text and text != "NONE" else _end(each, "rsp")
+def _label(dataset: Mapping[str, Any]) -> str:
+    text = " ".join(str(dataset.get("id1", "")).split())
+    return text if text and text != "NONE" else _end(dataset, "rsp")
 
 
-def _unit(each: Mapping[str, Any], axis: str) -> str:
-    """The unit of an axis by its label, else by its kind of data, in SI."""
-    stated = str(each.get(f"{axis}_axis_units_lab", "")).strip()
+def _unit(dataset: Mapping[str, Any], axis: str) -> str:
+    """Return the unit of an axis by its label, else by its kind of data, in SI."""
+    stated = str(dataset.get(f"{axis}_axis_units_lab", "")).strip()
     known = unit_of(stated) if stated not in ("", "NONE") else None
-    return known or _UNITS.get(int(each.get(f"{axis}_spec_data_type", 0)), "")
+    return known or _UNITS.get(int(dataset.get(f"{axis}_spec_data_type", 0)), "")

@@ -145,7 +145,7 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
     if clear and early and _trails(log):
         raise NotIdentifiableError(
             f"{log.name}: set position and position are swapped: the set position trails the position, and the axis "
-            f"seems to feel the force {-best} samples before it was logged; name their columns the other way round, "
+            f"seems to feel the force {-best} samples before it was logged; exchange their columns, "
             f"with --set-position and --position"
         )
     if clear and (early or late or abs(best) == REACH):

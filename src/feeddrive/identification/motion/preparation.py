@@ -1,4 +1,4 @@
-"""What least squares take from a log: filtered, differentiated, aligned and decimated, stretch by stretch of motion."""
+"""A log prepared for least squares: filtered, differentiated, aligned and decimated, stretch by stretch of motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files are brought: what each was understood to be, which column is what, and what is made of it."""
+"""The import of files: the kind of each, the roles of its columns, and the model that is made of it."""
 
 from __future__ import annotations
 

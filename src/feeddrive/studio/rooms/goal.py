@@ -42,9 +42,9 @@ def _option(figure: Figure) -> str:
 
 
 _PEAK, _SOFT = _option(SENSITIVITY_PEAK), _option(COMPLIANCE_PEAK)
-_BY_RULE = "without a machine file the search begins with a P-PI by a rule, and not with the control of now"
+_BY_RULE = "without a machine file the search begins with a P-PI by a rule, and not with the current control"
 _NO_INTEGRAL = (
-    "the control of now has no integral action, which the goal rope-snap needs: write cascade_ppi into the field law, "
+    "the current control has no integral action, which the goal rope-snap needs: write cascade_ppi into the field law, "
     "so that the search begins with one, or take the goal stiffness"
 )
 _FAR = 20.0  # dB above the curves, within which the picture reaches up to the limit
@@ -68,7 +68,7 @@ class Goal(Room):
         self.best: Control | None = None
         self.result: Outcome[Tuned] | None = None
         self._looks: dict[str, tuple[Control, Look]] = {}
-        self._integral: tuple[Control, bool] | None = None  # of the control of now
+        self._integral: tuple[Control, bool] | None = None  # of the current control
 
     def show(self) -> Said:
         """Show the goal with its limits, the progress of the search, and the loop before and after it."""
@@ -246,7 +246,7 @@ class Goal(Room):
         return replace(chart, panels=(replace(first, high=high), *others))
 
     def _peak_limit(self) -> float:
-        """The limit of Ms in dB."""
+        """Return the limit of Ms in dB."""
         return 20.0 * float(np.log10(self.settings.get(_PEAK, FIELDS[_PEAK].default)))
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""The control of now is proven: a certificate, the circle test, and a part program on the machine."""
+"""The proofs of the current control: a certificate, the circle test, and a part program on the machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals are followed while they are recorded: trigger, cursors, and the window kept as a log."""
+"""The oscilloscope: signals are followed while they are recorded; trigger, cursors, and the window kept as a log."""
 
 from __future__ import annotations
 

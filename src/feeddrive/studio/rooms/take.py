@@ -1,4 +1,4 @@
-"""What is taken away: machine file, report, exports, and all that was done as commands, Python and a job."""
+"""The export: machine file, report, code, and all steps as commands, Python and a job."""
 
 from __future__ import annotations
 
