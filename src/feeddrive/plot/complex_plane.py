@@ -49,9 +49,11 @@ def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
     for i, (name, margins) in enumerate(chosen.items()):
         L = margins.loop_gain
-        said = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(margins.modulus_frequency, 'Hz')}")
+        figures = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(margins.modulus_frequency, 'Hz')}")
         x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
-        caption = (name[:40], i, LINE, joined("", ["\n", said])) if len(chosen) > 1 else (name[:40], i, LINE, said)
+        caption = (
+            (name[:40], i, LINE, joined("", ["\n", figures])) if len(chosen) > 1 else (name[:40], i, LINE, figures)
+        )
         curves += [Curve(x, y, *caption), Curve(x, -y, number=i, look=THIN)]
         discs.append(Disc(-1.0, 0.0, margins.modulus_margin, i, filled=True))
         touch = _at(margins, margins.modulus_frequency)
@@ -102,7 +104,7 @@ def _spread(L: FRF, number: int) -> list[Curve]:
     center, radius = L.response[near], L.radius[near]
     walked = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(center)))])
     along = np.linspace(0.0, walked[-1], DISCS)
-    x, y, reach = (np.interp(along, walked, each) for each in (np.real(center), np.imag(center), radius))
+    x, y, reach = (np.interp(along, walked, values) for values in (np.real(center), np.imag(center), radius))
     return [Curve(x, y, "95 % of the measurement", number, reach=reach)]
 
 
@@ -139,6 +141,6 @@ def _at(margins: Margins, frequency: float) -> complex:
     )
 
 
-def encirclement_chart(found: Encirclement) -> Chart:
+def encirclement_chart(encirclement: Encirclement) -> Chart:
     """Nyquist plot of the measured or modelled loop gain."""
-    return nyquist_chart(margins_of(found.loop_gain))
+    return nyquist_chart(margins_of(encirclement.loop_gain))

@@ -27,14 +27,14 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
     """The names of marks; marks at one place share a text. The axes have their final size and ranges."""
     at: dict[tuple[float, float], list[Mark]] = {}
     scale = 72.0 / ax.figure.dpi
-    for mark in (each for each in marks if each.name):
+    for mark in (mark for mark in marks if mark.name):
         place = scale * ax.transData.transform((mark.x, mark.y))
         near = next((known for known in at if np.hypot(known[0] - place[0], known[1] - place[1]) < 2.0), None)
         at.setdefault((float(place[0]), float(place[1])) if near is None else near, []).append(mark)
     taken = [(px - 4.0, py - 4.0, px + 4.0, py + 4.0) for px, py in at]
     edge = scale * ax.bbox.extents
     for (px, py), there in at.items():
-        text = ", ".join(str(style.caption(each.name)) for each in there)
+        text = ", ".join(str(style.caption(mark.name)) for mark in there)
         box = _free(px, py, _WIDE * len(text), taken, edge)
         taken.append(box)
         middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))

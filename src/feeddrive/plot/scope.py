@@ -56,9 +56,9 @@ def scope_chart(
     again stands still.
     """
     grouped: dict[str, list[Channel]] = {}
-    for each in channels:
-        label = f"{written(each.unit)}" if each.unit else each.name
-        grouped.setdefault(label, []).append(each)
+    for channel in channels:
+        label = f"{written(channel.unit)}" if channel.unit else channel.name
+        grouped.setdefault(label, []).append(channel)
     panels, ranges = list[Panel](), Ranges()
     for unit, group in grouped.items():
         label = f"({unit})" if group[0].unit else unit
@@ -87,16 +87,16 @@ def _panel(
 ) -> Panel:
     curves, levels = list[Curve](), list[Level]()
     width = 2.0 * (shown.end - shown.start) / POINTS
-    for each in group:
-        y = each.factor * shown.values[:, each.place]
+    for channel in group:
+        y = channel.factor * shown.values[:, channel.place]
         whole = shown.triggered and bool(np.all(np.diff(shown.time) > 0.0)) and bool(np.all(np.isfinite(y)))
         kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)  # a part of what stands is enlarged
         x = shown.time[kept] - shown.zero
-        number = [one.name for one in all_].index(each.name)
-        curves.append(Curve(x, y[kept], each.name, number, said=_said(y, each.unit)))
-    finite = np.concatenate([each.y for each in curves]) if curves else np.empty(0)
+        number = [one.name for one in all_].index(channel.name)
+        curves.append(Curve(x, y[kept], channel.name, number, caption=_said(y, channel.unit)))
+    finite = np.concatenate([curve.y for curve in curves]) if curves else np.empty(0)
     finite = finite[np.isfinite(finite)]
-    place = [each for each in group if level is not None and each.name == level[0]]
+    place = [channel for channel in group if level is not None and channel.name == level[0]]
     if level is not None and place:
         levels.append(Level(place[0].factor * level[1], "trigger", dashed=True))
         finite = np.append(finite, levels[0].value)
@@ -156,4 +156,4 @@ def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tu
 
 def _round_up(step: float) -> float:
     size = 10.0 ** np.floor(np.log10(step))
-    return float(next(each for each in _STEPS if step <= each * size * (1.0 + 1e-9)) * size)
+    return float(next(multiple for multiple in _STEPS if step <= multiple * size * (1.0 + 1e-9)) * size)

@@ -43,7 +43,7 @@ def color(i: int) -> str:
 def pale(tint: str) -> str:
     """A color on paper so thin that curves on it can be read."""
     rgb = (0.22 * int(tint[k : k + 2], 16) + 0.78 * int(PAPER[k : k + 2], 16) for k in (1, 3, 5))
-    return "#" + "".join(f"{round(each):02x}" for each in rgb)
+    return "#" + "".join(f"{round(channel):02x}" for channel in rgb)
 
 
 def dashes(i: int) -> Any:
@@ -71,11 +71,11 @@ def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Th
     if isinstance(things, Mapping):
         return dict(things)  # type: ignore[arg-type]
     if isinstance(things, Sequence):
-        found: dict[str, Thing] = {}
+        things_by_name: dict[str, Thing] = {}
         for i, thing in enumerate(things):
             name = str(getattr(thing, "name", "")) or str(i + 1)
-            found[f"{name} {i + 1}" if name in found else name] = thing  # type: ignore[assignment]
-        return found
+            things_by_name[f"{name} {i + 1}" if name in things_by_name else name] = thing  # type: ignore[assignment]
+        return things_by_name
     return {"": things}
 
 
@@ -85,13 +85,13 @@ def shortened(name: str, most: int = 60) -> str:
     return shown if len(shown) <= most else shown[: most - 1] + "…"
 
 
-def caption(name: str, said: str = "", most: int = 60) -> str | None:
+def caption(name: str, remark: str = "", most: int = 60) -> str | None:
     """A user's name and a remark on it, for matplotlib: without formulas, not hidden, not too long.
 
     None if there is neither.
     """
     shown = shortened(name, most)
-    text = escaped(f"{shown}: {said}" if shown and said else shown or said)
+    text = escaped(f"{shown}: {remark}" if shown and remark else shown or remark)
     return (f"\u200b{text}" if text.startswith("_") else text) or None
 
 

@@ -100,7 +100,7 @@ def rates_chart(masses: np.ndarray, found: Mapping[str, list[float]], free: floa
         Curve(masses, np.maximum(np.array(values), 1e-3), f"model-based, {name}", i, MARKED)
         for i, (name, values) in enumerate(found.items())
     )
-    level = Level(free, dashed=True, said="model-free")
+    level = Level(free, dashed=True, caption="model-free")
     panel = Panel("rate ρ", curves, levels=(level,), scale=LOG)
     return Chart("assumed mass / mass of the axis", (panel,), LOG, height=3.2)
 
@@ -116,5 +116,7 @@ def contour_chart(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Chart:
         said = Text(f"{name}: RMS {Quantity(np.sqrt(np.mean(off**2)), 'm'):.2f}")
         reach = 1.05 * max(1e3 * RADIUS, float(np.max(np.abs(shown))))
         abscissa = Abscissa("x (mm)", low=-reach, high=reach, square=True)
-        panels.append(Panel("y (mm)", (line,), discs=(nominal,), low=-reach, high=reach, said=said, abscissa=abscissa))
+        panels.append(
+            Panel("y (mm)", (line,), discs=(nominal,), low=-reach, high=reach, caption=said, abscissa=abscissa)
+        )
     return Chart("", tuple(panels), across=2, height=3.4 * -(-len(paths) // 2))

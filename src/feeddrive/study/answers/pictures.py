@@ -75,7 +75,7 @@ def yields_chart(found: Yield) -> Chart:
     low = min((share.interval or (share.value,))[0] for _, share in rows)
     left = 100.0 * max(0.0, low - 0.08 * (1.0 - low) - 0.002)
     right = 100.0 + 100.0 * (0.03 * (1.0 - low) + 5e-4)
-    ticks = tuple(Tick(-float(row), said=text) for row, (text, _) in enumerate(rows))
+    ticks = tuple(Tick(-float(row), caption=text) for row, (text, _) in enumerate(rows))
     panel = Panel("", (*lines, *dots), ticks=ticks, low=0.6 - len(rows), high=0.6)
     label = "machines that keep it (%); lines: 95 % interval"
     return Chart(label, (panel,), low=left, high=right, height=0.9 + 0.36 * len(rows))
@@ -106,7 +106,7 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
     panel = Panel("machines", abscissa=Abscissa(labelled(figure)))
     if values.size:
         panel = histogram(values, labelled(figure), "machines", values.size // 8)
-        panel = replace(panel, said=Text(f"median {Quantity(np.median(values) / factor, figure.unit, bare=True)}"))
+        panel = replace(panel, caption=Text(f"median {Quantity(np.median(values) / factor, figure.unit, bare=True)}"))
     ends = [factor * end for end in (() if bound is None else (bound.least, bound.most)) if end is not None]
     if ends and panel.abscissa is not None and panel.abscissa.low is not None and panel.abscissa.high is not None:
         low, high = panel.abscissa.low, panel.abscissa.high
@@ -127,13 +127,13 @@ def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: S
     titles = {figure.key: name_of(figure) for figure in study.measure} | {INSIDE: "inside the specification"}
     shown = [name for name in outputs if (sobol if indices else ranks).get(name)]
     panels = [_indices(sobol[name]) if indices else _correlations(ranks[name]) for name in shown]
-    panels = [replace(panel, said=titles[name]) for panel, name in zip(panels, shown, strict=True)]
+    panels = [replace(panel, caption=titles[name]) for panel, name in zip(panels, shown, strict=True)]
     count = min(_FACTORS, len(study.vary) if indices else max((len(ranks[name]) for name in shown), default=0))
     said = "share of the variance" if indices else "rank correlation, -1 to 1"
     low, high = (None, None) if indices else (-1.0, 1.0)
     return Chart(
         f"{said}; lines: 95 % interval",
-        tuple(panels) or (Panel("", said="no output varies"),),
+        tuple(panels) or (Panel("", caption="no output varies"),),
         low=low,
         high=high,
         height=0.7 + max(len(panels), 1) * (0.45 + 0.27 * count),
@@ -197,7 +197,7 @@ def _quantiles(band: Band, what: str) -> Panel:
     values = _scale(band.unit) * band.quantiles
     areas = Area(band.x, values[0], values[4], 0), Area(band.x, values[1], values[3], 0)
     said = "line: median; dark: every second machine; light: nine of ten"
-    return Panel(f"{what} ({unit_name(band.unit)})", (Curve(band.x, values[2]),), bands=areas, said=said)
+    return Panel(f"{what} ({unit_name(band.unit)})", (Curve(band.x, values[2]),), bands=areas, caption=said)
 
 
 def front_chart(found: Front, sample: Judged) -> Chart:
