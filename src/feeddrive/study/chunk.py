@@ -81,7 +81,7 @@ class Rows:
     """Figures and reasons of the variants of a chunk, by their place in it; a figure that does not occur is NaN."""
 
     def __init__(self, measure: tuple[Figure, ...], count: int) -> None:
-        self.figures = {each.key: np.full(count, np.nan) for each in measure}
+        self.figures = {figure.key: np.full(count, np.nan) for figure in measure}
         self.reasons: list[str | None] = [None] * count
 
     def refuse(self, place: int, reason: object) -> None:
@@ -139,17 +139,17 @@ def _alike(group: VariantGroup) -> list[np.ndarray]:
 
     Both make another graph, and with it other last bits.
     """
-    found: dict[tuple[Any, ...], list[int]] = {}
+    groups: dict[tuple[Any, ...], list[int]] = {}
     delays: list[Any] = []
     for loop in group.system.loops().values():
         path = tree.path_of(loop, "axis.actuator.dead_time")
         dead_time: Any = group.changes.get(path, loop.axis.actuator.dead_time)
         samples = samples_of(dead_time, loop.sample_time)
         delays += [ops.floor(samples), samples > ops.floor(samples)]
-    columns = [np.broadcast_to(each, len(group.rows)).tolist() for each in delays]
+    columns = [np.broadcast_to(delay, len(group.rows)).tolist() for delay in delays]
     for place, kind in enumerate(zip(*columns, strict=True)):
-        found.setdefault(kind, []).append(place)
-    return [np.array(each) for each in found.values()]
+        groups.setdefault(kind, []).append(place)
+    return [np.array(places) for places in groups.values()]
 
 
 def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
@@ -169,7 +169,7 @@ def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
 
 def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, threads: int, progress: Progress) -> None:
     """The figures of the variants of one graph: of the batch, then of each variant's linear model and own run."""
-    wanted = {need: [each for each in study.measure if each.needs == need] for need in NEEDS}
+    wanted = {need: [figure for figure in study.measure if figure.needs == need] for need in NEEDS}
     if wanted["statistics"]:
         _gather(group, system, wanted["statistics"], rows, threads, progress)
     if not (wanted["model"] or wanted["run"]):
@@ -180,18 +180,18 @@ def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, thread
         if rows.reasons[row] is None:
             with rows.refusing(row):
                 linear = LinearLoop(group.loop(place), speed) if wanted["model"] else None
-                for each in wanted["model"]:
-                    rows.figures[each.key][row] = each.value(linear)
+                for figure in wanted["model"]:
+                    rows.figures[figure.key][row] = figure.value(linear)
                 run = run_of(group, place) if wanted["run"] else None
-                for each in wanted["run"]:
-                    rows.figures[each.key][row] = each.value(run)
+                for figure in wanted["run"]:
+                    rows.figures[figure.key][row] = figure.value(run)
 
 
 def _gather(
     group: VariantGroup, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress
 ) -> None:
     """Figures of the statistics of a batch; one that cannot be run is halved until the variant at fault is alone."""
-    signals = dict.fromkeys(f"{group.port}{signal}" for each in wanted for signal in each.signals)
+    signals = dict.fromkeys(f"{group.port}{signal}" for figure in wanted for signal in figure.signals)
     try:
         batch = simulate_batch(
             system,
@@ -214,8 +214,8 @@ def _gather(
             _gather(half, varied(half), wanted, rows, threads, progress)
         return
     statistics = Statistics(batch, group.port)
-    for each in wanted:
-        rows.figures[each.key][group.rows] = each.read(statistics)
+    for figure in wanted:
+        rows.figures[figure.key][group.rows] = figure.read(statistics)
     for place in np.flatnonzero(batch.left >= 0):
         sample = int(batch.left[place])
         rows.refuse(

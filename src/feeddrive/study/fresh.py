@@ -73,7 +73,7 @@ def measured(
     progress: Progress,
 ) -> Measured:
     """The figures of `count` fresh machines of a study under a control."""
-    wanted = {each.key: each for each in (*(bound.figure for bound in bounds), *also)}
+    wanted = {figure.key: figure for figure in (*(bound.figure for bound in bounds), *also)}
     fresh = replace(
         with_control(study, control),
         stream=STREAM,
@@ -104,14 +104,14 @@ def limits_of(study: Study, otherwise: Limits) -> Limits:
     tuner, but the fresh machines are judged by them.
     """
     stated = {bound.figure: bound for bound in study.specification}
-    found: list[Limit] = []
+    limits: list[Limit] = []
     for limited in limitable():
         measurable, inverse = _limited(limited)
         bound = stated.get(measurable)
         value = None if bound is None else bound.least if measurable.higher else bound.most
         if value is not None and not _needs_noise(limited):
-            found.append(Limit(limited, 1.0 / value if inverse else value))
-    return otherwise.having(*found)
+            limits.append(Limit(limited, 1.0 / value if inverse else value))
+    return otherwise.having(*limits)
 
 
 def _needs_noise(figure: Figure) -> bool:
@@ -121,14 +121,14 @@ def _needs_noise(figure: Figure) -> bool:
 
 def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
     """The study's specification, and the tuner's limits as bounds of figures where it has none for them."""
-    found = {bound.figure: bound for bound in study.specification}
+    bounds = {bound.figure: bound for bound in study.specification}
     for limit in limits.limits:
         limited, inverse = _limited(limit.figure)
-        if limited in found or _needs_noise(limit.figure):
+        if limited in bounds or _needs_noise(limit.figure):
             continue
         end = 1.0 / limit.bound if inverse else limit.bound
-        found[limited] = Bound(limited, end if limited.higher else None, None if limited.higher else end)
-    return tuple(found.values())
+        bounds[limited] = Bound(limited, end if limited.higher else None, None if limited.higher else end)
+    return tuple(bounds.values())
 
 
 def is_limit(bound: Bound) -> bool:

@@ -50,8 +50,8 @@ def _job_file(root: TomlTable, place: Path, name: str | None, of_study: Collecti
         return replace(root.file, content=content), place
     beside = place.parent / name
     try:
-        given = beside if beside.exists() else found(name, "jobs")
-        return read_toml(given, "a job", quoting=False), given
+        path = beside if beside.exists() else found(name, "jobs")
+        return read_toml(path, "a job", quoting=False), path
     except FileError as error:
         raise type(error)(f"{root.where('job')}: job: {error}") from None
 
@@ -69,13 +69,13 @@ def _job(
     place: Path,
 ) -> Job:
     """The job with the values of the choices."""
-    given = dict(zip(keys, values, strict=True))
-    of_job = {key: value for key, value in given.items() if _is_of_job(key)}
-    of_machine = {key: value for key, value in given.items() if key not in of_job}
+    by_key = dict(zip(keys, values, strict=True))
+    of_job = {key: value for key, value in by_key.items() if _is_of_job(key)}
+    of_machine = {key: value for key, value in by_key.items() if key not in of_job}
     try:
         job = job_of(with_values(file, of_job), place, values=of_machine)
     except FeeddriveError as error:
-        if not given:
+        if not by_key:
             raise
         stated = ", ".join(f"{choice.choice} = {shown(value)}" for choice, value in zip(choices, values, strict=True))
         raise choices[0].error(f"with {stated}: {error}", kind=type(error)) from None

@@ -105,7 +105,7 @@ class Robust(Result):
         for share in (0.05, 0.5, 0.95):
             head = Text(f"rope-snap error, {Quantity(share, 'share'):6} quantile")
             cells = [
-                Quantity(each.quantile(ROPE_SNAP.key, share), ROPE_SNAP.unit) for each in (self.before, self.after)
+                Quantity(machines.quantile(ROPE_SNAP.key, share), ROPE_SNAP.unit) for machines in (self.before, self.after)
             ]
             rows.append([head, *cells])
         title = f"{self.after.count} fresh machines: share within bounds (95 % interval)"
@@ -233,7 +233,7 @@ class RobustTuner:
     @property
     def kept_bounds(self) -> tuple[Bound, ...]:
         """What the tuner keeps, as bounds of figures."""
-        return tuple(each for each in bounds_of(self.study, self.limits) if is_limit(each))
+        return tuple(bound for bound in bounds_of(self.study, self.limits) if is_limit(bound))
 
     def judged(self, control: Control) -> Merits:
         """A control on all sampled machines."""

@@ -54,7 +54,7 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
     every = np.concatenate(spread)
     if not every.size:
         return 0.0, 1.0
-    low, high = (float(each) for each in np.quantile(every, [0.005, 0.995]))
+    low, high = (float(end) for end in np.quantile(every, [0.005, 0.995]))
     return style.padded(low, high) if high > low else (low - 0.5 * abs(low) - 1e-12, high + 0.5 * abs(high) + 1e-12)
 
 

@@ -105,7 +105,7 @@ class Store:
         already without `resume`, one of another study or version, and one with a damaged or foreign file.
         """
         if not self._place.has(MANIFEST):
-            if strangers := [each for each in self._place.names() if each != MARKER]:
+            if strangers := [name for name in self._place.names() if name != MARKER]:
                 raise FileError(
                     f"{self.address}: exists and holds '{strangers[0]}', which is not of a sweep: "
                     "choose another directory, or move that away"
@@ -186,15 +186,15 @@ class Store:
 
     def _numbers(self) -> list[int]:
         """Numbers of the chunk files, in order. Raises FileError for a file that is none."""
-        found = list[int]()
+        numbers = list[int]()
         for name in self._place.names(ROWS):
             match = _NAME.fullmatch(name)
             if match is None or int(match[1]) >= self.manifest().chunks:
                 raise FileError(
                     f"{self.address}/{ROWS}/{name}: is no chunk of this sweep, and would be read as one: move it away"
                 )
-            found.append(int(match[1]))
-        return found
+            numbers.append(int(match[1]))
+        return numbers
 
     def _objection(self, number: int, rows: Any) -> str:
         """Why a table is not the rows of a chunk, empty if it is."""
@@ -215,16 +215,16 @@ class Store:
     def _read_manifest(self) -> Manifest:
         where = f"{self.address}/{MANIFEST}"
         try:
-            found = json.loads(self._place.read(MANIFEST, _MOST_MANIFEST))
-            if found.pop("kind") != _KIND:
+            entries = json.loads(self._place.read(MANIFEST, _MOST_MANIFEST))
+            if entries.pop("kind") != _KIND:
                 raise ValueError("it is of another program")
-            found.pop("chunks")
-            self._sealed = found.pop("sealed", False)
+            entries.pop("chunks")
+            self._sealed = entries.pop("sealed", False)
             if self._sealed not in (True, False):
                 raise ValueError("'sealed' must be true")
-            if set(found) != {each.name for each in fields(Manifest)}:
+            if set(entries) != {entry.name for entry in fields(Manifest)}:
                 raise ValueError("its entries are not those of a sweep")
-            return Manifest(**found)
+            return Manifest(**entries)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError, ParameterError) as error:
             reason = str(error) or type(error).__name__
             raise FileError(
@@ -237,8 +237,8 @@ def _file(number: int) -> str:
 
 
 def _manifest_text(manifest: Manifest) -> bytes:
-    said = {"kind": _KIND, "chunks": manifest.chunks, **asdict(manifest), "sealed": True}
-    return (json.dumps(said, indent=1, ensure_ascii=False) + "\n").encode()
+    entries = {"kind": _KIND, "chunks": manifest.chunks, **asdict(manifest), "sealed": True}
+    return (json.dumps(entries, indent=1, ensure_ascii=False) + "\n").encode()
 
 
 def _other(there: Manifest, wanted: Manifest) -> str:

@@ -128,8 +128,8 @@ class Rate:
         spent = time.monotonic() - self._begun
         if not self.ran or spent <= 0.0:
             return count
-        each = spent / self.ran
-        return Text(f"{count}, {rate(1.0 / each)} a second, {_time((self._all - self.done) * each)} left")
+        per_variant = spent / self.ran
+        return Text(f"{count}, {rate(1.0 / per_variant)} a second, {_time((self._all - self.done) * per_variant)} left")
 
     def kept(self, store: Store) -> str:
         """What is there of a sweep that ends early."""

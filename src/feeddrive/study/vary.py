@@ -163,13 +163,13 @@ class Joint:
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
         """x = mean + L z, summed in one order for every split."""
         z = truncated(u, -self.within, self.within)
-        found: dict[str, np.ndarray] = {}
+        drawn: dict[str, np.ndarray] = {}
         for i, path in enumerate(self.paths):
             total = np.full(len(z), self.mean[i])
             for j in range(len(self.paths)):
                 total = total + self._root[i, j] * z[:, j]
-            found[path] = total
-        return found
+            drawn[path] = total
+        return drawn
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
         """The values themselves."""

@@ -42,11 +42,11 @@ class Band:
 
 def stiffness_band(sample: Judged) -> Band | None:
     """Of the figures stiffness_F_Hz_N_per_m; None for a study that measures fewer than three of them."""
-    lines = {each.of.frequency: each.key for each in sample.study.measure if isinstance(each.of, StiffnessAt)}
+    lines = {figure.of.frequency: figure.key for figure in sample.study.measure if isinstance(figure.of, StiffnessAt)}
     if len(lines) < _LEAST_LINES or sample.bad.all():
         return None
     frequency = np.array(sorted(lines))
-    values = np.stack([sample.figures[lines[each]][~sample.bad] for each in frequency.tolist()], axis=1)
+    values = np.stack([sample.figures[lines[line]][~sample.bad] for line in frequency.tolist()], axis=1)
     return Band(frequency, np.nanquantile(values, QUANTILES, axis=0), "N/m", len(values))
 
 

@@ -38,11 +38,11 @@ SUBJECTS = {
 
 def subjects(study: Study) -> dict[str, Figure]:
     """By subject its figure, of those that a study measures."""
-    found = {
+    measured = {
         subject: next((figure for figure in figures if figure in study.measure), None)
         for subject, figures in SUBJECTS.items()
     }
-    return {subject: figure for subject, figure in found.items() if figure is not None}
+    return {subject: figure for subject, figure in measured.items() if figure is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class FrontKept:
         if len(self._figures) < 2:
             return
         several = [*([] if self._rows is None else [self._rows]), rows]
-        together = joined([each.some(front(_costs(each, self._figures))) for each in several])
+        together = joined([part.some(front(_costs(part, self._figures))) for part in several])
         self._rows = together.some(front(_costs(together, self._figures)))
 
     def result(self) -> Front | None:
@@ -79,7 +79,7 @@ class FrontKept:
 def _costs(rows: Judged, figures: dict[str, Figure]) -> np.ndarray:
     """What is to be small, shape (n, subjects)."""
     return np.stack(
-        [(-1.0 if each.better == "higher" else 1.0) * rows.figures[each.key] for each in figures.values()], axis=1
+        [(-1.0 if figure.better == "higher" else 1.0) * rows.figures[figure.key] for figure in figures.values()], axis=1
     )
 
 
@@ -90,10 +90,10 @@ def front(costs: np.ndarray) -> np.ndarray:
     """
     there = np.flatnonzero(~np.isnan(costs).any(axis=1))
     left = there[np.lexsort(costs[there].T[::-1])]  # what dominates a row stands before it
-    found = np.zeros(len(costs), dtype=bool)
+    undominated = np.zeros(len(costs), dtype=bool)
     while left.size:
         first = costs[left[0]]
         equal = (costs[left] == first).all(axis=1)
-        found[left[equal]] = True
+        undominated[left[equal]] = True
         left = left[~equal & (costs[left] < first).any(axis=1)]
-    return found
+    return undominated

@@ -36,7 +36,7 @@ class WorstKept:
     """The worst so far, a part of the rows after the other; of equal values the lower number."""
 
     def __init__(self, study: Study) -> None:
-        self._cases: dict[Figure, list[WorstVariant]] = {each: [] for each in study.measure if each.better}
+        self._cases: dict[Figure, list[WorstVariant]] = {figure: [] for figure in study.measure if figure.better}
         self.bad: list[tuple[int, str]] = []
 
     def add(self, rows: Judged) -> None:

@@ -43,8 +43,8 @@ class Yield:
     @property
     def hardest(self) -> BoundYield | None:
         """The bound that most machines break; None if all keep all."""
-        broken = [each for each in self.bounds if each.kept.kept < each.kept.of]
-        return min(broken, key=lambda each: each.kept.kept, default=None)
+        broken = [bound_yield for bound_yield in self.bounds if bound_yield.kept.kept < bound_yield.kept.of]
+        return min(broken, key=lambda bound_yield: bound_yield.kept.kept, default=None)
 
 
 class YieldCount:
@@ -76,8 +76,8 @@ class YieldCount:
         """What was counted."""
         sampled = self._study.sampler != "grid"
         bounds = tuple(
-            BoundYield(each, Share(self._kept[each.figure.key], self._all, sampled), self._alone[each.figure.key])
-            for each in self._study.specification
+            BoundYield(bound, Share(self._kept[bound.figure.key], self._all, sampled), self._alone[bound.figure.key])
+            for bound in self._study.specification
         )
         choices: dict[str, dict[str, Share]] = {}
         for column, count in self._choices.items():
