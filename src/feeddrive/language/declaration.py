@@ -135,10 +135,10 @@ def declarations(kind: type[Declared]) -> dict[str, Declaration]:
 @cache
 def defaults(kind: type[Declared]) -> dict[str, Any]:
     """Return the defaults of the fields that have one; the result must not be changed."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for spec in dataclasses.fields(kind):  # type: ignore[arg-type]
         if spec.default is not dataclasses.MISSING:
-            found[spec.name] = spec.default
+            values[spec.name] = spec.default
         elif spec.default_factory is not dataclasses.MISSING:
-            found[spec.name] = spec.default_factory()
-    return found
+            values[spec.name] = spec.default_factory()
+    return values

@@ -62,11 +62,11 @@ def machine_code(source: str, entries: Sequence[str], *, effort: int, passes: Se
     """
     key = _key(source, effort, passes)
 
-    def made() -> MachineCode:
+    def compiled() -> MachineCode:
         return _made(key, _stored(key), lambda: source, entries, effort, passes)
 
     with _lock:
-        return _kept.get(key, made)
+        return _kept.get(key, compiled)
 
 
 def linked_code(

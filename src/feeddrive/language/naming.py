@@ -29,8 +29,8 @@ class Names:
 
     with Names(graph, {id(block): "control.law", ...}) as names:
         ...
-    names.found    node -> Name; the first name wins
-    names.makers   node -> dotted name of the block whose code computed it
+    names.by_node    node -> Name; the first name wins
+    names.makers    node -> dotted name of the block whose code computed it
 
     A part of a tuple is named after both: `middle.velocity` is `middle_velocity`, the first of `z` is `z_0`.
     Arithmetic is not touched.
@@ -39,7 +39,7 @@ class Names:
     def __init__(self, graph: Graph, owners: Mapping[int, str]) -> None:
         self.graph = graph
         self.owners = owners
-        self.found: dict[int, Name] = {}
+        self.by_node: dict[int, Name] = {}
         self.makers: dict[int, str] = {}
         self._seen = 0
         self._before: Any = None
@@ -82,9 +82,9 @@ class Names:
     def _take(self, owner: str, word: str, value: Any) -> None:
         if isinstance(value, Symbol):
             if value.graph is self.graph:
-                self.found.setdefault(value.index, Name(owner, word.strip("_")))
+                self.by_node.setdefault(value.index, Name(owner, word.strip("_")))
         elif isinstance(value, tuple) and not isinstance(value, Block):
             fields = getattr(value, "_fields", None) or map(str, range(len(value)))
-            for field, each in zip(fields, value, strict=True):
-                if isinstance(each, Symbol) and each.graph is self.graph:
-                    self.found.setdefault(each.index, Name(owner, f"{word.strip('_')}_{field}"))
+            for field, part in zip(fields, value, strict=True):
+                if isinstance(part, Symbol) and part.graph is self.graph:
+                    self.by_node.setdefault(part.index, Name(owner, f"{word.strip('_')}_{field}"))

@@ -49,9 +49,9 @@ class Progress:
         if self.cancelled:
             raise CancelledError("stopped; nothing was written")
 
-    def remark(self, said: str | Table) -> None:
+    def remark(self, message: str | Table) -> None:
         """Report a remark before the end of the work, such as an assumption that it depends on."""
-        self.show_remark(said)
+        self.show_remark(message)
 
     def counted(self, of: int) -> Progress:
         """The progress for work that reports only the names of its steps: it counts them up to `of`.
@@ -67,14 +67,14 @@ class Progress:
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
         """Show a step; silent unless overridden. It never raises."""
 
-    def show_remark(self, said: str | Table) -> None:
+    def show_remark(self, message: str | Table) -> None:
         """Show a remark; silent unless overridden."""
 
-    def better(self, cost: float, found: object) -> None:
+    def better(self, cost: float, best: object) -> None:
         """Report the best that a search has found so far, and what it costs: less is better."""
-        self.show_better(cost, found)
+        self.show_better(cost, best)
 
-    def show_better(self, cost: float, found: object) -> None:
+    def show_better(self, cost: float, best: object) -> None:
         """Show what is best so far; silent unless overridden."""
 
     def confirm(self, question: str) -> bool:
@@ -102,11 +102,11 @@ class _Forwarded(Progress):
             self._begun += 1
         self._whole.show_step(what, done, of, part or self._part)
 
-    def show_remark(self, said: str | Table) -> None:
-        self._whole.show_remark(said)
+    def show_remark(self, message: str | Table) -> None:
+        self._whole.show_remark(message)
 
-    def show_better(self, cost: float, found: object) -> None:
-        self._whole.show_better(cost, found)
+    def show_better(self, cost: float, best: object) -> None:
+        self._whole.show_better(cost, best)
 
     def confirm(self, question: str) -> bool:
         return self._whole.confirm(question)

@@ -142,15 +142,15 @@ class Units:
         name, size = self.of(quantity.unit, shown, stays=quantity.stays)
         value, error = size * float(quantity.value), quantity.error
         if error is None or not 0.0 < (error := size * float(error)) < math.inf or digits:
-            said = _numeral(value, digits)
+            numeral = _numeral(value, digits)
         else:
             decimals = max(0, 2 - _places(error, 2))
             if error < abs(value) * 10.0**-_READABLE:  # of data without noise
                 shares = number(value, _READABLE), number(error, 2)
             else:
                 shares = f"{value:.{decimals}f}", f"{error:.{decimals}f}"
-            said = f" {'±' if self.typographic else '+-'} ".join(shares)
-        return said if quantity.bare or not name else f"{said}{'' if name == '°' else ' '}{name}"
+            numeral = f" {'±' if self.typographic else '+-'} ".join(shares)
+        return numeral if quantity.bare or not name else f"{numeral}{'' if name == '°' else ' '}{name}"
 
     def read(self, mark: Mark) -> str:
         """Return what the mark of a quantity, or of the name of a unit, reads as."""
@@ -160,7 +160,7 @@ class Units:
             return "–" if self.typographic and mark == ABSENT else mark.plain
         return self.name(mark.unit, mark.form, stays="s" in mark.flags)
 
-    def said(self, value: float, unit: str, digits: int = _DIGITS) -> str:
+    def value_text(self, value: float, unit: str, digits: int = _DIGITS) -> str:
         """Return a number given in SI as a person reads it."""
         return self.text(Quantity(value, unit), str(digits))
 
@@ -181,7 +181,7 @@ class Units:
             raise ParameterError(f"a gain must be > 0, not {number(gain, 6)}")
         return 20.0 * math.log10(gain)
 
-    def gain_said(self, level: float, digits: int = 1) -> str:
+    def gain_text(self, level: float, digits: int = 1) -> str:
         """Return a gain given in dB as a person reads it."""
         return f"{level:.{digits}f} dB" if self.decibel else f"a factor of {number(10.0 ** (level / 20.0), 3)}"
 
@@ -198,7 +198,7 @@ def _factor(unit: str, shown: str) -> float:
         return 1.0
     if unit in ("", "share", "1") and shown in _SHARES:
         return _SHARES[shown]
-    plain, other = (each.replace("√s", "1") for each in (unit, shown))
+    plain, other = (word.replace("√s", "1") for word in (unit, shown))
     return factor(plain, other)
 
 

@@ -190,8 +190,8 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
 def single_lowered(graph: Graph, roots: Sequence[int]) -> tuple[Graph, dict[int, int]]:
     """The graph below the roots with the functions of this module for `exp`, `sin` ..., and where nodes went."""
 
-    def compose(made: Graph, name: str, values: list[Symbol]) -> Symbol:
-        return FUNCTIONS[name](*values) if name in ELEMENTARY else made.apply(name, *values)
+    def compose(target: Graph, name: str, values: list[Symbol]) -> Symbol:
+        return FUNCTIONS[name](*values) if name in ELEMENTARY else target.apply(name, *values)
 
     return rebuilt(graph, roots, compose)
 

@@ -25,7 +25,7 @@ def visible(text: str) -> str:
     r"""The text with control characters as `\x1b`, so that no name from a file obeys a terminal; line ends stay."""
     if text.isprintable():
         return text
-    return "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
+    return "".join(letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in text)
 
 
 class UnitOfRow(Enum):
@@ -93,11 +93,11 @@ class Grid(NamedTuple):
     def shown(self, units: Units) -> Grid:
         """It in the units of a reader."""
 
-        def said(text: str) -> str:
+        def reading(text: str) -> str:
             return visible(resolve(text, units))
 
-        rows = [[said(cell) for cell in row] for row in self.rows]
-        return Grid(said(self.title), [said(head) for head in self.heads], rows, self.sentences)
+        rows = [[reading(cell) for cell in row] for row in self.rows]
+        return Grid(reading(self.title), [reading(head) for head in self.heads], rows, self.sentences)
 
     def __str__(self) -> str:
         widths = [max(len(row[i]) for row in (self.heads, *self.rows)) for i in range(len(self.heads))]

@@ -25,12 +25,12 @@ class Unit(NamedTuple):
 @cache
 def units_of(fields: type) -> dict[str, str]:
     """The unit that each field of a class declares in its annotation; fields without one are left out."""
-    found: dict[str, str] = {}
+    by_field: dict[str, str] = {}
     for name, hint in get_type_hints(fields, include_extras=True).items():
-        units = [each.name for each in _metadata(hint) if isinstance(each, Unit)]
+        units = [entry.name for entry in _metadata(hint) if isinstance(entry, Unit)]
         if units:
-            found[name] = units[0]
-    return found
+            by_field[name] = units[0]
+    return by_field
 
 
 def _metadata(hint: Any) -> tuple[Any, ...]:
@@ -178,9 +178,9 @@ def turning(unit: str) -> str:
     """The unit of a quantity on a rotary axis that has `unit` on a linear one: N s/m is N m s/rad there."""
     if _OTHERS.search(unit):
         return unit
-    turned = re.sub(rf"(?<!\w){_LENGTH}(?!\w)", lambda found: f"{found[0][:-1]}rad", unit)
-    turned = re.sub(rf"(?<![\w/;\u2060])({_FORCE}|kg)(?!\w)", lambda found: _torque(found[1]), turned)
-    return re.sub(rf"(?<=[/;\u2060]){_FORCE}(?!\w)", lambda found: f"({_torque(found[0])})", turned)
+    turned = re.sub(rf"(?<!\w){_LENGTH}(?!\w)", lambda match: f"{match[0][:-1]}rad", unit)
+    turned = re.sub(rf"(?<![\w/;\u2060])({_FORCE}|kg)(?!\w)", lambda match: _torque(match[1]), turned)
+    return re.sub(rf"(?<=[/;\u2060]){_FORCE}(?!\w)", lambda match: f"({_torque(match[0])})", turned)
 
 
 def _torque(unit: str) -> str:
@@ -192,18 +192,18 @@ def turning_docstring(text: str) -> str:
 
     It is a text of the source, which holds no quantities.
     """
-    return _UNIT.sub(lambda found: turning(found[0]), text)
+    return _UNIT.sub(lambda match: turning(match[0]), text)
 
 
-def factor(given: str, declared: str) -> float:
+def factor(unit: str, declared: str) -> float:
     """Number by which a value in the unit `given` is multiplied to stand in the unit `declared`.
 
     Raises ParameterError if `given` is not a unit or has another dimension.
     """
-    size, dimension = measure(given)
+    size, dimension = measure(unit)
     declared_size, declared_dimension = measure(declared)
     if dimension != declared_dimension:
-        raise ParameterError(f"unit '{given}' does not measure the same thing as '{declared or 'a plain number'}'")
+        raise ParameterError(f"unit '{unit}' does not measure the same thing as '{declared or 'a plain number'}'")
     # kHz to Hz is 1000, not the 999.9999999999999 that the conversion over rad/s gives
     return decimal(size / declared_size)
 
@@ -224,8 +224,8 @@ def shortest(value: float, factor: float) -> str:
     """
     near = value / factor
     texts = [f"{near:.{digits}g}" for digits in range(1, 17)]
-    texts += [repr(each) for each in (near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf))]
-    return next((each for each in texts if scaled(float(each), factor) == value), repr(near))
+    texts += [repr(number) for number in (near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf))]
+    return next((text for text in texts if scaled(float(text), factor) == value), repr(near))
 
 
 def decimal(value: float) -> float:

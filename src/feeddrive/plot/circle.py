@@ -103,7 +103,8 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
             0.0,
             0.0,
             Text(
-                f"rings: {Quantity(1e-6 * per_division, 'm'):6}\ndeviation × {Quantity(1e6 * test.radius / ring):.0f}{thin}"
+                f"rings: {Quantity(1e-6 * per_division, 'm'):6}\n"
+                f"deviation × {Quantity(1e6 * test.radius / ring):.0f}{thin}"
             ),
             middle=True,
         )

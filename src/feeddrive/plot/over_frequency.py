@@ -246,7 +246,7 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
         L, phase = margins.loop_gain, _phase(margins)
         levels_dB.append(style.decibel(L.magnitude))
         level = np.asarray(units.from_decibel(levels_dB[-1]))
-        levels.append(Curve(hertz * L.frequency, level, name, i, caption=_said(margins, units)))
+        levels.append(Curve(hertz * L.frequency, level, name, i, caption=_caption(margins, units)))
         phases.append(Curve(hertz * L.frequency, phase, number=i))
         _margins(margins, phase, i, len(chosen) == 1, bars, marks, units)
         if i == len(chosen) - 1:  # the axis is the same for all, and so is its uncertainty
@@ -288,13 +288,13 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
 open_loop = figure_of(open_loop_chart)
 
 
-def _said(margins: Margins, units: Units) -> str:
+def _caption(margins: Margins, units: Units) -> str:
     captions = list[str]()
     if margins.crossover is not None:
         phase = Quantity(margins.phase_margin_deg or 0.0, "deg")
         captions.append(f"crossover {Quantity(margins.crossover, 'Hz'):3}, phase margin {phase:.1f}")
     if margins.gain_increase_dB is not None:
-        captions.append(f"gain margin {units.gain_said(margins.gain_increase_dB)}")
+        captions.append(f"gain margin {units.gain_text(margins.gain_increase_dB)}")
     return joined(", ", captions)
 
 
@@ -329,7 +329,7 @@ def _margins(
             continue
         at = float(np.interp(np.log(crossing.frequency), x, phase))
         level = float(units.from_decibel(-crossing.gain_margin_dB))
-        text = units.gain_said(crossing.gain_margin_dB) if alone and k < WRITTEN else ""
+        text = units.gain_text(crossing.gain_margin_dB) if alone and k < WRITTEN else ""
         marks[1].append(Mark(hertz * crossing.frequency, at, i, hollow=True))
         marks[0].append(Mark(hertz * crossing.frequency, level, i, hollow=True))
         bars[0].append(_bar(hertz * crossing.frequency, level, one, i, text))

@@ -93,7 +93,7 @@ def _panel(
         kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)  # a part of what stands is enlarged
         x = shown.time[kept] - shown.zero
         number = [one.name for one in all_].index(channel.name)
-        curves.append(Curve(x, y[kept], channel.name, number, caption=_said(y, channel.unit)))
+        curves.append(Curve(x, y[kept], channel.name, number, caption=_caption(y, channel.unit)))
     finite = np.concatenate([curve.y for curve in curves]) if curves else np.empty(0)
     finite = finite[np.isfinite(finite)]
     place = [channel for channel in group if level is not None and channel.name == level[0]]
@@ -108,7 +108,7 @@ def _panel(
     return Panel(label, tuple(curves), levels=tuple(levels), low=low, high=high)
 
 
-def _said(y: np.ndarray, unit: str) -> str:
+def _caption(y: np.ndarray, unit: str) -> str:
     there = y[np.isfinite(y)]
     return Text(f"{Quantity(there[-1], written(unit)):5 SI}") if there.size else "nothing"
 

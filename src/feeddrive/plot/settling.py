@@ -48,8 +48,8 @@ def step_response_chart(responses: StepResponse | Mapping[str, StepResponse]) ->
     end = max(_LEAST, *(_AFTER * response.settling_time for response in chosen.values()))
     for i, (name, response) in enumerate(chosen.items()):
         caption = Text(
-            f"overshoot {Quantity(response.overshoot, 'share'):.1f}, settled to {Quantity(response.settled, 'share'):6} in "
-            f"{Quantity(response.settling_time, 's')}"
+            f"overshoot {Quantity(response.overshoot, 'share'):.1f}, "
+            f"settled to {Quantity(response.settled, 'share'):6} in {Quantity(response.settling_time, 's')}"
         )
         there = response.time <= end
         curves.append(Curve(_MS * response.time[there], response.position[there], name, i, caption=caption))

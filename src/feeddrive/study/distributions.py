@@ -167,7 +167,9 @@ class Discrete:
             raise ParameterError("values must have at least one entry")
         if self.weights and len(self.weights) != len(self.values):
             raise ParameterError(f"{len(self.weights)} weights for {len(self.values)} values: give one for each")
-        if any(not (math.isfinite(weight) and weight >= 0.0) for weight in self.weights) or not sum(self.weights or (1.0,)):
+        if any(not (math.isfinite(weight) and weight >= 0.0) for weight in self.weights) or not sum(
+            self.weights or (1.0,)
+        ):
             raise ParameterError("weights must be finite numbers >= 0, one of them > 0")
 
     def places(self, u: np.ndarray) -> np.ndarray:

@@ -99,13 +99,14 @@ class Robust(Result):
         """Shares of fresh machines within each bound, and quantiles of the rope-snap error, before and after."""
         rows: list[Sequence[Cell]] = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
         rows += [
-            [said(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]
+            [bound_sentence(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]
             for bound in self.after.bounds
         ]
         for share in (0.05, 0.5, 0.95):
             head = Text(f"rope-snap error, {Quantity(share, 'share'):6} quantile")
             cells = [
-                Quantity(machines.quantile(ROPE_SNAP.key, share), ROPE_SNAP.unit) for machines in (self.before, self.after)
+                Quantity(machines.quantile(ROPE_SNAP.key, share), ROPE_SNAP.unit)
+                for machines in (self.before, self.after)
             ]
             rows.append([head, *cells])
         title = f"{self.after.count} fresh machines: share within bounds (95 % interval)"
@@ -128,7 +129,7 @@ def in_percent(share: Share) -> str:
     )
 
 
-def said(bound: Bound) -> str:
+def bound_sentence(bound: Bound) -> str:
     """A bound in words: `following_error_peak_m <= 30 um`."""
     ends = ((">=", bound.least), ("<=", bound.most))
     texts = [f"{sign} {Quantity(value, bound.figure.unit)}" for sign, value in ends if value is not None]

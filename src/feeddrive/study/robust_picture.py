@@ -33,7 +33,7 @@ def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | Non
         outside.append(Box(low, max(low, factor * bound.least), number=ALERT, pale=True))
     if bound is not None and bound.most is not None:
         outside.append(Box(min(high, factor * bound.most), high, number=ALERT, pale=True))
-    label = f"{_said(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}"
+    label = f"{_axis_name(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}"
     return Panel(
         "machines below (%)",
         tuple(curves),
@@ -58,6 +58,6 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
     return style.padded(low, high) if high > low else (low - 0.5 * abs(low) - 1e-12, high + 0.5 * abs(high) + 1e-12)
 
 
-def _said(figure: Figure) -> str:
+def _axis_name(figure: Figure) -> str:
     """Its meaning, short enough for an axis."""
     return figure.description if len(figure.description) <= 44 else figure.key.replace("_", " ")

@@ -122,7 +122,7 @@ class Rate:
         """Some more are done."""
         self.ran += variants
 
-    def said(self) -> str:
+    def text(self) -> str:
         """As `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
         count = f"{self.done:,} of {self._all:,} variants"
         spent = time.monotonic() - self._begun
@@ -139,7 +139,7 @@ class Rate:
 
     def show(self, progress: Progress) -> None:
         """Tell it. Raises CancelledError after a cancel."""
-        progress.step(self.said(), self.done, self._all)
+        progress.step(self.text(), self.done, self._all)
 
 
 def rate(value: float) -> Quantity:

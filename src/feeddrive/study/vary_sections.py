@@ -390,7 +390,9 @@ def _settings(section: VarySettings, declared: Declared) -> Settings:
                 check_bounds(path, declaration, value)
             except ParameterError as error:
                 raise section.error(f"{section.dotted('settings')}.{label}: {error}", ("settings", label)) from None
-    return Settings(section.name, tuple(declaration.unit for declaration in declarations), paths, rows, _row(section.weights))
+    return Settings(
+        section.name, tuple(declaration.unit for declaration in declarations), paths, rows, _row(section.weights)
+    )
 
 
 def _joint(section: VaryJoint, declared: Declared, nominal: Nominal, grid: bool) -> Joint:
@@ -405,7 +407,14 @@ def _joint(section: VaryJoint, declared: Declared, nominal: Nominal, grid: bool)
     mean = np.array([nominal(path) for path in paths]) if section.nominal is None else section.nominal
     covariance = section.covariances()
     try:
-        return Joint(section.name, tuple(declaration.unit for declaration in declarations), paths, mean, covariance, section.within)
+        return Joint(
+            section.name,
+            tuple(declaration.unit for declaration in declarations),
+            paths,
+            mean,
+            covariance,
+            section.within,
+        )
     except ParameterError as error:
         raise section.error(f"{section.dotted()} ({section.name}): {error}") from None
 

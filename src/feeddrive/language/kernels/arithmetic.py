@@ -55,8 +55,8 @@ class Arithmetic(Text):
         if whole and kind in (ast.FloorDiv, ast.Mod):
             return self.floor_division(kind is ast.Mod, left, right, node)
         if whole and kind is ast.Div:
-            for each in (left, right):
-                self.check_exact(each, node)
+            for operand in (left, right):
+                self.check_exact(operand, node)
         a, b = self.as_float(left), self.as_float(right)
         if kind in _FLOATS:
             return Value(FLOAT, self.value(f"{_FLOATS[kind]} double {a}, {b}"))

@@ -57,17 +57,17 @@ class Assignments(Expressions):
         if isinstance(node.value, ast.Call) and self.outside(node.value.func) is zeros:
             return self.local_array(node, node.value)
         several = isinstance(node.value, ast.Tuple)
-        if not several and not any(isinstance(each, ast.Tuple) for each in node.targets):
+        if not several and not any(isinstance(target, ast.Tuple) for target in node.targets):
             value = self.expression(node.value)
             for target in node.targets:
                 self.put(target, value)
             return None
-        counts = {len(each.elts) for each in node.targets if isinstance(each, ast.Tuple)}
+        counts = {len(target.elts) for target in node.targets if isinstance(target, ast.Tuple)}
         values = self.values(node.value, counts, node.targets[0])
         for target in node.targets:
             if isinstance(target, ast.Tuple):
-                for each, value in zip(target.elts, values, strict=True):
-                    self.put(each, value)
+                for element, value in zip(target.elts, values, strict=True):
+                    self.put(element, value)
             else:
                 self.fill(target, values)
         return None
@@ -75,13 +75,13 @@ class Assignments(Expressions):
     def values(self, node: ast.expr, counts: set[int], target: ast.AST) -> list[Value]:
         """The numbers of a tuple, of a kernel with several results, of a record or of a row."""
         if isinstance(node, ast.Tuple):
-            found = [self.expression(element) for element in node.elts]
+            values = [self.expression(element) for element in node.elts]
         elif isinstance(node, ast.Call):
-            found, called = self.results(node), source_of(self.outside(node.func))
-            if len(found) == 1 and found[0].parts and (called is None or called.signature.single):
-                found = [*found[0].parts]
+            values, called = self.results(node), source_of(self.outside(node.func))
+            if len(values) == 1 and values[0].parts and (called is None or called.signature.single):
+                values = [*values[0].parts]
         elif (row := self.expression(node)).parts:
-            found = [*row.parts]
+            values = [*row.parts]
         else:
             if len(row.sizes) != 1 or row.type.layout:
                 self.refuse(node, f"'{shown(node)}' is of type {row.type}", "assign a tuple or a row of an array")
@@ -89,9 +89,9 @@ class Assignments(Expressions):
             good = self.value(f"icmp eq i64 {row.sizes[0]}, {wanted}")
             self.check(good, ValueError, f"a row of another length for {wanted} names", target)
             return [self.entry(row, place) for place in range(wanted)]
-        if counts - {len(found)}:
-            self.refuse(target, f"{len(found)} values for {max(counts)} names", "give each name a value")
-        return found
+        if counts - {len(values)}:
+            self.refuse(target, f"{len(values)} values for {max(counts)} names", "give each name a value")
+        return values
 
     def entry(self, row: Value, place: int) -> Value:
         """A number of a row whose length is known."""
@@ -132,7 +132,7 @@ class Assignments(Expressions):
         if len(row.sizes) != 1:
             self.refuse(target, f"'{shown(target)}' is no row", "assign a tuple to a row of numbers")
         kind = Type(row.type.element)
-        if any(each.type != kind for each in values):
+        if any(value.type != kind for value in values):
             self.refuse(target, f"'{shown(target)}' has cells of type {kind}", "write 0.0 for 0, or float(...)")
         self.stored.add(row.root)
         good = self.value(f"icmp eq i64 {row.sizes[0]}, {len(values)}")

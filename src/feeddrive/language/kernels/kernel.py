@@ -42,7 +42,7 @@ class _Compiled(NamedTuple):
 
     code: MachineCode  # holds the memory of the function
     call: Callable[[Any], int]
-    given: struct.Struct
+    arguments: struct.Struct
     returned: struct.Struct
     size: int  # of the memory of both, bytes
     kinds: tuple[tuple[object, int, int], ...]  # of each number and array that is given, see `_kind`
@@ -75,23 +75,23 @@ class Kernel(Generic[_P, _R]):
         mode = _mode.get()
         if mode == "inside":
             return self.python(*args, **kwargs)
-        given = self._in_order(args, kwargs) if kwargs else args
+        values = self._in_order(args, kwargs) if kwargs else args
         count, nested = self._counted
-        if len(given) != count:
-            raise TypeError(f"{self.__name__}() takes {count} arguments, not {len(given)}")
+        if len(values) != count:
+            raise TypeError(f"{self.__name__}() takes {count} arguments, not {len(values)}")
         if nested:
-            wanted = zip(self.source.signature.names, self.source.signature.parameters, given, strict=True)
-            given = [leaf for each in wanted for leaf in self._flat(*each)]
+            wanted = zip(self.source.signature.names, self.source.signature.parameters, values, strict=True)
+            values = [leaf for parameter in wanted for leaf in self._flat(*parameter)]
         if mode == "interpreted":
-            return self._interpret([self._checked(place, value) for place, value in enumerate(given)])
-        return self._run(given)
+            return self._interpret([self._checked(place, value) for place, value in enumerate(values)])
+        return self._run(values)
 
-    def _run(self, given: Sequence[Any]) -> _R:
+    def _run(self, values: Sequence[Any]) -> _R:
         """The machine code of arguments, which are checked."""
         unit, compiled, words = self.unit, self._compiled, list[Any]()
         if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
-        for place, ((cell, dimensions, width), value) in enumerate(zip(compiled.kinds, given, strict=True)):
+        for place, ((cell, dimensions, width), value) in enumerate(zip(compiled.kinds, values, strict=True)):
             if not dimensions:
                 plain = cell is float and type(value) is float
                 words.append(value if plain else self._checked(place, value))
@@ -106,7 +106,7 @@ class Kernel(Generic[_P, _R]):
             words.append(_address(value))
             words += value.shape[:dimensions] if width else value.shape
         memory = ctypes.create_string_buffer(compiled.size)
-        compiled.given.pack_into(memory, 0, *words)
+        compiled.arguments.pack_into(memory, 0, *words)
         if unit.quick:
             begun = thread_time()
             status = compiled.call(memory)
@@ -115,11 +115,11 @@ class Kernel(Generic[_P, _R]):
             status = compiled.call(memory)
         if status:
             _throw(unit.failure(status))
-        found = compiled.returned.unpack_from(memory)
+        results = compiled.returned.unpack_from(memory)
         if not self._plain:
-            numbers = iter(found)
-            found = tuple(_made(kind, numbers) for kind in self.source.signature.results)
-        return cast(_R, found[0] if self.source.signature.single else found or None)
+            numbers = iter(results)
+            results = tuple(_made(kind, numbers) for kind in self.source.signature.results)
+        return cast(_R, results[0] if self.source.signature.single else results or None)
 
     @property
     def unit(self) -> Unit:
@@ -135,9 +135,9 @@ class Kernel(Generic[_P, _R]):
         ]
         results = [_FORMATS[kind.element] for result in self.source.signature.results for _, kind in result.leaves("")]
         call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
-        given, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
-        size = max(given.size, returned.size, _WORD)
-        return _Compiled(code, call, given, returned, size, tuple(_kind(kind) for _, kind in self._leaves))
+        arguments, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
+        size = max(arguments.size, returned.size, _WORD)
+        return _Compiled(code, call, arguments, returned, size, tuple(_kind(kind) for _, kind in self._leaves))
 
     @cached_property
     def _leaves(self) -> list[tuple[str, Type]]:
@@ -208,9 +208,9 @@ class Kernel(Generic[_P, _R]):
     def _named(self, place: int) -> str:
         return f"{self.__name__}(): '{self._leaves[place][0]}'"
 
-    def _interpret(self, given: list[Any]) -> _R:
+    def _interpret(self, values: list[Any]) -> _R:
         """The same call by the interpreter, with all kernels below it."""
-        leaves = iter(given)
+        leaves = iter(values)
         plain = [_made(kind, leaves) for kind in self.source.signature.parameters]
         token = _mode.set("inside")
         try:

@@ -131,7 +131,7 @@ class Unit:
             if known is not None:
                 return known
             if source in _open:
-                names = " -> ".join(each.name for each in [*_open[_open.index(source) :], source])
+                names = " -> ".join(caller.name for caller in [*_open[_open.index(source) :], source])
                 remedy = "write a loop, with a stack in an array of the caller"
                 source.refuse(source.tree, f"recursion: {names}", remedy)
             _open.append(source)
@@ -145,9 +145,9 @@ class Unit:
 
     def text(self, effort: Effort = QUICK) -> str:
         """The module, with its triple in the first line."""
-        own = [self.function(each) for each in self.sources]
+        own = [self.function(source) for source in self.sources]
         declared, copied = list[str](), dict[str, Function]()
-        left, seen = [each for function in own for each in function.called], set(self.sources)
+        left, seen = [callee for function in own for callee in function.called], set(self.sources)
         while left:
             source = left.pop()
             if source in seen:
@@ -160,14 +160,16 @@ class Unit:
             else:
                 declared.append(f"declare {function.head}\n")
         angles = dict[str, str]()
-        wanted = [each for function in (*own, *copied.values()) for each in function.elementary]
+        wanted = [elementary for function in (*own, *copied.values()) for elementary in function.elementary]
         while wanted:
-            each = wanted.pop()
-            if each.name not in angles:
-                angles[each.name], called = each.printed()
+            elementary = wanted.pop()
+            if elementary.name not in angles:
+                angles[elementary.name], called = elementary.printed()
                 wanted += called
-        defined = [f"define {each.text}" for each in own] + [f"define internal {each.text}" for each in copied.values()]
-        entries = [_entry(place, each, self.symbol(each)) for place, each in enumerate(self.sources)]
+        defined = [f"define {function.text}" for function in own] + [
+            f"define internal {function.text}" for function in copied.values()
+        ]
+        entries = [_entry(place, source, self.symbol(source)) for place, source in enumerate(self.sources)]
         return "\n".join(
             [f'target triple = "{target()[0]}"', *declared, *defined, *angles.values(), *entries, _INTRINSICS]
         )
@@ -206,15 +208,15 @@ class Unit:
         Unit.spent += seconds
         if Unit.spent > _LONG:
             with _lock:
-                for each in list(_used):
-                    each.make(THOROUGH)
+                for unit in list(_used):
+                    unit.make(THOROUGH)
 
     def make(self, effort: Effort) -> None:
         """Makes its code and that of the files that it calls with an effort, where it has another one."""
         with _lock:
-            for each in self.units:
-                if each._code is None or each._effort != effort:
-                    each._code, each._effort = each._linked(effort), effort
+            for unit in self.units:
+                if unit._code is None or unit._effort != effort:
+                    unit._code, unit._effort = unit._linked(effort), effort
 
     @cached_property
     def units(self) -> tuple[Unit, ...]:
@@ -229,14 +231,14 @@ class Unit:
     def failure(self, status: int) -> Failure:
         """The error of a status that is not 0."""
         number, place = status >> _FAILURE + _KERNEL, status >> _FAILURE & (1 << _KERNEL) - 1
-        unit = next(each for each in self.units if each.number == number)
+        unit = next(candidate for candidate in self.units if candidate.number == number)
         return unit.function(unit.sources[place]).failures[(status & (1 << _FAILURE) - 1) - 1]
 
     def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
         """The machine code of an effort, linked to that of other files; None if it is to be on the disk and is not."""
         own = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
-        below = [each.code for each in self.units[:-1]]
-        symbols = {name: place for each in below for name, place in each.addresses.items() if name.startswith("k")}
+        below = [unit.code for unit in self.units[:-1]]
+        symbols = {name: place for code in below for name, place in code.addresses.items() if name.startswith("k")}
         return linked_code(
             self.key,
             lambda: self.text(effort),
@@ -256,9 +258,9 @@ _used: WeakSet[Unit] = WeakSet()  # that have code
 
 def _entry(place: int, source: Source, symbol: str) -> str:
     """A function that takes arguments of a kernel from words of 64 bits in memory, and leaves its results there."""
-    words = [each for _, given in source.signature.leaves for each in (given, *[INT] * given.dimensions)]
+    words = [word for _, kind in source.signature.leaves for word in (kind, *[INT] * kind.dimensions)]
     returned = struct(source.signature.results)
-    results = [kind for each in source.signature.results for _, kind in each.leaves("")]
+    results = [kind for result in source.signature.results for _, kind in result.leaves("")]
     lines, operands = list[str](), list[str]()
     for at, kind in enumerate(words):
         loaded = kind.llvm.replace("i1", "i64")
@@ -286,27 +288,27 @@ def unit_of(source: Source) -> Unit:
         unit = cast("Unit | None", source.unit)
         if unit is None:
             names = source.python.__globals__
-            beside = [each for each in map(source_of, names.values()) if each and each.python.__globals__ is names]
+            beside = [other for other in map(source_of, names.values()) if other and other.python.__globals__ is names]
             unit = Unit(dict.fromkeys([*beside, source]))
-            for each in unit.sources:
-                each.unit = unit
+            for member in unit.sources:
+                member.unit = unit
     return unit
 
 
 def _kernels(source: Source) -> list[Source]:
     """The kernels that another one names."""
-    return [each for each in map(source_of, source.named.values()) if each]
+    return [called for called in map(source_of, source.named.values()) if called]
 
 
 def _lines(file: str) -> str:
     """The text of a file without comments that have lines of their own."""
     linecache.checkcache(file)
-    return "".join(each for each in linecache.getlines(file) if not _IDLE.match(each))
+    return "".join(line for line in linecache.getlines(file) if not _IDLE.match(line))
 
 
 @lru_cache(maxsize=1)
 def _compiler() -> str:
     """A digest of the files that print kernels."""
     here = Path(__file__).parent
-    texts = [each.read_text(encoding="utf-8") for each in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
+    texts = [path.read_text(encoding="utf-8") for path in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
     return hashlib.sha256("\n".join([sys.version, *texts]).encode()).hexdigest()

@@ -41,7 +41,7 @@ class Names(RecordArithmetic):
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
         self.names: frozenset[str] = frozenset()  # all that are local
-        self.given: dict[str, Value] = {}  # parameters that keep their value
+        self.fixed: dict[str, Value] = {}  # parameters that keep their value
         self.counters: frozenset[str] = frozenset()  # local whole numbers that are never below 0
         self.variables: dict[str, Variable] = {}
         self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None where no path leads
@@ -82,8 +82,8 @@ class Names(RecordArithmetic):
             return self.inside(self.constant(value, node), fields, whole)
         if self.assigned is not None and node.id not in self.assigned:
             self.refuse(node, f"'{node.id}' is read where a path has not assigned it", "assign it before")
-        if node.id in self.given:
-            return self.inside(self.given[node.id], fields, whole)
+        if node.id in self.fixed:
+            return self.inside(self.fixed[node.id], fields, whole)
         held = self.variables.get(node.id)
         if held is None:
             self.refuse(node, f"'{node.id}' is read before it is assigned", "assign it before")

@@ -79,7 +79,7 @@ class RecordArithmetic(Arithmetic):
 
     # making
 
-    def made(self, layout: Layout, node: ast.Call) -> Value:
+    def constructed(self, layout: Layout, node: ast.Call) -> Value:
         """Stretch(begin, end, peak=v): fields in their order, then by name; others have their defaults."""
         names = [*layout.fields]
         if len(node.args) > len(names):
@@ -104,15 +104,15 @@ class RecordArithmetic(Arithmetic):
         parts = dict(zip(layout.fields, record.parts, strict=True))
         return record._replace(parts=tuple((parts | self.named(layout, node, {})).values()))
 
-    def named(self, layout: Layout, node: ast.Call, given: dict[str, Value]) -> dict[str, Value]:
+    def named(self, layout: Layout, node: ast.Call, fields: dict[str, Value]) -> dict[str, Value]:
         """The fields that are given by position and by name, in the order of the text, each of its type."""
         kind = Type("record", 0, layout)
         for keyword in node.keywords:
-            if keyword.arg is None or keyword.arg in given:
+            if keyword.arg is None or keyword.arg in fields:
                 self.refuse(node, f"'{shown(node)}'", "give each field once, by its name")
             self.index(kind, keyword.arg, node)
-            given[keyword.arg] = self.expression(keyword.value)
-        return {name: self.fitting(layout, name, value, node) for name, value in given.items()}
+            fields[keyword.arg] = self.expression(keyword.value)
+        return {name: self.fitting(layout, name, value, node) for name, value in fields.items()}
 
     def fitting(self, layout: Layout, name: str, value: Value, node: ast.AST) -> Value:
         """A value for a field, if it has its type."""
@@ -124,6 +124,6 @@ class RecordArithmetic(Arithmetic):
     def constant_record(self, value: tuple[object, ...], node: ast.expr) -> Value:
         """A record of the module, which is constant."""
         layout = self.source.layout(type(value), node)
-        parts = [self.constant(each, node) for each in value]
+        parts = [self.constant(entry, node) for entry in value]
         fitting = [self.fitting(layout, name, part, node) for name, part in zip(layout.fields, parts, strict=True)]
         return Value(Type("record", 0, layout), "", parts=tuple(fitting))

@@ -228,7 +228,10 @@ def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
 def _functions(text: str) -> dict[tuple[str, int], ast.FunctionDef]:
     """The functions of a file at its top level, by name and first line (that of the decorator)."""
     functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
-    return {(node.name, min([node.lineno, *[each.lineno for each in node.decorator_list]])): node for node in functions}
+    return {
+        (node.name, min([node.lineno, *[decorator.lineno for decorator in node.decorator_list]])): node
+        for node in functions
+    }
 
 
 @lru_cache(maxsize=1024)
@@ -261,7 +264,7 @@ class Source:
                 tree = _functions("".join(linecache.getlines(self.file))).get((self.name, code.co_firstlineno))
         except SyntaxError:
             tree = None
-        names = [each.arg for each in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
+        names = [argument.arg for argument in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
         if tree is None or (tree.name, names) != (self.name, [*code.co_varnames[: code.co_argcount]]):
             self.refuse(place, "its text is not in the file", "start Python again if the file has changed")
         if len(tree.decorator_list) > 1:
@@ -283,16 +286,16 @@ class Source:
         except KernelError:  # the line is that of the file
             return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
 
-    def _annotated(self, given: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:
+    def _annotated(self, annotations: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:
         """Types of annotations."""
         names, parameters = self.python.__code__.co_varnames, list[Type]()
-        for place, each in enumerate(given):
-            if each is None:
+        for place, annotation in enumerate(annotations):
+            if annotation is None:
                 what = f"the parameter '{names[place]}' has no type"
                 self.refuse(self.tree.args.args[place], what, f"annotate it as {_KNOWN}")
-            parameters.append(self._type(each))
+            parameters.append(self._type(annotation))
         results, single = self._results(returns)
-        return Signature(names[: len(given)], tuple(parameters), results, single)
+        return Signature(names[: len(annotations)], tuple(parameters), results, single)
 
     def _type(self, node: ast.expr) -> Type:
         """The type that an annotation names."""
@@ -322,10 +325,10 @@ class Source:
         single = not (isinstance(node, ast.Subscript) and self.lookup(node.value) is tuple)
         if isinstance(node, ast.Subscript) and not single:
             inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-            types = tuple(self._type(each) for each in inner)
+            types = tuple(self._type(element) for element in inner)
         else:
             types = (self._type(node),)
-        if any(leaf.dimensions for each in types for _, leaf in each.leaves("")):
+        if any(leaf.dimensions for kind in types for _, leaf in kind.leaves("")):
             self.refuse(node, "an array is returned", "let the caller give the array that is filled")
         return types, single
 

@@ -51,7 +51,7 @@ class Statements(Assignments):
             if parameter in stored:
                 self.store(parameter, value, tree)
             else:
-                self.given[parameter] = value
+                self.fixed[parameter] = value
         self.assigned = frozenset(signature.names)
         self.block_of(tree.body)
         if self.reached() and signature.results:
@@ -120,9 +120,7 @@ class Statements(Assignments):
         if len(facts) == 1:
             self.facts = facts[0]
         else:
-            self.facts = {
-                fact: value for fact, value in known.items() if all(each.get(fact) == value for each in facts)
-            }
+            self.facts = {fact: value for fact, value in known.items() if all(way.get(fact) == value for way in facts)}
         self.begin(after)
 
     def repeat(self, node: ast.While) -> None:
@@ -199,7 +197,7 @@ class Statements(Assignments):
     def forget(self, loop: ast.While | ast.For) -> set[str]:
         """Loads of what a loop changes, of which nothing is known at the start of its turns."""
         held = [self.variables[name] for name in assigned(loop)[0] if name in self.variables]
-        changed = {load for each in held for load in each.loads}
+        changed = {load for variable in held for load in variable.loads}
         self.facts = self.lasting(changed)
         return changed
 
@@ -246,11 +244,11 @@ class Statements(Assignments):
     def leave(self, values: Sequence[Value]) -> None:
         """Ends the function without an error."""
         returned = struct(self.source.signature.results)
-        leaves = [leaf for each in values for leaf in each.leaves]
-        made = f"{{ {', '.join(['i64 0', *[f'{each.type.llvm} poison' for each in leaves]])} }}"
+        leaves = [leaf for value in values for leaf in value.leaves]
+        aggregate = f"{{ {', '.join(['i64 0', *[f'{leaf.type.llvm} poison' for leaf in leaves]])} }}"
         for place, value in enumerate(leaves, start=1):
-            made = self.emit(f"insertvalue {returned} {made}, {value.type.llvm} {value.text}, {place}")
-        self.add(f"ret {returned} {made}")
+            aggregate = self.emit(f"insertvalue {returned} {aggregate}, {value.type.llvm} {value.text}, {place}")
+        self.add(f"ret {returned} {aggregate}")
 
     def throw(self, node: ast.Raise) -> None:
         """Raise with a fixed text."""
@@ -312,9 +310,9 @@ def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set
             left += node.orelse
         elif isinstance(node, (ast.Assign, ast.AugAssign)):
             for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
-                for each in target.elts if isinstance(target, ast.Tuple) else [target]:
-                    if isinstance(each, ast.Name):
-                        others.add(each.id)
+                for element in target.elts if isinstance(target, ast.Tuple) else [target]:
+                    if isinstance(element, ast.Name):
+                        others.add(element.id)
         elif isinstance(node, (ast.If, ast.While)):
             left += node.body
             left += node.orelse
@@ -328,4 +326,7 @@ def _upward(call: ast.expr) -> bool:
     if not isinstance(call, ast.Call):
         return False
     start, step = (call.args[0] if len(call.args) > 1 else None), (call.args[2] if len(call.args) > 2 else None)
-    return all(each is None or (isinstance(each, ast.Constant) and type(each.value) is int) for each in (start, step))
+    return all(
+        argument is None or (isinstance(argument, ast.Constant) and type(argument.value) is int)
+        for argument in (start, step)
+    )

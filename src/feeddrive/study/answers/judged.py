@@ -43,7 +43,8 @@ class Judged:
     def kept(self) -> dict[str, np.ndarray]:
         """By figure of the specification, which variants keep its bound; a bad one keeps none."""
         return {
-            bound.figure.key: bound.kept(self.figures[bound.figure.key]) & ~self.bad for bound in self.study.specification
+            bound.figure.key: bound.kept(self.figures[bound.figure.key]) & ~self.bad
+            for bound in self.study.specification
         }
 
     @cached_property

@@ -100,7 +100,9 @@ def study_report(answers: Answers) -> Report:
             further(_pictures(answers)),
             Section("decides", "What decides", (_method(answers), *_decides(answers))),
             Section("front", "Pareto front", () if front is None else (front,)),
-            Section("repeat", "How to repeat it", (same, Facts(_facts(answers)), Code("Study", study.text)), folded=True),
+            Section(
+                "repeat", "How to repeat it", (same, Facts(_facts(answers)), Code("Study", study.text)), folded=True
+            ),
         ),
         overview,
         answers.rotary,

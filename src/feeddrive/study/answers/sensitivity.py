@@ -116,7 +116,14 @@ def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int =
     estimate = indices(np.arange(points))
     interval = np.stack([drawn.confidence_interval.low, drawn.confidence_interval.high])
     return SobolIndices(
-        output, factors, estimate[0], interval[:, 0], estimate[1], interval[:, 1], points, values.size // len(rows) - points
+        output,
+        factors,
+        estimate[0],
+        interval[:, 0],
+        estimate[1],
+        interval[:, 1],
+        points,
+        values.size // len(rows) - points,
     )
 
 

@@ -86,7 +86,9 @@ def sentences(
     hardest = yields.hardest
     if hardest is not None:
         texts.append(_fails(hardest, inside))
-    measured = [bound_yield.bound.figure.key for bound_yield in yields.bounds] or [figure.key for figure in study.measure]
+    measured = [bound_yield.bound.figure.key for bound_yield in yields.bounds] or [
+        figure.key for figure in study.measure
+    ]
     about = measured[0] if hardest is None else hardest.bound.figure.key
     figure = next(candidate for candidate in study.measure if candidate.key == about)
     names = short([*study.columns, *(varied.name for varied in study.vary if varied.name not in study.columns)])
