@@ -75,16 +75,16 @@ def commanded(
             np.float64(reading[0] - velocity * T),
             np.float64(velocity),
         )
-    key = tuple(tree.structure(each) for each in (system, prepared, begun))
+    key = tuple(tree.structure(part) for part in (system, prepared, begun))
     return _ran(
         _compiled.get(key, lambda: native(plan(trace(system, prepared, begun, _INPUTS)))), system, prepared, begun, rows
     )
 
 
-def _ran(compiled: Native, system: OnLog, made: Any, begun: Any, rows: np.ndarray) -> np.ndarray:
+def _ran(compiled: Native, system: OnLog, prepared: Any, begun: Any, rows: np.ndarray) -> np.ndarray:
     """All rows by machine code."""
     steps, held = compiled.plan, dict(tree.leaves(begun))
-    values = {**dict(tree.leaves(system)), **dict(numbers(made, "prepared")), "seed": 0.0}
+    values = {**dict(tree.leaves(system)), **dict(numbers(prepared, "prepared")), "seed": 0.0}
     states = [np.float64(held[state.name]) for state in steps.states]
     for name, _, length in steps.rings:
         ring = held[name.removeprefix("state.")]

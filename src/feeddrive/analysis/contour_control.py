@@ -113,40 +113,40 @@ class ContourGain(Result):
     """The largest gain of cross-coupled control in 1/s, over all directions of the path, and where it is.
 
     direction   unit vector of the path along which a gain beyond `largest` is unstable; by axis
-    given       the gain that the machine has
-    peak        Ms of the contour loop at the given gain, the largest 1/|1 + L| over all directions, where
-                L = given · n G n/Kv, with three axes the largest singular value on the plane across the path
+    gain        the gain that the machine has
+    peak        Ms of the contour loop at this gain, the largest 1/|1 + L| over all directions, where
+                L = gain · n G n/Kv, with three axes the largest singular value on the plane across the path
     """
 
     place: str
     largest: float
     direction: dict[str, float]
-    given: float
+    gain: float
     peak: float
 
     @property
     def stable(self) -> bool:
-        """Whether the given gain is below the largest one."""
-        return self.given < self.largest
+        """True if the gain is below the largest stable one."""
+        return self.gain < self.largest
 
     @property
     def gain_margin(self) -> float:
-        """Largest over given gain; infinite for a given gain of 0."""
-        return self.largest / self.given if self.given > 0.0 else float("inf")
+        """Largest stable gain over the gain; infinite for a gain of 0."""
+        return self.largest / self.gain if self.gain > 0.0 else float("inf")
 
     def sentence(self) -> str:
         """The verdict in words."""
         along = ", ".join(f"{name} {Quantity(share):.3f}" for name, share in self.direction.items())
         verdict = "stable" if self.stable else "unstable"
         return Text(
-            f"{self.place}.contour_gain = {Quantity(self.given, '1/s')} is {verdict}: at most "
+            f"{self.place}.contour_gain = {Quantity(self.gain, '1/s')} is {verdict}: at most "
             f"{Quantity(self.largest, '1/s')}, along the direction {along}"
         )
 
     def table(self) -> Table:
-        """Given and largest gain."""
+        """The gain and the largest stable one."""
         rows = [
-            ["given", Quantity(self.given, "1/s")],
+            ["given", Quantity(self.gain, "1/s")],
             ["largest", Quantity(self.largest, "1/s")],
             ["gain margin", Quantity(self.gain_margin, form="3")],
             ["Ms across the path", Quantity(self.peak, form="3")],
@@ -171,7 +171,7 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
     if not isinstance(coupling, CrossCoupled):
         raise ParameterError(f"couplings.{place} is no cross_coupled: name the place of one")
     names = coupling.axes()
-    others = tuple(each for i, each in enumerate(machine.couplings) if i != place)
+    others = tuple(coupling for i, coupling in enumerate(machine.couplings) if i != place)
     bare = Machine.of(machine.loops(), others)
     inputs, outputs = ([f"{name}.{what}" for name in names] for what in ("set_position", "reading_load"))
     model = linearize(bare, inputs, outputs, velocity=_FEED)
@@ -181,8 +181,8 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
         closed = model.A - gain * (model.B / gains) @ frame @ model.C
         return bool(np.max(np.abs(np.linalg.eigvals(closed))) < _EDGE)
 
-    given = float(coupling.contour_gain)
-    loop = given * _responses(model) / gains
+    gain = float(coupling.contour_gain)
+    loop = gain * _responses(model) / gains
     crossings: list[tuple[float, np.ndarray]] = []
     peak = 1.0
     for tangent in _directions(len(names), directions):
@@ -191,9 +191,9 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
         across = np.linalg.svd(frame)[0][:, :-1]
         opened = np.eye(len(names) - 1) + across.T @ loop @ across
         peak = max(peak, float(1.0 / np.min(np.linalg.svd(opened, compute_uv=False))))
-    largest, worst = min(crossings, key=lambda each: each[0])
+    largest, worst = min(crossings, key=lambda crossing: crossing[0])
     shares = dict(zip(names, map(float, worst), strict=True))
-    return ContourGain(f"couplings.{place}", largest, shares, given, peak)
+    return ContourGain(f"couplings.{place}", largest, shares, gain, peak)
 
 
 def _responses(model: StateSpace) -> np.ndarray:

@@ -89,11 +89,11 @@ def _smoother(n: int, maps: Sequence[tuple[np.ndarray, np.ndarray]], reach: np.n
 
     stays = np.flatnonzero(reach < 0)
     rows, columns, weights = [stays], [stays], [np.ones(stays.size)]
-    for i, (start, made) in enumerate(maps):
-        lines, width = np.flatnonzero(reach == i), made.shape[1]
+    for i, (start, weights_of_line) in enumerate(maps):
+        lines, width = np.flatnonzero(reach == i), weights_of_line.shape[1]
         rows.append(np.repeat(lines, width))
         columns.append((start[lines, None] + np.arange(width)).ravel())
-        weights.append(made[lines].ravel())
+        weights.append(weights_of_line[lines].ravel())
     places = np.concatenate(rows), np.concatenate(columns)
     return Smoother(csr_array((np.concatenate(weights), places), shape=(n, n)))
 

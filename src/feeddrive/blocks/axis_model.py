@@ -123,7 +123,7 @@ class Beside(NamedTuple):
     tuned: bool = True
 
 
-def begun(block: type[B], axis: AxisModel, **given: Any) -> B:
+def begun(block: type[B], axis: AxisModel, **stated: Any) -> B:
     """A block with start values for an axis: the given ones, those of the axis, and otherwise values by unit.
 
     `mass`, `viscous`, `delay_samples` and `velocity_encoder` come from the axis; a field with a default keeps it; a
@@ -136,7 +136,7 @@ def begun(block: type[B], axis: AxisModel, **given: Any) -> B:
         "delay_samples": axis.delay_samples,
         "velocity_encoder": axis.velocity_encoder,
     }
-    values: dict[str, Any] = dict(given)
+    values: dict[str, Any] = dict(stated)
     declared = declarations(block)
     for spec in dataclasses.fields(block):  # type: ignore[arg-type]
         if spec.name in values:

@@ -73,7 +73,7 @@ def _installed() -> Iterator[tuple[str, type[Block]]]:
     """The blocks of installed packages, with where they come from."""
     from importlib.metadata import entry_points  # not before a block is looked for
 
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda each: (each.name, each.value)):
+    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
         package = point.dist.name if point.dist is not None else point.name
         for block in _held(f"the installed package '{package}' (mend or uninstall it)", point.value):
             yield f"the installed package '{package}'", block
@@ -96,7 +96,7 @@ def _held(origin: str, place: str) -> list[type[Block]]:
         line = error.lineno if isinstance(error, SyntaxError) else _line_in(error)
         at = f", line {line}" if line else ""
         raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}{at}") from None
-    wrong = [each for each in blocks if not _is_concrete(each)]
+    wrong = [block for block in blocks if not _is_concrete(block)]
     if wrong or not blocks:
         raise ParameterError(f"{origin}: it holds no concrete block{f': {wrong[0]!r}' if wrong else ''}")
     return blocks
@@ -151,7 +151,7 @@ def _holds_own(module: Mapping[str, Any]) -> bool:
     """Whether the globals are those of a module that defines blocks and is none of this package."""
     name = str(module.get("__name__", ""))
     return name.partition(".")[0] != "feeddrive" and any(
-        isinstance(each, type) and issubclass(each, Block) and each.__module__ == name for each in module.values()
+        isinstance(block, type) and issubclass(block, Block) and block.__module__ == name for block in module.values()
     )
 
 
@@ -160,8 +160,8 @@ def _search(folder: Path) -> None:
         sys.path.append(str(folder))
 
 
-def _is_concrete(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Block) and not inspect.isabstract(found)
+def _is_concrete(value: Any) -> bool:
+    return isinstance(value, type) and issubclass(value, Block) and not inspect.isabstract(value)
 
 
 def _own_blocks(module: ModuleType) -> list[type[Block]]:
@@ -206,7 +206,7 @@ def modules() -> Iterator[str]:
 def blocks_of(module: str) -> list[type[Block]]:
     """The concrete blocks defined in a module; imported ones do not count."""
     values = vars(importlib.import_module(module)).values()
-    return [each for each in values if _is_concrete(each) and each.__module__ == module]
+    return [value for value in values if _is_concrete(value) and value.__module__ == module]
 
 
 def imported(family: type[B], place: str) -> type[B]:
@@ -225,15 +225,15 @@ def imported(family: type[B], place: str) -> type[B]:
     return required(getattr(module, name, None), family, place, f"there is no class '{name}' in {module.__name__}")
 
 
-def required(found: Any, family: type[B], place: str, missing: str = "it is no class") -> type[B]:
+def required(value: Any, family: type[B], place: str, missing: str = "it is no class") -> type[B]:
     """What was found at a place, if it is a concrete block of a family; else ParameterError with the reason."""
-    if not isinstance(found, type):
+    if not isinstance(value, type):
         raise ParameterError(f"'{place}': {missing}")
-    if not issubclass(found, family) or inspect.isabstract(found):
-        lacking = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
-        why = f"it lacks {lacking}" if issubclass(found, family) else f"it must derive from {family.__name__}"
+    if not issubclass(value, family) or inspect.isabstract(value):
+        lacking = ", ".join(sorted(getattr(value, "__abstractmethods__", ())))
+        why = f"it lacks {lacking}" if issubclass(value, family) else f"it must derive from {family.__name__}"
         raise ParameterError(f"'{place}' is no {family.kind.replace('_', ' ')}: {why}")
-    return found
+    return value
 
 
 def family_of(block: type[Block]) -> type[Block]:

@@ -173,7 +173,11 @@ class Law(Block, Retuned, ABC):
     def to_tune(cls) -> tuple[str, ...]:
         """`tunables`; of a law that names none its parameters > 0 without a default, but not its model of the axis."""
         fields = ((spec, declarations(cls)[spec.name]) for spec in dataclasses.fields(cls))  # type: ignore[arg-type]
-        free = [spec.name for spec, each in fields if spec.default is dataclasses.MISSING and each.above == 0.0]
+        free = [
+            spec.name
+            for spec, declaration in fields
+            if spec.default is dataclasses.MISSING and declaration.above == 0.0
+        ]
         return cls.tunables or tuple(name for name in free if name not in ("mass", "viscous"))
 
     @classmethod

@@ -59,8 +59,8 @@ class DisturbanceRejection(Compensation):
             filtered = begun(KalmanRecovery, axis, resolution=_COUNT * noise, force_step=walk, encoder=encoder)
             forms.append(Beside("Kalman recovery", cls(observer=filtered)))
         else:
-            said = "a Kalman filter weighs the disturbance against the noise of the encoder, and none is stated"
-            forms.append(Beside("Kalman recovery", None, said))
+            remark = "a Kalman filter weighs the disturbance against the noise of the encoder, and none is stated"
+            forms.append(Beside("Kalman recovery", None, remark))
         return (*forms, Beside("GPI recovery", cls(observer=gpi)))
 
     observer: Observer = part("what estimates the disturbance")

@@ -57,8 +57,10 @@ class ModeCompensation(Compensation):
             raise StructureError(
                 "the machine file states no mode of the machine beside the axis (modes of a mode_compensation)"
             )
-        made = cls(modes=axis.machine_modes, observer=DisturbanceRecovery.begin(axis))
-        return (Beside(cls.title, made, "it moves the table with the tool; figures are of the table", tuned=False),)
+        compensation = cls(modes=axis.machine_modes, observer=DisturbanceRecovery.begin(axis))
+        return (
+            Beside(cls.title, compensation, "it moves the table with the tool; figures are of the table", tuned=False),
+        )
 
     modes: tuple[MachineMode, ...] = part("modes of the machine")
     observer: Observer = part("what recovers the disturbance")

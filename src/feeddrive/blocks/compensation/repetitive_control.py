@@ -113,11 +113,11 @@ class RepetitiveControl(Compensation):
 def taps(weight: Number, count: int) -> tuple[Number, ...]:
     """The kernel (weight, 1 - 2 weight, weight) convolved `count` times with itself, from the center outwards."""
     middle = 1.0 - 2.0 * weight
-    found: list[Any] = [1.0]
+    weights: list[Any] = [1.0]
     for _ in range(count):
-        wide = [*found, 0.0, 0.0]
-        found = [
+        wide = [*weights, 0.0, 0.0]
+        weights = [
             middle * wide[i] + weight * ((wide[1] if i == 0 else wide[i - 1]) + wide[i + 1])
-            for i in range(len(found) + 1)
+            for i in range(len(weights) + 1)
         ]
-    return tuple(found)
+    return tuple(weights)

@@ -105,7 +105,7 @@ class LinuxcncPid(Law):
         )
         zero = ops.zero(motor)
         velocity = () if self.velocity is None else (self.velocity.start(zero, moved, zero, zero),)
-        return self.State(position, velocity, motor, tuple(each.start(zero) for each in self.filters))
+        return self.State(position, velocity, motor, tuple(filter_.start(zero) for filter_ in self.filters))
 
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number

@@ -251,11 +251,11 @@ def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> l
         return list(steps)
     offset, place = edge.run_out
     sine, cosine = ops.sin(angle + place), ops.cos(angle + place)
-    found: list[tuple[Any, Any]] = []
+    motions: list[tuple[Any, Any]] = []
     for earlier, (x, y) in enumerate(steps, 1):
         s, c = _turned(sine, cosine, *_of_tooth(-earlier, edge.teeth))
-        found.append((x + offset * (sine - s), y + offset * (cosine - c)))
-    return found
+        motions.append((x + offset * (sine - s), y + offset * (cosine - c)))
+    return motions
 
 
 def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:

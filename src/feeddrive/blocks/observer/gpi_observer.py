@@ -92,11 +92,11 @@ class GpiObserver(Observer):
 
     def gains(self) -> Row:
         """The λ from that of x̂1 on: the coefficients of the polynomial in s, in 1/s, 1/s², ..."""
-        rate, found = self.omega_o, []
+        rate, gains = self.omega_o, []
         for coefficient in self.polynomial()[1:]:
-            found.append(coefficient * rate)
+            gains.append(coefficient * rate)
             rate = rate * self.omega_o
-        return tuple(found)
+        return tuple(gains)
 
     def prepare(self, T: Number) -> Prepared:
         """The exact sampled form: one matrix exponential, with u and the slope of y as inputs that stay."""
@@ -235,9 +235,9 @@ def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samp
 
 def _product(a: Row, b: Row) -> Row:
     """Coefficients of the product of two polynomials."""
-    found: list[Any] = [0.0] * (len(a) + len(b) - 1)
+    coefficients: list[Any] = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
             term = y if matrix.is_one(x) else x if matrix.is_one(y) else x * y
-            found[i + j] = term if matrix.is_zero(found[i + j]) else found[i + j] + term
-    return tuple(found)
+            coefficients[i + j] = term if matrix.is_zero(coefficients[i + j]) else coefficients[i + j] + term
+    return tuple(coefficients)
