@@ -46,8 +46,8 @@ class Rule(NamedTuple):
     The constructor takes it as its check, and an export computes it on the target.
 
     holds     truth value
-    sentence  what must hold, for a person who looks up the code of a refusal
-    refusal   what the constructor says: the numbers, and what to do
+    sentence  the rule in words, for a person who looks up the code of a refusal
+    refusal   the message of the constructor: the numbers, and what to do
     """
 
     holds: Any
@@ -68,7 +68,7 @@ def parameter(
 ) -> Any:
     """Declare a leaf. A default of None makes it absent unless given; an absent leaf changes the graph.
 
-    infinite   it may be infinite, as a bound that holds nothing back
+    infinite   it may be infinite, as a limit that never acts
     """
     declaration = Declaration(
         role="parameter",
@@ -158,11 +158,11 @@ class Block(Declared):
         return checked(self.kind, name, declaration, value)
 
     def rules(self) -> Iterator[Rule]:
-        """What must hold between the parameters (empty hook)."""
+        """Yield the rules between the parameters (empty hook)."""
         yield from ()
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """What must hold at a sample time in s, where the block runs on a controller or is simulated (empty hook)."""
+        """Yield the rules at the sample time T in s of a controller or a simulation (empty hook)."""
         yield from ()
 
     def require(self) -> None:
@@ -250,7 +250,7 @@ def _text(value: Any, unit: str) -> str:
 
 
 def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[..., None]:
-    """The constructor, whose error for a wrong name says which names there are."""
+    """Wrap a constructor so that its error for a wrong name lists the parameters."""
 
     @wraps(make)
     def construct(self: Any, *args: Any, **values: Any) -> None:

@@ -19,7 +19,7 @@ Matrix: TypeAlias = tuple[Row, ...]
 
 ORDER = 16  # of the Taylor series; with a norm of at most 1/2 the first term left out is below 2⁻⁶⁵
 MOST_SQUARINGS = 10
-LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # of what `expm1` is given
+LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # of an argument of `expm1`
 
 
 def zeros(rows: int, columns: int) -> list[list[Any]]:
@@ -233,9 +233,9 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
-    """Where a condition changes first along positive values in order: the value there that holds, to 1e-5 of it.
+    """Find the first change of a condition along ordered positive values: the value there that holds, to 1e-5 of it.
 
-    `holds` is asked for many values at once, as lanes.  None if it does not change.
+    `holds` is called with many values at once, as lanes.  None if the condition does not change.
     """
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):

@@ -18,7 +18,7 @@ _OWN = __name__.rpartition(".")[0]  # the package `language`: its variable names
 
 
 class Name(NamedTuple):
-    """The dotted name of the block whose code first named a number, and that name."""
+    """The dotted name of the block whose code first named a number, and the name of the variable."""
 
     owner: str
     word: str
@@ -55,7 +55,7 @@ class Names:
         sys.settrace(self._before)
 
     def _called(self, frame: FrameType, event: str, argument: Any) -> Any:
-        """The tracer of a function; functions of the language itself have none."""
+        """Return the tracer of a function that is called; functions of the language itself have none."""
         inside = str(frame.f_globals.get("__name__", "")).startswith(_OWN)
         return None if inside else self._line
 
@@ -71,7 +71,7 @@ class Names:
         return self._line
 
     def _owner(self, frame: FrameType | None) -> str | None:
-        """The block whose method runs, or calls the function that runs."""
+        """The dotted name of the block whose method runs, or calls the function that runs."""
         while frame is not None:
             owner = self.owners.get(id(frame.f_locals.get("self")))
             if owner is not None:

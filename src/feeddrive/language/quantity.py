@@ -1,4 +1,4 @@
-"""Numbers with their units until the edge: quantities, and the units in which a person reads them.
+"""Quantities, numbers that keep their SI unit and error until they are shown, and the units of a reader.
 
     rms = Quantity(5.88e-6, "m")
     str(rms)                                         # 5.88 um
@@ -34,7 +34,7 @@ _USUAL = {
     "m √s/N": "nm √s/N",
     "share": "%",
 }
-# a recorded angle or torque of an axis that turns is read as the length or force of one that does not
+# a recorded angle or torque of a rotary axis is read as the length or force of a linear one
 _OF_SIGNALS = _USUAL | {turning(unit): turning(name) for unit, name in _USUAL.items()}
 _SHARES = {"%": 100.0, "ppm": 1e6, "": 1.0}
 _DIGITS = 4
@@ -113,7 +113,7 @@ class Units:
         """Return the name of the unit in which a quantity of an SI unit is read, and the factor to it from SI.
 
         shown  the unit that people of the field use for this quantity; empty: the usual one of its SI unit
-        stays  on an axis that turns, too: the quantity is not one of the axis
+        stays  the unit is the same for a rotary axis, since the quantity is not one of the axis
         """
         wanted = unit if shown == "SI" else self._chosen(unit, shown or _USUAL.get(unit, unit))
         size = _factor(unit, wanted)
@@ -145,7 +145,7 @@ class Units:
             numeral = _numeral(value, digits)
         else:
             decimals = max(0, 2 - _places(error, 2))
-            if error < abs(value) * 10.0**-_READABLE:  # of data without noise
+            if error < abs(value) * 10.0**-_READABLE:  # data without noise: fixed decimals would be far too many
                 shares = number(value, _READABLE), number(error, 2)
             else:
                 shares = f"{value:.{decimals}f}", f"{error:.{decimals}f}"
@@ -153,7 +153,7 @@ class Units:
         return numeral if quantity.bare or not name else f"{numeral}{'' if name == '°' else ' '}{name}"
 
     def read(self, mark: Mark) -> str:
-        """Return what the mark of a quantity, or of the name of a unit, reads as."""
+        """Return the text of a mark: a quantity, or the name of a unit."""
         if mark.value:
             return self.text(_quantity(mark))
         if not mark.unit:
@@ -268,7 +268,7 @@ def form_unit(form: str) -> str:
 
 
 ABSENT = Mark("", "", "", "", "", "-")
-"""What is read where there is no number."""
+"""The mark that is shown where there is no number."""
 
 
 def unit_name(si: str, shown: str = "", *, stays: bool = False) -> str:

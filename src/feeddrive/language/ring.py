@@ -67,7 +67,7 @@ class Ring:
         return read(self._numbers(), place)
 
     def interpolate(self, place: Any) -> Any:
-        """Linear interpolation at a real place, around the end to the beginning."""
+        """Linear interpolation at a real place; the last cell is followed by the first."""
         below = floor(place)
         left = self.get(below)
         return left + (place - below) * (self.get(below + 1.0) - left)
@@ -76,7 +76,7 @@ class Ring:
         return np.zeros(self.length) if self.cells is None else self.cells
 
     def _place(self, index: Any) -> Any:
-        """The index counted around into 0 .. length - 1."""
+        """The index modulo the length, in 0 .. length - 1."""
         return index - float(self.length) * floor(index / float(self.length))
 
 
@@ -143,7 +143,7 @@ class History(NamedTuple):
         return cls(Ring(length), nothing, nothing, initial)
 
     def settled(self) -> History:
-        """The same after a long time: every cell holds the initial value."""
+        """Return the history after a long time: every cell holds the initial value."""
         return History(
             Ring(self.ring.length, np.full(self.ring.length, float(self.initial))),
             self.head,
@@ -152,7 +152,7 @@ class History(NamedTuple):
         )
 
     def push(self, value: Any) -> History:
-        """With a newest value."""
+        """Return the history with a new newest value."""
         last = float(self.ring.length - 1)
         head = where(self.head >= last, 0.0, self.head + 1.0)
         filled = minimum(self.filled + 1.0, last + 1.0)
@@ -191,14 +191,14 @@ class Track(NamedTuple):
         return cls(empty, tuple(Ring(length) for _ in initial), nothing, nothing, tuple(initial))
 
     def settled(self) -> Track:
-        """The same after a long time: every cell holds the initial value."""
+        """Return the track after a long time: every cell holds the initial value."""
         length = self.values[0].length
         held = tuple(Ring(length, np.full(length, float(x))) for x in self.initial)
         still = tuple(Ring(length, np.zeros(length)) for _ in self.initial)
         return Track(held, still, self.head, zero(self.initial[0]) + float(length), self.initial)
 
     def push(self, values: Sequence[Any], rates: Sequence[Any]) -> Track:
-        """With newest values and rates."""
+        """Return the track with new newest values and rates."""
         last = float(self.values[0].length - 1)
         head = where(self.head >= last, 0.0, self.head + 1.0)
         return Track(
@@ -235,7 +235,7 @@ class Track(NamedTuple):
         return tuple(results)
 
     def rates_ago(self, count: Any) -> tuple[Any, ...]:
-        """The rates that were given with the values before there; 0 before the first ones."""
+        """The rates `count` values before the newest ones, of the older neighbor; 0 before the first ones."""
         older = minimum(
             floor(clip(count, 0.0, float(self.values[0].length - 1))) + 1.0, float(self.values[0].length - 1)
         )

@@ -35,10 +35,10 @@ _NUMBER = re.compile(r"-?(\d+(\.\d*)?(e[+-]?\d+)?|inf)|nan")  # as repr writes i
 
 
 class Mark(NamedTuple):
-    """What a quantity leaves in an f-string: numbers by repr, empty if there is none.
+    """The mark of a quantity in an f-string: numbers by repr, empty if there is none.
 
-    flags  s: it stays as it is on an axis that turns; b: it is read without its unit
-    plain  what it reads as in the usual units
+    flags  s: its unit is the same on a rotary axis; b: it is shown without its unit
+    plain  its text in the usual units
     """
 
     value: str
@@ -56,7 +56,7 @@ class Reader(Protocol):
     """The units of a reader, see `quantity.Units`."""
 
     def read(self, mark: Mark) -> str:
-        """Return what a mark reads as."""
+        """Return the text of a mark."""
         ...
 
 

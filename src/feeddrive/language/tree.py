@@ -63,7 +63,7 @@ def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _collect(tree: Any, prefix: str, collected: list[tuple[str, Any]]) -> None:
-    """Append the leaves of a tree to a list: one list is much quicker than a generator for each block."""
+    """Append the leaves of a tree to a list, which is much quicker than a generator for each block."""
     if isinstance(tree, Block):
         for name, inline in _walked(type(tree)):
             child = getattr(tree, name)
@@ -106,13 +106,13 @@ def _replaced(block: Any, changed: Mapping[str, Any]) -> Any:
 
 
 def select(condition: Any, a: Tree, b: Tree) -> Tree:
-    """Whole states at once: every leaf of `a` where the condition is true, else that of `b`."""
+    """Select between two states: every leaf of `a` where the condition is true, else that of `b`."""
     left, right = [value for _, value in leaves(a)], [value for _, value in leaves(b)]
     return rebuild(a, (_either(condition, x, y) for x, y in zip(left, right, strict=True)))
 
 
 def _either(condition: Any, a: Any, b: Any) -> Any:
-    """A leaf of one tree or of the other. Between a ring and a new one it is the ring, which a reset does not clear."""
+    """Select a leaf of one of two trees. Between a ring and a new one take the ring, which a reset does not clear."""
     if isinstance(a, Ring) and isinstance(b, Ring):
         if a.cells is not None and b.cells is not None and a is not b:
             raise StructureError("a choice between two rings: write to one ring and choose the value")
@@ -309,7 +309,7 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
 
 
 def structure(tree: Any) -> Any:
-    """All that determines the graph of a tree, as a hashable key: types, choices, leaves present, table lengths."""
+    """Return a hashable key of what determines the graph of a tree: types, choices, present leaves, table lengths."""
     return structure_and_values(tree)[0]
 
 
@@ -372,7 +372,7 @@ def _shape(tree: Any, values: list[Any]) -> Any:
 
 
 def difference(a: Any, b: Any, prefix: str = "") -> str | None:
-    """Where two trees first differ in structure, in words; None where they differ in numbers at most."""
+    """Return the first difference in structure of two trees, in words; None if only numbers differ."""
     if isinstance(a, Block) and type(a) is type(b):
         for name, declared in declarations(type(a)).items():
             path = _path(a, prefix, name)

@@ -37,7 +37,7 @@ certificate = figure_of(certificate_chart)
 
 
 def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
-    """The room around one plant, what the discs take of it, and where it was measured."""
+    """The panel of one plant: its distance from -1, the part of it that the discs take, and the measured bands."""
     loop = certificate.loops[plant["name"]]
     f = loop.lines()
     f = f[f >= low]

@@ -1,4 +1,4 @@
-"""What a picture shows, without how it is drawn: panels of curves, marks and limits, with names and units.
+"""Charts: the content of a picture as a value, apart from its drawing: panels of curves, marks and limits, with units.
 
 A chart is drawn by matplotlib (`plot.drawing`), and may be drawn by anything else, with the same curves, limits and
 words.  Numbers are in the units that the labels state.  `name` is the user's name of a thing and is never parsed;

@@ -53,7 +53,7 @@ def _rows(test: CircleTest) -> list[tuple[CirclePath, np.ndarray, np.ndarray]]:
 
 
 def _like(circle: CirclePath, test: CircleTest) -> int:
-    """The place of the circle of a test that has the direction and the feed of another one; behind all if none has."""
+    """Index of the circle of a test with the direction and feed of another one; the number of circles if none has."""
     there = (i for i, e in enumerate(test.circles) if e.direction == circle.direction and same_feed(e, circle))
     return next(there, len(test.circles))
 
@@ -61,8 +61,8 @@ def _like(circle: CirclePath, test: CircleTest) -> int:
 def circle_test_chart(test: CircleTest, division: float | None = None, remark: str = "") -> Chart:
     """The circle plot: radial deviations enlarged on the nominal circle, both directions, with a box of figures.
 
-    division  µm of a division; default: the smallest of 1, 2, 5, 10 ... with which all is seen.  Give the same for all
-              plots that are to be compared
+    division  µm of a division; default: the smallest of 1, 2, 5, 10 ... that shows all deviations.  Give the same for
+              all plots that are compared
     remark    date, place, state of compensation: a line for the box
     """
     size = _scale([test]) if division is None else division
@@ -73,9 +73,9 @@ circle_test = figure_of(circle_test_chart)
 
 
 def circle_chart(test: CircleTest, before: CircleTest | None = None, division: float | None = None) -> Chart:
-    """The circle of `circle_test`: x and y in µm, a point as far from the drawn nominal circle as the machine deviates.
+    """The circle plot without its box: each point is as far from the drawn nominal circle as the machine deviates, µm.
 
-    before  the same circles as they were, which are drawn thin
+    before  an earlier test of the same circles, drawn thin
     """
     rows, old = _rows(test), [] if before is None else _rows(before)
     per_division = _scale([test] if before is None else [test, before]) if division is None else division
@@ -119,7 +119,7 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
 
 
 def _scale(tests: Sequence[CircleTest]) -> float:
-    """The division with which all deviations of some tests are seen, µm."""
+    """Return the division in µm that shows all deviations of the tests."""
     return _division(max(float(np.max(np.abs(r))) for test in tests for _, _, r in _rows(test)) / _DIVISIONS)
 
 
@@ -129,14 +129,14 @@ def _closed(place: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _peak(peak: QuadrantPeak, ring: float) -> Mark:
-    """On the drawn circle."""
+    """The mark of a quadrant peak on the drawn circle."""
     r = ring + 1e6 * peak.deviation
     caption = Text(f"peak {Quantity(peak.height, 'm'):3} behind {peak.side}{peak.axis}")
     return Mark(float(r * np.cos(peak.angle)), float(r * np.sin(peak.angle)), peak.circle, True, caption=caption)
 
 
 def _gap(circle: CirclePath, test: CircleTest, before: CircleTest | None) -> str:
-    """G of a circle, and as it was."""
+    """G of a circle, and its earlier value, as text."""
     own = [figure for figure in test.figures if not figure.both]
     caption = Text(f"G {Quantity(own[test.circles.index(circle)].G, 'm')}")
     if before is None or (i := _like(circle, before)) == len(before.circles):
@@ -173,7 +173,7 @@ def _box(test: CircleTest, division: float, remark: str) -> str:
 
 
 def _division(wanted: float) -> float:
-    """1, 2, 5 times a power of ten µm, the smallest that is not below; 0.01 at least."""
+    """Round a division in µm up to 1, 2 or 5 times a power of ten; at least 0.01."""
     power = 10.0 ** np.floor(np.log10(max(wanted, 0.01)))
     return float(power * next(step for step in _STEPS if step * power >= max(wanted, 0.01) * (1.0 - 1e-9)))
 
@@ -205,7 +205,7 @@ circle_unrolled = figure_of(circle_unrolled_chart)
 def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     """The radial deviation in µm over the polar angle in degrees, with the reversals and the peaks after them.
 
-    before  the same circles as they were, which are drawn thin
+    before  an earlier test of the same circles, drawn thin
     """
     curves, rows = list[Curve](), _rows(test)
     for circle, angle, r in [] if before is None else _rows(before):
@@ -227,7 +227,7 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
 
 
 def circle_causes_chart(causes: CircleCauses, most: int = 12) -> Chart:
-    """What each cause draws at most, the largest first, with its standard error, and what cannot be told apart."""
+    """The largest radial deviation of each cause, ranked, with its standard error; hatched where it has none."""
     shown = [cause for cause in causes.ranked if cause.effect > 0.0][:most]
     widest = max((1e6 * cause.effect for cause in shown), default=1.0)
     bars, errors = list[Box](), list[Curve]()

@@ -43,7 +43,7 @@ REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: the critical point is -1
 def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     """Loop gains near -1, with the unit circle and for each loop the circle of radius 1/Ms that it touches.
 
-    Of a measured loop gain the area that holds it with 95 %, line by line.
+    A measured loop gain also has its 95 % discs, which hold line by line.
     """
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
@@ -92,7 +92,7 @@ nyquist = figure_of(nyquist_chart)
 
 
 def _spread(L: FRF, number: int) -> list[Curve]:
-    """The discs that hold a measured loop gain with 95 %, along the straight lines between its own; none of a model."""
+    """The 95 % discs of a measured loop gain, interpolated along the lines between its points; none of a model."""
     if L.radius is None:
         return []
     low, high, bottom, top = REACH

@@ -43,11 +43,11 @@ _STEPS = (1.0, 2.0, 5.0)
 _POINTS = 20_000  # of a path that is drawn
 _MARKED = 5
 _AROUND = 0.12  # of the extent of a path: half of what is shown around a place
-_REACH = 3.0  # times the error of a place: half of what is shown of it 1:1
+_REACH = 3.0  # times the error of a place: half of the width of its 1:1 view
 
 
 def contour_chart(contour: ContourError) -> Chart:
-    """The error over path length with its worst places, and how much of the path has how much of it."""
+    """The error over path length with its worst places, and the distribution of the error over the path."""
     along, error = 1e3 * contour.along, 1e6 * contour.error
     places = contour.worst(_MARKED)
     worst = np.array([(1e3 * place.along, 1e6 * place.error) for place in places]).reshape(-1, 2)
@@ -85,13 +85,13 @@ def contour_on_path_chart(
     enlarged: float | None = None,
     places: Sequence[Worst] = (),
 ) -> Chart:
-    """The path that counts with the size of the error as color, and the deviation from it, enlarged by a round factor.
+    """The counted part of the path, colored by the size of the error, and the deviation, enlarged by a round factor.
 
     Places in mm, the size of the error in µm.
 
     axes      columns of the contour error that span the picture
     enlarged  the factor; default: the largest deviation is a twelfth of the extent
-    places    that are marked; the key of a mark is the number of its place, from 0
+    places    that are marked; the key of a mark is the index of its place
     """
     i, j = axes
     size = np.where(contour.counted, np.abs(contour.error), 0.0)
@@ -137,7 +137,7 @@ contour_on_path = figure_of(contour_on_path_chart)
 
 
 def _factor(contour: ContourError, axes: tuple[int, int]) -> float:
-    """By which a deviation is enlarged, so that the largest one is a twelfth of the extent of the path."""
+    """Return the round factor by which deviations are enlarged: the largest is about a twelfth of the path's extent."""
     foot = (contour.position - contour.vector)[contour.counted]
     extent = max((float(np.ptp(foot[:, column])) if len(foot) else 0.0 for column in axes), default=0.0)
     return _round(_ENLARGED * max(extent, 1e-12) / max(contour.largest, 1e-15))
@@ -159,7 +159,7 @@ def place_view(
 
 
 def place_chart(contour: ContourError, place: Worst) -> Chart:
-    """Commanded path and tool around a place, in µm from the tool and 1:1, in the plane in which most happens."""
+    """Commanded path and tool around a place, in µm from the tool and 1:1, in the plane of the axes that move most."""
     row = int(np.argmin(np.abs(contour.time - place.time)))
     reach = 1e6 * max(_REACH * abs(place.error), 1e-9)
     at, tool = (1e6 * (points - contour.position[row]) for points in (contour.set_position, contour.position))
@@ -181,7 +181,7 @@ def place_chart(contour: ContourError, place: Worst) -> Chart:
 
 
 def _together(near: np.ndarray, row: int) -> tuple[int, int]:
-    """First and last of the rows that follow each other around one of them."""
+    """Return the first and the last row of the unbroken run of rows that holds `row`."""
     gaps = np.flatnonzero(np.diff(near) > 1)
     k = int(np.searchsorted(near, row))
     first = gaps[gaps < k]
@@ -243,6 +243,6 @@ def _tolerance(path: np.ndarray, half: float) -> Curve:
 
 
 def _round(factor: float) -> float:
-    """1, 2 or 5 times a power of ten, the largest that is not above; at least 1."""
+    """Round a factor down to 1, 2 or 5 times a power of ten; at least 1."""
     power = 10.0 ** np.floor(np.log10(max(factor, 1.0)))
     return float(power * max(step for step in _STEPS if step * power <= max(factor, 1.0)))

@@ -377,7 +377,7 @@ def _note(ax: Axes, note: Note) -> None:
 
 
 def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
-    """A curve in steps of color and width, and the bar that says which value is which."""
+    """Draw a curve in steps of color and width, and its color bar."""
     from matplotlib.colors import LinearSegmentedColormap
 
     n = style.HEAT_STEPS
@@ -393,7 +393,7 @@ def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
 
 
 def _scale(ax: Axes, scale: Heat, colors: Any) -> None:
-    """The bar that tells the value of each color."""
+    """Draw the color bar."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -404,7 +404,7 @@ def _scale(ax: Axes, scale: Heat, colors: Any) -> None:
 
 
 def _stretches(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The lines from some points to their next ones, with NaN where one does not go on."""
+    """Line segments from the chosen points to their successors, with NaN between the runs."""
     ends = np.append(np.diff(rows) > 1, True)
     count = np.where(ends, 3, 1)
     last = np.cumsum(count)[ends] - 1
@@ -491,7 +491,7 @@ def _look(curve: Curve, tint: str) -> dict[str, Any]:
 
 
 def _discs(ax: Axes, curve: Curve, reach: np.ndarray) -> None:
-    """One light color without transparency: where discs overlap nothing is more likely."""
+    """Draw discs in one pale opaque color: an overlap must not look like a higher probability."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
 

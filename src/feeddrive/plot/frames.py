@@ -176,7 +176,7 @@ def stiffness(stiffness: Stiffness) -> Any:
 
 
 def lobes(lobes: Lobes) -> Any:
-    """Limit in m, chatter frequency in Hz and whether the border is a flip, over the spindle speed in rpm."""
+    """Limit in m, chatter frequency in Hz, and True where the limit is a flip, over the spindle speed in rpm."""
     columns = {"depth": lobes.depth, "chatter_frequency": lobes.frequency, "flip": lobes.flip}
     return frame(lobes.spindle_speed, columns, "spindle_speed")
 

@@ -1,4 +1,4 @@
-"""Friction over velocity: of a model, as met in a run, as measured, and what the model leaves of it."""
+"""Friction over velocity: modeled, simulated, measured, and the residual of the model."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def friction_chart(
     measured: FrictionMap | None = None,
     units: Units = DRAWN,
 ) -> Chart:
-    """Force against the motion over velocity, both directions; what was measured, and what the model leaves of it.
+    """Friction force over velocity in both directions, with a measured map and the residual of the model.
 
-    Of loops with the same friction one curve is drawn.  `run` adds the friction in a run of the first loop.
+    Loops with equal friction share one curve.  `run` adds the friction in a run of the first loop.
     """
     chosen = style.named(loops)
     reach, newton = _reach(run, measured), units.of("N")[1]
@@ -71,7 +71,7 @@ def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
 
 
 def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities of both directions with a gap at standstill, and the force there."""
+    """Velocities of both directions with a gap at standstill, and the force at each of them."""
     ahead = reach * np.concatenate([[1e-4 * _SLOWEST], np.geomspace(_SLOWEST, 1.0, 400)])
     return (
         np.concatenate([-ahead[::-1], [np.nan], ahead]),
@@ -88,7 +88,7 @@ def _of(loop: Loop, velocity: np.ndarray) -> np.ndarray:
 
 
 def _whole(loop: Loop, reach: float, newton: float, number: int) -> list[Curve]:
-    """The curve of all friction, where it is more than that of one block."""
+    """The curve of the total friction, if it differs from that of a single block."""
     blocks = [block for block in (loop.axis.friction_motor, loop.axis.friction_load) if block is not None]
     v, force = _both(lambda v: _of(loop, v), reach)
     alone = _both(lambda v: _steady(blocks, v), reach)[1] if len(blocks) == 1 else None
@@ -110,7 +110,7 @@ def _measured(
 
 
 def has_friction(loop: Loop) -> bool:
-    """Whether there is a curve to draw."""
+    """Return True if the axis of a loop has friction."""
     return loop.axis.friction_load is not None or loop.axis.friction_motor is not None
 
 
@@ -124,7 +124,7 @@ def _reach(run: Run | None, measured: FrictionMap | None) -> float:
 
 
 def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
-    """The different frictions, by name."""
+    """The distinct friction models of the loops, by label."""
     frictions: dict[str, Friction] = {}
     seen: set[str] = set()
     places = {"friction_load": "guideway", "friction_motor": "screw and bearings"}

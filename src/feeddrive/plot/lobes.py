@@ -34,9 +34,7 @@ if TYPE_CHECKING:
     from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import CutStability, Lobes
 
-_CROWDED = (
-    12  # speeds at which a tooth passes a whole number of swings; with more of them only the upper ones are named
-)
+_CROWDED = 12  # tooth-passing lines that are labeled; of more of them only the upper ones are
 
 
 def lobes_chart(lobes: Lobes) -> Chart:

@@ -59,7 +59,7 @@ bode = figure_of(bode_chart)
 
 
 def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
-    """Magnitude of the response to the setpoint in dB, with the -3 dB line, and each one's bandwidth and peak."""
+    """Magnitude of the response to the setpoint in dB, with the -3 dB line, bandwidths and peaks."""
     chosen = style.named(responses)
     curves, marks = list[Curve](), list[Mark]()
     for i, (name, response) in enumerate(chosen.items()):
@@ -118,17 +118,17 @@ def _decibel(ratio: float) -> float:
 
 
 def _floor(least: float, units: Units) -> float | None:
-    """Where a panel of gains ends below what matters."""
+    """Return the lower end of a panel of gains: -60 dB if the curves fall below it, else None."""
     return float(units.from_decibel(-60.0)) if least < -60.0 else None
 
 
 def _scale(units: Units) -> str:
-    """Of a panel of gains."""
+    """Return the scale of a panel of gains."""
     return LINEAR if units.decibel else LOG
 
 
 def _ratio(what: str, units: Units) -> str:
-    """Label of a panel of gains."""
+    """Return the label of a panel of gains."""
     return f"{what} (dB)" if units.decibel else what
 
 
@@ -233,8 +233,8 @@ WRITTEN = 3  # crossovers of a kind with their number, in a picture of one loop
 def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
     """Magnitude in dB and phase in degrees of loop gains, with every gain and phase crossover.
 
-    A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.  Of a measured loop gain the
-    bands of 95 %, its coherence in a third row, and shaded where it is 0.9 or less.
+    A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.  A measured loop gain also
+    has its 95 % bands, its coherence in a third row, and shading where the coherence is 0.9 or less.
     """
     chosen = style.named(loops)
     hertz, gains = units.of("Hz")[1], [margins.loop_gain for margins in chosen.values()]

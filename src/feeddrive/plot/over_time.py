@@ -171,7 +171,7 @@ def _rows(
 
 
 def alike(curves: Iterable[np.ndarray]) -> bool:
-    """Whether the peaks of curves are so near each other that one scale shows them all."""
+    """Return True if the peaks of the curves are close enough for one common scale."""
     peaks = [_peak(curve) for curve in curves]
     return max(peaks) <= style.WIDE * min(peaks)
 

@@ -76,7 +76,7 @@ part_cutting = figure_of(part_cutting_chart)
 
 
 def part_estimates_chart(part: PartRun, axis: str) -> Chart:
-    """What acts on an axis and what observers make of it, around the largest force of the cut that lasts."""
+    """The disturbance of an axis and its estimates by observers, over the 150 ms with the largest RMS cutting force."""
     time, true = part.contour.time, part.disturbances[axis]
     middle = _busiest(part, axis)
     shown = (time >= middle - 0.5 * _WINDOW) & (time <= middle + 0.5 * _WINDOW)

@@ -1,4 +1,4 @@
-"""Pictures of a plan: the path with its speed, which limit holds it back when, and the course of each axis."""
+"""Pictures of a plan: the path with its speed, the most used limit over time, and the profiles of each axis."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _stretches(x: np.ndarray, y: np.ndarray, chosen: np.ndarray) -> tuple[np.nda
 
 
 def plan_causes_chart(plan: Planned) -> Chart:
-    """Which limit is used most, over time: a row for each, with its part of the cycle time."""
+    """The most used limit over time: a row for each limit, with its share of the cycle time."""
     course = plan.course
     cause = causes(np.maximum(np.abs(course.low), np.abs(course.high)) / plan.limits.array, course.speed, course.feed)
     names = plan.limits.causes

@@ -1,4 +1,4 @@
-"""Where the poles of a sampled loop lie: in the s plane, and as damping over natural frequency."""
+"""Pole maps of a sampled loop: the s plane, and damping over natural frequency."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ _ROOM, _RIGHT, _BELOW = 1.25, 0.25, 0.04  # around the farthest of them; parts o
 def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
     """Upper half of the s plane, s = ln(z)/T: poles as crosses, zeros of the first response as rings.
 
-    Rays of equal damping and circles of equal natural frequency; what lies on the right of 0 grows.  So much of the
-    plane is shown as the poles with a damping below 0.5 need.
+    Rays of equal damping and circles of equal natural frequency; a pole right of 0 is unstable.  The poles with a
+    damping ratio below 0.5 set the range that is shown.
     """
     chosen = style.named(models)
     hertz = units.of("Hz")[1]
@@ -100,7 +100,7 @@ def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
 
 
 def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
-    """s of the upper half plane, in the unit of a frequency that is shown; what is at z = 0 left out."""
+    """Return s of the upper half plane in the shown unit of frequency, without what lies at z = 0."""
     s = continuous(z, model.sample_time)
     return hertz / (2.0 * np.pi) * s[np.isfinite(s) & (np.imag(s) >= 0.0)]
 
@@ -116,13 +116,13 @@ def _lightest(s: np.ndarray) -> str:
 
 
 def _step(reach: float) -> float:
-    """A plain number that goes three to seven times into a length."""
+    """Return a round step that goes three to seven times into a length."""
     size = 10.0 ** np.floor(np.log10(reach / 3.0))
     return float(size * max(multiple for multiple in (1.0, 2.0, 2.5, 5.0) if multiple * size <= reach / 3.0))
 
 
 def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
-    """Damping ratio over natural frequency of all poles up to Nyquist; real ones have 1, what grows has less than 0."""
+    """Damping ratio over natural frequency of all poles up to Nyquist: 1 for real poles, negative for unstable ones."""
     chosen = style.named(models)
     hertz = units.of("Hz")[1]
     curves, sizes, least = list[Curve](), list[float](), 0.0

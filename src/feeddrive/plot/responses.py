@@ -52,10 +52,10 @@ frequency_estimate = figure_of(frequency_estimate_chart)
 
 
 def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN, model: FRF | None = None) -> Chart:
-    """Responses that were estimated, those in the unit of the first: each in its 95 % band, with its coherence.
+    """Estimated responses with their 95 % bands and coherences; those in another unit than the first are left out.
 
-    Of one alone the levels of noise and distortion too.  The radius counts that the variance itself is estimated
-    (`FrequencyEstimate.radius`).
+    A single response is shown with its levels of noise and distortion.  The radius includes the uncertainty of the
+    estimated variance (`FrequencyEstimate.radius`).
     """
     alike = [estimate for estimate in estimates if estimate.frf.unit == estimates[0].frf.unit]
     rows = list[Overlay]()
@@ -82,7 +82,7 @@ def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
 
 
 def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
-    """A phase in degrees over a frequency in Hz, shifted by whole turns next to that of a response."""
+    """Shift a phase (degrees, over Hz) by whole turns next to that of a response."""
     at = float(np.interp(frf.frequency[0], frequency, phase))
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
@@ -107,7 +107,7 @@ excitation = figure_of(excitation_chart)
 
 
 class Overlay(NamedTuple):
-    """A response: as measured, by the model on the same lines, and the model as a curve; what there is not is None."""
+    """A response: measured, the model on the measured lines, and the model as a curve; absent ones are None."""
 
     name: str
     measured: FRF | None
@@ -209,14 +209,14 @@ def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
 
 
 def _magnitudes(unit: str, units: Units) -> tuple[float, str]:
-    """Factor to what is shown of a response of this unit, and the label of its magnitude."""
+    """Return the factor to the shown unit of a response, and the label of its magnitude."""
     if units.decibel:
         return 1.0, f"magnitude (dB re 1 {unit_name(unit, 'SI')})" if unit else "magnitude (dB)"
     return units.of(unit)[1], f"magnitude ({unit_name(unit)})" if unit else "magnitude"
 
 
 def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: str, share: float) -> Panel:
-    """A panel whose range is that of its curves with some room: what is shaded over its height widens nothing."""
+    """A panel whose range follows from its curves alone: shading over the full height does not widen it."""
     values = np.concatenate([curve.y for curve in curves])
     values = values[np.isfinite(values) & ((values > 0.0) | (scale != LOG))]
     low, high = float(np.min(values)), float(np.max(values))

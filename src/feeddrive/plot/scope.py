@@ -29,7 +29,7 @@ class Channel:
     """A channel that is drawn.
 
     name    by which the source calls it
-    place   of its column among the values
+    place   index of its column among the values
     unit    in which it is shown; empty where none is known
     factor  from the unit of the source to it
     """
@@ -52,8 +52,8 @@ def scope_chart(
     """The chart of a window, and the ranges of its panels, which the next one may be given as `before`.
 
     level  channel of the trigger, and its level in the unit of the source
-    A range stays while its curves fit into it and need a good part of it, so that a picture that is drawn again and
-    again stands still.
+    A range stays while its curves fit into it and need a good part of it, so that the axes of a picture that is
+    redrawn many times a second do not jump.
     """
     grouped: dict[str, list[Channel]] = {}
     for channel in channels:
@@ -90,7 +90,7 @@ def _panel(
     for channel in group:
         y = channel.factor * shown.values[:, channel.place]
         whole = shown.triggered and bool(np.all(np.diff(shown.time) > 0.0)) and bool(np.all(np.isfinite(y)))
-        kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)  # a part of what stands is enlarged
+        kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)  # a triggered window may be enlarged
         x = shown.time[kept] - shown.zero
         number = [one.name for one in all_].index(channel.name)
         curves.append(Curve(x, y[kept], channel.name, number, caption=_caption(y, channel.unit)))
@@ -116,7 +116,7 @@ def _caption(y: np.ndarray, unit: str) -> str:
 def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
     """The rows of a curve that are drawn: of each stretch of `width` s its lowest and its highest, in their order.
 
-    Stretches begin at whole multiples of the width, so that a curve that runs by keeps its points.  The first and the
+    Stretches begin at whole multiples of the width, so that a scrolling curve keeps its points.  The first and the
     last row stay, and one of each gap (NaN).  A short curve has all its rows.
     """
     if time.size <= POINTS:
@@ -144,7 +144,7 @@ def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tu
     if not y.size:
         return before or (-1.0, 1.0)
     low, high = float(np.min(y)), float(np.max(y))
-    if high == low:  # half of what stands still on either side
+    if high == low:  # a constant has half of its size as room on either side
         low, high = low - (0.5 * abs(low) or 1.0), high + (0.5 * abs(high) or 1.0)
     span = high - low
     if before is not None and before[0] <= low and high <= before[1] and span >= _LEAST_USED * (before[1] - before[0]):

@@ -88,7 +88,7 @@ trials = figure_of(trials_chart)
 
 
 def errors_and_parameters_chart(named: Mapping[str, Trials]) -> Chart:
-    """The same for several sets of trials, each a curve; parameters are those of the last set."""
+    """RMS errors of several sets of trials, a curve each, and the parameters of the last set."""
     last = list(named.values())[-1]
     values, errors = last.parameters(), last.errors()
     top = rms_panel({name: 1e6 * trials.rms for name, trials in named.items()}, "following error\nRMS")
@@ -202,7 +202,7 @@ delay_map = figure_of(delay_map_chart)
 
 
 def in_time_chart(rows: Sequence[tuple[str, str, Mapping[str, tuple[np.ndarray, np.ndarray]]]]) -> Chart:
-    """Rows of curves by name, each over times of its own: abscissa, ordinate, and (times, values) of each curve."""
+    """Rows of named curves, each row over its own time: (abscissa, ordinate, {name: (times, values)})."""
     panels = list[Panel]()
     for abscissa, ordinate, lines in rows:
         curves = tuple(Curve(*envelope(*line), name, i) for i, (name, line) in enumerate(lines.items()))

@@ -1,4 +1,4 @@
-"""How uncertain a measured or identified response is, in a picture: bands of 95 %, and lines not to be trusted."""
+"""Uncertainty of a measured or identified response in a picture: 95 % bands, and shading of untrusted lines."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _radius(frf: FRF, model: bool) -> np.ndarray | None:
 def phase_band(
     frf: FRF, phase: np.ndarray, number: int, units: Units = DRAWN, *, model: bool = False
 ) -> tuple[Band, ...]:
-    """Round a phase in degrees, ± arcsin(r/|G|) with the radius r of `magnitude_band`; none without a variance."""
+    """The band ± arcsin(r/|G|) around a phase in degrees, r as in `magnitude_band`; none without a variance."""
     radius = _radius(frf, model)
     if radius is None:
         return ()
@@ -88,7 +88,7 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
 
 
 def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN) -> tuple[Panel, ...]:
-    """A strip with the coherence of those that have one, and where a line may carry a tuning; none without any."""
+    """A panel with the coherences, and the least one with which a tuning uses a line; none without a coherence."""
     known = [(i, frf) for i, frf in responses if frf.coherence is not None]
     if not known:
         return ()

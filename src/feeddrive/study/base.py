@@ -1,4 +1,4 @@
-"""What variants start from: one law of a job with its system, references and loads, and its numbers by path."""
+"""The starting point of variants: one law of a job with its system, references and loads, and its numbers by path."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Base:
         return {axis: other.load for axis, other in moved.items() if other.load is not None} or None
 
     def place(self, path: str) -> tuple[str, str, str]:
-        """Axis, "reference" or "load", and the path in it, of a path of the work; empty texts for the system's."""
+        """Split a path of a motion or load into axis, "reference" or "load", and rest; other paths have no axis."""
         first, _, rest = path.partition(".")
         if first in ("reference", "load"):
             return self.axis, first, rest

@@ -85,16 +85,16 @@ class Rows:
         self.reasons: list[str | None] = [None] * count
 
     def refuse(self, place: int, reason: object) -> None:
-        """The variant at a place is bad: it keeps its first reason, and no figures."""
+        """Mark the variant at a place as bad: its first reason stays, its figures are dropped."""
         self.reasons[place] = self.reasons[place] or plain(str(reason)) or type(reason).__name__
         for values in self.figures.values():
             values[place] = np.nan
 
     @contextmanager
     def refusing(self, place: int) -> Generator[None]:
-        """Whatever is raised is the reason of the variant at a place.
+        """Record an exception as the reason of the variant at a place.
 
-        One variant ends no sweep of thousands, and neither does a figure of somebody else that fails for it.
+        Neither a bad variant nor a user-defined figure that fails may end a sweep of thousands.
         """
         try:
             yield
@@ -135,9 +135,9 @@ def varied(group: VariantGroup) -> System:
 
 
 def _alike(group: VariantGroup) -> list[np.ndarray]:
-    """Variants with the same whole samples of dead time, and alike in whether a part of one is left.
+    """Group variants by the whole samples of their dead time, and by whether a fraction of a sample is left.
 
-    Both make another graph, and with it other last bits.
+    Either of them changes the graph, and with it the last bits.
     """
     groups: dict[tuple[Any, ...], list[int]] = {}
     delays: list[Any] = []
@@ -153,7 +153,7 @@ def _alike(group: VariantGroup) -> list[np.ndarray]:
 
 
 def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
-    """Those of some variants of a group that can be made; a group that holds one that cannot is halved."""
+    """Return the variants that can be built; a set that holds one that cannot is halved until it is found."""
     try:
         if some.size == 1:
             group.one(int(some[0]))
@@ -190,7 +190,7 @@ def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, thread
 def _gather(
     group: VariantGroup, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress
 ) -> None:
-    """Figures of the statistics of a batch; one that cannot be run is halved until the variant at fault is alone."""
+    """Figures of the statistics of a batch; a batch that cannot be run is halved down to the variant at fault."""
     signals = dict.fromkeys(f"{group.port}{signal}" for figure in wanted for signal in figure.signals)
     try:
         batch = simulate_batch(
@@ -228,7 +228,7 @@ def _gather(
 
 
 def run_of(group: VariantGroup, place: int) -> Run:
-    """One variant over time, as its axis alone has it."""
+    """Simulate one variant; of a machine return the signals of the measured axis."""
     system = group.one(place)
     seed = int(group.seed[place])
     run = simulate(system, group.references, load=group.loads, duration=group.duration, seed=seed, name=group.axis)

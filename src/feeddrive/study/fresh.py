@@ -38,26 +38,26 @@ class Measured:
 
     @property
     def count(self) -> int:
-        """How many machines."""
+        """The number of machines."""
         return len(next(iter(self.values.values())))
 
     def keeping(self, bound: Bound) -> Share:
-        """Those that keep one bound."""
+        """The share of the machines that keep one bound."""
         return Share(int(np.sum(bound.kept(self.values[bound.figure.key]))), self.count)
 
     @property
     def good(self) -> np.ndarray:
-        """Which keep all bounds, shape (n,)."""
+        """True for the machines that keep all bounds, shape (n,)."""
         kept = [bound.kept(self.values[bound.figure.key]) for bound in self.bounds]
         return np.logical_and.reduce([np.ones(self.count, dtype=bool), *kept])
 
     @property
     def all(self) -> Share:
-        """Those that keep all bounds: the yield."""
+        """The yield: the share of the machines that keep all bounds."""
         return Share(int(np.sum(self.good)), self.count)
 
     def quantile(self, name: str, share: float) -> float:
-        """Of a figure, over the machines that have one; NaN if none has."""
+        """Return a quantile of a figure over the machines that have it; NaN if none has."""
         values = self.values[name]
         values = values[~np.isnan(values)]
         return float(np.quantile(values, share)) if values.size else float("nan")
@@ -98,7 +98,7 @@ def _limited(figure: Figure) -> tuple[Figure, bool]:
 
 
 def limits_of(study: Study, otherwise: Limits) -> Limits:
-    """What the tuner can keep of a study's specification; where that is silent the limits that are given.
+    """Return the limits of the tuner that a study's specification states; the others are those of `otherwise`.
 
     The least stiffness is the inverse of the largest compliance.  Figures of runs and others are not limits of the
     tuner, but the fresh machines are judged by them.
@@ -132,6 +132,6 @@ def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
 
 
 def is_limit(bound: Bound) -> bool:
-    """Whether a bound is one that the tuner keeps."""
+    """Return True for a bound that the tuner can keep."""
     known = {limited for limited, _ in map(_limited, limitable()) if not _needs_noise(limited)}
     return bound.figure in known and (bound.least if bound.figure.higher else bound.most) is not None

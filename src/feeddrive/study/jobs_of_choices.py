@@ -44,7 +44,7 @@ def read_jobs(
 
 
 def _job_file(root: TomlTable, place: Path, name: str | None, of_study: Collection[str]) -> tuple[TomlFile, Path]:
-    """The job file, and where it is; of a study with the keys of a job this file without its own."""
+    """The job file and its path; for a study that holds the keys of a job, the study file without its own keys."""
     if name is None:
         content = {key: value for key, value in root.values.items() if key not in of_study}
         return replace(root.file, content=content), place

@@ -29,7 +29,7 @@ class Place(Protocol):
         ...
 
     def has(self, name: str) -> bool:
-        """Whether there is a file of this name."""
+        """Return True if there is a file of this name."""
         ...
 
     def read(self, name: str, most: int) -> bytes:
@@ -163,7 +163,7 @@ class Remote:
         return content
 
     def check_writable(self) -> None:
-        """Only a write would show it."""
+        """Check nothing: only a write would show it."""
 
     def write(self, name: str, content: bytes) -> None:
         """Write under a hidden name, then move: not every protocol puts a file in one piece."""

@@ -60,10 +60,10 @@ _ROUNDS = 6
 
 
 def permuted(number: np.ndarray, total: int, seed: tuple[int, ...]) -> np.ndarray:
-    """Where a random permutation of 0 .. total - 1 sends numbers; dtype uint64, same shape.
+    """Apply a random permutation of 0 .. total - 1 to numbers; dtype uint64, same shape.
 
-    A Feistel network permutes 0 .. 4^h - 1 >= total; what it sends beyond `total` it sends on until it is inside
-    (Black & Rogaway 2002, cycle walking): on average less than four times.
+    A Feistel network permutes 0 .. 4^h - 1, where 4^h >= total; results of `total` or more are permuted again until
+    they are below it (Black & Rogaway 2002, cycle walking): on average less than four times.
     """
     half = np.uint64(max(1, ((total - 1).bit_length() + 1) // 2))
     mask = (np.uint64(1) << half) - np.uint64(1)

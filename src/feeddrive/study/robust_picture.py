@@ -13,7 +13,7 @@ from feeddrive.study.specification import Bound
 
 
 def shares_chart(before: Measured, after: Measured) -> Chart:
-    """By figure the share of the machines below each value; what lies outside of a bound is shaded."""
+    """The cumulative share of the machines over the values of each figure; the outside of a bound is shaded."""
     bounds = {bound.figure.key: bound for bound in after.bounds}
     across = 2 if len(after.figures) > 1 else 1
     panels = tuple(_share(figure, before, after, bounds.get(figure.key)) for figure in after.figures)
@@ -45,7 +45,7 @@ def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | Non
 
 
 def _sorted(values: np.ndarray) -> np.ndarray:
-    """The values that there are, the least first."""
+    """Sort the finite values."""
     return np.sort(values[np.isfinite(values)])
 
 
@@ -59,5 +59,5 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
 
 
 def _axis_name(figure: Figure) -> str:
-    """Its meaning, short enough for an axis."""
+    """The label of a figure: its description, or its key if that is too long for an axis."""
     return figure.description if len(figure.description) <= 44 else figure.key.replace("_", " ")

@@ -20,16 +20,18 @@ from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 
 MOST = 5_000  # machines that are held in memory, some 100 kB each
-KEPT = 2e-3  # of a bound: what counts as kept, as in the proof of a tuning
-_VIOLATION = 1e3  # of the goal's logarithm: a broken bound outweighs every goal
+KEPT = 2e-3  # relative excess at which a bound still counts as kept, as in the proof of a tuning
+_VIOLATION = 1e3  # weight of an excess in the goal's logarithm: a violated bound outweighs every goal
 
 
 @dataclass(frozen=True, eq=False)
 class Scenarios:
     """Machines of a study that a control is judged on.
 
-    points   all lines of each, for the tuner
-    bad      numbers and reasons of variants that cannot be made
+    points    with all frequency lines, for the tuner
+    sparse    with fewer lines, to judge a control quickly
+    velocity  m/s, at which the axes are linearized
+    bad       numbers and reasons of variants that cannot be built
     """
 
     points: tuple[OperatingPoint, ...]
@@ -38,7 +40,7 @@ class Scenarios:
     bad: tuple[tuple[int, str], ...]
 
     def merits(self, control: Control, goal: Figure, limits: Limits, band: tuple[float, float]) -> Merits:
-        """How the control does on each machine."""
+        """Judge a control on each machine."""
         response = ControlResponse(control, self.points[0].sample_time, (), self.velocity)
         none = np.zeros(0)
         goals, broken = np.full(len(self.points), np.inf), np.full(len(self.points), np.inf)
@@ -65,12 +67,12 @@ class Merits:
 
     @property
     def kept(self) -> np.ndarray:
-        """Where all bounds are kept."""
+        """True for machines on which all bounds are kept."""
         return self.broken <= KEPT
 
     @property
     def severity(self) -> np.ndarray:
-        """One number for both: less is better, and a broken bound is worse than every goal."""
+        """Merit of each machine, lower is better: one that violates a bound ranks behind all that do not."""
         with np.errstate(invalid="ignore"):
             excess = np.maximum(self.broken - KEPT, 0.0)
         return np.where(np.isfinite(self.goal), self.goal + _VIOLATION * excess, np.inf)

@@ -41,7 +41,7 @@ GO_ON = "then go on with --resume"
 
 @dataclass(frozen=True)
 class Manifest:
-    """What the rows of a store are of.
+    """The study whose rows a store holds.
 
     study    text of the study file
     digest   SHA-256 (hex) over all that decides the rows: study, machine, job, part programs
@@ -82,8 +82,8 @@ class Store:
     def __init__(self, address: str | Path) -> None:
         self._place = place(address)
         self._manifest: Manifest | None = None
-        self._made = False  # whether the manifest is written
-        self._sealed = True  # whether all chunks must hold their SHA-256; not so in a store of before
+        self._made = False  # True once the manifest is written
+        self._sealed = True  # all chunks must hold their SHA-256, which stores of earlier versions did not have
         self._schema: Any = None  # of the first chunk that was read or written: all others have it, too
 
     @property
@@ -92,14 +92,14 @@ class Store:
         return self._place.address
 
     def manifest(self) -> Manifest:
-        """What it holds the rows of. Raises FileError if there is no store, or its manifest is damaged."""
+        """The manifest of the store. Raises FileError if there is no store, or its manifest is damaged."""
         if self._manifest is None:
             self._manifest = self._read_manifest()
             self._made = True
         return self._manifest
 
     def begin(self, manifest: Manifest, *, resume: bool = False) -> frozenset[int]:
-        """Begin the store, or go on with it; the chunks that are done. The first chunk that is written makes it.
+        """Start a store, or continue one; return the finished chunks. The first chunk that is written creates it.
 
         Raises FileError, before anything is written, for a folder that is not empty and no store, a store that is there
         already without `resume`, one of another study or version, and one with a damaged or foreign file.
@@ -197,7 +197,7 @@ class Store:
         return numbers
 
     def _objection(self, number: int, rows: Any) -> str:
-        """Why a table is not the rows of a chunk, empty if it is."""
+        """Return why a table cannot be the rows of a chunk; empty if it can."""
         import numpy as np
         import pyarrow as arrow
 
@@ -242,7 +242,7 @@ def _manifest_text(manifest: Manifest) -> bytes:
 
 
 def _other(there: Manifest, wanted: Manifest) -> str:
-    """Why rows of one manifest cannot be continued by another, empty if they can."""
+    """Return why rows of one manifest cannot be continued by another; empty if they can."""
     if there == wanted:
         return ""
     if there.study != wanted.study:

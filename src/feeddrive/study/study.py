@@ -119,7 +119,7 @@ class Study(Result):
 
     @property
     def chunks(self) -> int:
-        """How many chunks there are."""
+        """The number of chunks."""
         return -(-self.count // self.chunk)
 
     def range(self, number: int) -> range:
@@ -130,16 +130,16 @@ class Study(Result):
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """What is read into the files for each combination."""
+        """The varied choices, whose values are read into the files."""
         return tuple(varied for varied in self.vary if isinstance(varied, Choice))
 
     def base(self, values: Mapping[str, Any]) -> Base:
-        """What variants with these values of the choices start from, by their keys."""
+        """Return the starting point of variants with these values of the choices, by key."""
         job = self.jobs[tuple(values[choice.key] for choice in self.choices if choice.key != "row")]
         return Base(job, values.get("row", self.row))
 
     def bases(self) -> Iterator[Base]:
-        """All of them."""
+        """Yield the starting points of all combinations of the choices."""
         rows = [value for choice in self.choices if choice.key == "row" for value in choice.distribution.values]
         for job in self.jobs.values():
             for row in rows or [self.row]:
@@ -147,12 +147,12 @@ class Study(Result):
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis of the rows turns."""
+        """True if the axis of the rows is rotary."""
         base = next(self.bases())
         return base.loop.axis.rotary
 
     def table(self) -> Table:
-        """What varies, one row each."""
+        """A row for each column of the varied things."""
         rows = [
             [varied.name, unit or "1", type(varied).__name__.lower()]
             for varied in self.vary
@@ -218,7 +218,7 @@ def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
 def _paths(
     jobs: Mapping[tuple[Any, ...], Job], row: str, choices: Sequence[VaryChoice]
 ) -> tuple[Callable[[str], Declaration], Callable[[str], float]]:
-    """Declaration and nominal value of a path, which must be there in all jobs and all of their rows that run."""
+    """Return the functions that give declaration and nominal value of a path, which all jobs and rows must have."""
     rows = [value for choice in choices if choice.choice == "row" for value in choice.values]
     bases = [Base(job, str(name)) for job in jobs.values() for name in rows or [row]]
 

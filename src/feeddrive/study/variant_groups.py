@@ -1,4 +1,4 @@
-"""Variants as what `simulate_batch` takes: those of the same choices and the same work together."""
+"""Groups of variants for `simulate_batch`: equal choices, equal motions and loads."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class VariantGroup:
 
     @property
     def port(self) -> str:
-        """What stands before the signals of the axis: `x.` in a machine."""
+        """The prefix of the signals of the axis: `x.` in a machine, empty for a loop."""
         return f"{self.axis}." if isinstance(self.system, Machine) else ""
 
     def chosen(self, places: np.ndarray) -> VariantGroup:
@@ -107,7 +107,7 @@ def _moved(base: Base, changes: Mapping[str, float]) -> dict[str, Other]:
 
 
 def _groups(columns: list[np.ndarray], count: int) -> Iterator[tuple[tuple[Any, ...], np.ndarray]]:
-    """The rows that are equal in all columns, with their values."""
+    """Group rows that are equal in all columns: their values, and their places."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for place, row in enumerate(zip(*columns, strict=True) if columns else [()] * count):
         groups.setdefault(row, []).append(place)

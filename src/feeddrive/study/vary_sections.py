@@ -1,6 +1,4 @@
-"""The sections `[[vary]]` of a study file, and what they vary.
-
-[[vary]]` of a study file.
+"""The sections `[[vary]]` of a study file, and their conversion to varied things.
 
 [[vary]]
 parameter = "axis.x.plant.stiffness"     # a path, as a machine file has it; or reference.velocity, load.force
@@ -80,7 +78,7 @@ class VaryChoice(VarySection):
     weights: np.ndarray | None = block.table("", "of the values; absent: equal ones", shortest=1, default=None)
 
     def check(self) -> None:
-        """There are values, and none of them twice."""
+        """Refuse missing and repeated values."""
         if not self.values:
             raise self.error(f"choice = '{self.choice}' needs values = [ ... ], texts or numbers", "values")
         if len(set(map(repr, self.values))) < len(self.values):
@@ -115,7 +113,7 @@ class VaryNumber(VarySection):
 
     @property
     def form(self) -> str:
-        """Which of its keys says what varies."""
+        """The key that says what varies."""
         return next(name for name in ("parameter", "scale", "add") if getattr(self, name) is not None)
 
     @property
@@ -275,7 +273,7 @@ _DISTRIBUTIONS: Mapping[str, type[VaryNumber]] = {
 
 
 def unit_varied(table: TomlTable, declared: Declared) -> str:
-    """The unit of the numbers of a section with a distribution; empty of a factor."""
+    """Return the unit of the numbers of a section with a distribution; empty for a factor."""
     form = next(name for name in _FORMS if name in table.values)
     if form == "scale":
         return ""
@@ -287,7 +285,7 @@ def unit_varied(table: TomlTable, declared: Declared) -> str:
 
 
 def varied(section: VarySection, declared: Declared, nominal: Nominal, grid: bool) -> Varied:
-    """What a section varies.
+    """Return the varied thing of a section.
 
     declared  of a path;  nominal  its value in the job;  grid  whether the study's sampler is a grid
 

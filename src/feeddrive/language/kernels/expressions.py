@@ -19,7 +19,7 @@ class Expressions(Names):
     """Prints expressions."""
 
     def expression(self, node: ast.expr) -> Value:
-        """Any expression with one value."""
+        """Print an expression with one value."""
         print_it = _PRINTERS.get(type(node))
         if print_it is None:
             kind = type(node).__name__
@@ -72,7 +72,7 @@ class Expressions(Names):
     # comparisons and choices
 
     def compare(self, node: ast.Compare) -> Value:
-        """A < b, also in a chain, of which the rest is not computed after the first that is false."""
+        """A < b, also in a chain, whose rest is not computed behind the first comparison that is false."""
         left, ends = self.expression(node.left), list[tuple[str, str]]()
         after, before = self.label(), self.facts
         for place, (op, other) in enumerate(zip(node.ops, node.comparators, strict=True)):
@@ -175,7 +175,7 @@ class Expressions(Names):
         return str(index.literal + int(size)) if size.isdigit() else self.value(f"add i64 {index.text}, {size}")
 
     def check_indices(self, places: Iterable[tuple[str, str]], node: ast.AST) -> None:
-        """Ends with one error if one of several indices is not within its size; what is known is not asked."""
+        """End with an error if one of several indices is not within its size; known ones are not tested again."""
         left: list[str] = []
         for place, size in places:
             if not (place.isdigit() and size.isdigit() and int(place) < int(size)):
@@ -272,7 +272,7 @@ class Expressions(Names):
         return node.args[0]
 
     def sqrt(self, node: ast.Call) -> Value:
-        """The root, rounded correctly; of a negative number an error."""
+        """The correctly rounded root; a negative number is an error."""
         x = self.as_float(self.number(self.one(node)))
         self.check(self.value(f"fcmp uge double {x}, {number(0.0)}"), ValueError, "math domain error", node)
         return Value(FLOAT, self.value(f"call double @llvm.sqrt.f64(double {x})"))
@@ -311,7 +311,7 @@ class Expressions(Names):
         return Value(FLOAT, self.as_float(self.number(self.one(node))))
 
     def length(self, node: ast.Call) -> Value:
-        """How many entries the first index of an array has."""
+        """The length of an array along its first index."""
         array = self.expression(self.one(node))
         if not array.sizes:
             self.refuse(node, f"'{shown(node)}' is given {array.type}", "give an array")
@@ -319,7 +319,7 @@ class Expressions(Names):
 
 
 def _as_number(kind: Type) -> str:
-    """How to make a number of something else."""
+    """The remedy where something else than a number was used as one."""
     if kind.layout and not kind.dimensions:
         return "name a field"
     return "write int(...)" if kind == BOOL else "compute cell by cell, in a loop"

@@ -38,7 +38,7 @@ attributes #0 = { nounwind "no-builtins" }
 
 
 class Effort(NamedTuple):
-    """What is spent on machine code.  No pass contracts or reorders arithmetic on floats."""
+    """The effort of LLVM on machine code.  No pass contracts or reorders arithmetic on floats."""
 
     selection: int  # of instructions and registers, as LLVM counts it
     passes: tuple[str, ...]
@@ -91,13 +91,13 @@ class Unit:
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _content(self, source: Source) -> str:
-        """What the text of a kernel depends on."""
+        """All that the printed text of a kernel depends on."""
         named = [f"{name}={self._described(value)}" for name, value in sorted(source.named.items())]
         code = source.python.__code__
         return "\n".join([source.name, code.co_code.hex(), repr(source.signature), *named])
 
     def _described(self, value: object) -> str:
-        """What a kernel names, as its text depends on it."""
+        """Describe the value of a name in a kernel, as far as the printed text depends on it."""
         called = source_of(value)
         if called is not None:
             return str(self._places[called]) if called in self._places else unit_of(called).symbol(called)
@@ -119,7 +119,7 @@ class Unit:
 
     @cached_property
     def number(self) -> int:
-        """In the statuses of its kernels."""
+        """The number of the file in the statuses of its kernels."""
         return int(self.key[:10], 16)
 
     # text
@@ -178,7 +178,7 @@ class Unit:
 
     @property
     def code(self) -> MachineCode:
-        """The machine code: what the disk has, else made quickly."""
+        """The machine code: that on the disk, else compiled quickly."""
         if self._code is None:
             with _lock:
                 if self._code is None:
@@ -190,20 +190,20 @@ class Unit:
         return self._code
 
     def entry(self, source: Source) -> tuple[MachineCode, int]:
-        """The machine code of all, and where the function lies by which Python calls a kernel."""
+        """The machine code of the file, and the address of the function by which Python calls a kernel."""
         code = self.code
         return code, code.addresses[_ENTRY.format(self._places[source])]
 
     @property
     def quick(self) -> bool:
-        """Whether its code was made quickly."""
+        """True if its code was compiled quickly."""
         return self._effort is QUICK
 
     @staticmethod
     def ran(seconds: float) -> None:
-        """Counts the time in quick code; when it has become long, all code is made thoroughly.
+        """Count the time in quick code; once it is long, compile all code thoroughly.
 
-        All at once, so that a long program stops once, and its memory grows near its start: LLVM takes 30 MB.
+        All files at once, so that a long program pauses once, and its memory grows near its start: LLVM takes 30 MB.
         """
         Unit.spent += seconds
         if Unit.spent > _LONG:
@@ -212,7 +212,7 @@ class Unit:
                     unit.make(THOROUGH)
 
     def make(self, effort: Effort) -> None:
-        """Makes its code and that of the files that it calls with an effort, where it has another one."""
+        """Compile its code and that of the files that it calls with an effort, unless it has that effort already."""
         with _lock:
             for unit in self.units:
                 if unit._code is None or unit._effort != effort:
@@ -220,7 +220,7 @@ class Unit:
 
     @cached_property
     def units(self) -> tuple[Unit, ...]:
-        """The files whose kernels it calls, each after those that it calls itself, and it as the last."""
+        """The files whose kernels it calls, in the order of dependence, with itself as the last."""
         units = dict[Unit, None]()
         for source in self.sources:
             for kernel in _kernels(source):
@@ -235,7 +235,7 @@ class Unit:
         return unit.function(unit.sources[place]).failures[(status & (1 << _FAILURE) - 1) - 1]
 
     def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
-        """The machine code of an effort, linked to that of other files; None if it is to be on the disk and is not."""
+        """The machine code of an effort, linked to that of other files; with `stored` None if it is not on the disk."""
         own = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
         below = [unit.code for unit in self.units[:-1]]
         symbols = {name: place for code in below for name, place in code.addresses.items() if name.startswith("k")}
@@ -257,7 +257,7 @@ _used: WeakSet[Unit] = WeakSet()  # that have code
 
 
 def _entry(place: int, source: Source, symbol: str) -> str:
-    """A function that takes arguments of a kernel from words of 64 bits in memory, and leaves its results there."""
+    """Print a function that reads a kernel's arguments from 64-bit words in memory and writes its results there."""
     words = [word for _, kind in source.signature.leaves for word in (kind, *[INT] * kind.dimensions)]
     returned = struct(source.signature.results)
     results = [kind for result in source.signature.results for _, kind in result.leaves("")]
@@ -283,7 +283,7 @@ def _entry(place: int, source: Source, symbol: str) -> str:
 
 
 def unit_of(source: Source) -> Unit:
-    """The file of a kernel, with all kernels that stand there when it is first asked for."""
+    """Return the unit of a kernel's file, with all kernels that the file defines at the first call."""
     with _lock:
         unit = cast("Unit | None", source.unit)
         if unit is None:
@@ -296,7 +296,7 @@ def unit_of(source: Source) -> Unit:
 
 
 def _kernels(source: Source) -> list[Source]:
-    """The kernels that another one names."""
+    """The kernels that a kernel names."""
     return [called for called in map(source_of, source.named.values()) if called]
 
 

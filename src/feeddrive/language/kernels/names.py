@@ -28,7 +28,7 @@ class Variable(NamedTuple):
 
     @property
     def loads(self) -> list[str]:
-        """What gives its value."""
+        """The LLVM loads of its value."""
         if self.parts:
             return [load for part in self.parts for load in part.loads]
         kinds = [self.type.llvm, *["i64"] * (len(self.slots) - 1)]
@@ -52,14 +52,14 @@ class Names(RecordArithmetic):
         """The address of a cell or row (`expressions.py`)."""
 
     def outside(self, node: ast.expr) -> object:
-        """What a name that is not local stands for; None for anything else."""
+        """Return the value of a name that is not local; None for anything else."""
         first = node
         while isinstance(first, ast.Attribute):
             first = first.value
         return None if isinstance(first, ast.Name) and first.id in self.names else self.source.lookup(node)
 
     def constant(self, value: object, node: ast.expr) -> Value:
-        """A number or record that is known."""
+        """Return a known number or record."""
         if is_record(type(value)):
             return self.constant_record(cast("tuple[object, ...]", value), node)
         if isinstance(value, bool):

@@ -22,11 +22,11 @@ class RecordArithmetic(Arithmetic):
 
     @abstractmethod
     def expression(self, node: ast.expr) -> Value:
-        """Any expression with one value (`expressions.py`)."""
+        """Print an expression with one value (`expressions.py`)."""
 
     @abstractmethod
     def constant(self, value: object, node: ast.expr) -> Value:
-        """A number or record that is known (`expressions.py`)."""
+        """Return a known number or record (`expressions.py`)."""
 
     def index(self, kind: Type, field: str, node: ast.AST) -> int:
         """The place of a field among those of a record."""
@@ -47,7 +47,7 @@ class RecordArithmetic(Arithmetic):
         return self.shifted(place, sum(kind.width for kind in kinds[:index]), kinds[index])
 
     def shifted(self, place: Value, columns: int, kind: Type) -> Value:
-        """The place of something that lies so many columns behind another place."""
+        """The address that lies so many columns behind another one."""
         text = place.text
         if columns:
             text = self.value(f"getelementptr inbounds double, ptr {text}, i64 {columns}")
@@ -70,7 +70,7 @@ class RecordArithmetic(Arithmetic):
         return Value(cell.type, self.emit(f"load {cell.type.llvm}, ptr {cell.text}"))
 
     def put_into(self, place: Value, value: Value) -> None:
-        """A number or a record into an array, at a place of its type."""
+        """Store a number or a record at a place of its type in an array."""
         for cell, leaf in zip(self.cells(place), value.leaves, strict=True):
             kind, text = leaf.type.llvm, leaf.text
             if leaf.type == BOOL:

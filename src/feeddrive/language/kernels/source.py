@@ -1,4 +1,4 @@
-"""What a kernel is given as: the text of a Python function, the types of its annotations, the names that it uses."""
+"""The source of a kernel: the text of a Python function, the types of its annotations, the names that it uses."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class KernelError(FeeddriveError):
 
 
 class UnfitError(Exception):
-    """Why a class cannot be a record of kernels, and what to write instead."""
+    """A class that cannot be a record of kernels; the arguments are the reason and what to write instead."""
 
 
 class Type(NamedTuple):
@@ -102,7 +102,7 @@ class Type(NamedTuple):
         return self.layout.width if self.layout else 1
 
     def leaves(self, name: str) -> list[tuple[str, Type]]:
-        """The numbers and arrays of a variable of this type, with their names: a record is nothing but these."""
+        """The numbers and arrays of a variable of this type, with their names; records are flattened."""
         if self.layout is None or self.dimensions:
             return [(name, self)]
         return [leaf for field, kind in self.layout.fields.items() for leaf in kind.leaves(f"{name}.{field}")]
@@ -194,7 +194,7 @@ def type_of(hint: object) -> Type | None:
 
 
 class Signature(NamedTuple):
-    """Names and types of what a kernel is given, and types of what it returns."""
+    """Names and types of a kernel's parameters, and types of its results."""
 
     names: tuple[str, ...]
     parameters: tuple[Type, ...]
@@ -203,7 +203,7 @@ class Signature(NamedTuple):
 
     @property
     def leaves(self) -> list[tuple[str, Type]]:
-        """Names and types of the numbers and arrays that it is given, those of records one by one."""
+        """Names and types of the numbers and arrays among its parameters, records flattened."""
         return [leaf for name, kind in zip(self.names, self.parameters, strict=True) for leaf in kind.leaves(name)]
 
 
@@ -248,7 +248,7 @@ class Source:
         self.name = python.__name__
         self.file = python.__code__.co_filename
         self.unit: Any = None  # all kernels of its file, once they are asked for (`module.py`)
-        self.part = False  # of kernels, which the compiler alone calls
+        self.part = False  # True for a part of kernels that only the compiler calls
 
     @cached_property
     def tree(self) -> ast.FunctionDef:
@@ -317,7 +317,7 @@ class Source:
             self.refuse(node, *error.args)
 
     def _results(self, node: ast.expr | None) -> tuple[tuple[Type, ...], bool]:
-        """Types of what is returned, and whether it is one number."""
+        """Types of the results, and True if there is one number or record."""
         if node is None:
             self.refuse(self.tree, "no type is said to be returned", "write -> float, -> tuple[float, int] or -> None")
         if isinstance(node, ast.Constant) and node.value is None:
@@ -333,7 +333,7 @@ class Source:
         return types, single
 
     def lookup(self, node: ast.expr) -> object:
-        """What a name outside of the function stands for, also within a module; None if it is not there."""
+        """Return the value of a name outside of the function, also within a module; None if there is none."""
         if isinstance(node, ast.Name):
             return self.named[node.id] if node.id in self.named else self._outside(node.id)
         if isinstance(node, ast.Attribute):
@@ -346,7 +346,7 @@ class Source:
 
     @cached_property
     def named(self) -> dict[str, object]:
-        """What the names of its code stand for, those in modules too, when it is first asked: it stays so."""
+        """The values of the names in its code, those in modules, too; read once, at the first use."""
         names = self.python.__code__.co_names
         values = {name: self._outside(name) for name in names}
         left, seen = list(values.values()), set[int]()
@@ -360,12 +360,12 @@ class Source:
         return values
 
     def _outside(self, name: str) -> object:
-        """What a name outside of the function stands for."""
+        """Return the value of a name outside of the function; None if there is none."""
         names = self.python.__globals__
         return names[name] if name in names else getattr(builtins, name, None)
 
     def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
-        """The error that something is not in the language."""
+        """Raise KernelError for something that is not in the language."""
         line = getattr(node, "lineno", self.python.__code__.co_firstlineno)
         raise KernelError(f"{self.file}, line {line}, kernel '{self.name}': {what}; {remedy}")
 
@@ -374,7 +374,7 @@ _Python = TypeVar("_Python", bound=Callable[..., object])
 
 
 def readable(function: _Python) -> _Python:
-    """Marks a function that only the compiler calls, as a part of kernels."""
+    """Mark a function as a part of kernels that only the compiler calls."""
     source = Source(cast(FunctionType, function))
     source.part = True
     vars(function)["source"] = source

@@ -1,8 +1,8 @@
 """What the rows of a study say: one pass over them, with the memory of a chunk and of a sample.
 
-    found = answers_of(store, study)
-    print(*found.sentences)
-    write_report(found, "out")
+    answers = answers_of(store, study)
+    print(*answers.sentences)
+    write_report(answers, "out")
 
 Yields, worst cases and fronts are those of all rows.  Distributions, rank correlations and bands are those of a random
 sample where there are more than 200,000; Sobol indices take 8 bytes for each variant and figure.
@@ -60,12 +60,12 @@ class Answers(Result):
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis of the study turns."""
+        """True if the axis of the study is rotary."""
         return self.study.rotary
 
     @property
     def quoted(self) -> Sequence[str]:
-        """Title, names of the choices and of what varies."""
+        """The texts of the user: title, names of the choices and of the varied things."""
         return self.study.title, *self.study.columns, *(varied.name for varied in self.study.vary)
 
     @cached_property

@@ -21,7 +21,7 @@ from feeddrive.figures.of_runs import FOLLOWING_PEAK, FOLLOWING_RMS, TRACKING_EN
 from feeddrive.study.answers.judged import Judged, joined
 from feeddrive.study.study import Study
 
-# by subject the figures that speak for it: the first one that a study measures
+# the figures of each subject, of which the first one that a study measures is used
 SUBJECTS = {
     "tracking": (TRACKING_RMS, TRACKING_PEAK, FOLLOWING_RMS, FOLLOWING_PEAK, TRACKING_END),
     "stiffness": (
@@ -37,7 +37,7 @@ SUBJECTS = {
 
 
 def subjects(study: Study) -> dict[str, Figure]:
-    """By subject its figure, of those that a study measures."""
+    """Return the measured figure of each subject."""
     measured = {
         subject: next((figure for figure in figures if figure in study.measure), None)
         for subject, figures in SUBJECTS.items()
@@ -54,14 +54,14 @@ class Front:
 
 
 class FrontKept:
-    """The front so far, a part of the rows after the other."""
+    """Collects the Pareto front of the rows, part by part."""
 
     def __init__(self, study: Study) -> None:
         self._figures = subjects(study)
         self._rows: Judged | None = None
 
     def add(self, rows: Judged) -> None:
-        """Put in some rows; those without a number for one of the figures are left out."""
+        """Add some rows; those without a number for one of the figures are left out."""
         if len(self._figures) < 2:
             return
         several = [*([] if self._rows is None else [self._rows]), rows]
@@ -69,7 +69,7 @@ class FrontKept:
         self._rows = together.some(front(_costs(together, self._figures)))
 
     def result(self) -> Front | None:
-        """None for a study that measures fewer than two subjects, or has no variant with both."""
+        """Return the front; None for a study that measures fewer than two subjects, or has no variant with both."""
         if self._rows is None or not self._rows.variant.size:
             return None
         order = np.argsort(_costs(self._rows, self._figures)[:, 0], kind="stable")
@@ -77,14 +77,14 @@ class FrontKept:
 
 
 def _costs(rows: Judged, figures: dict[str, Figure]) -> np.ndarray:
-    """What is to be small, shape (n, subjects)."""
+    """The objectives, all to be minimized, shape (n, subjects)."""
     return np.stack(
         [(-1.0 if figure.better == "higher" else 1.0) * rows.figures[figure.key] for figure in figures.values()], axis=1
     )
 
 
 def front(costs: np.ndarray) -> np.ndarray:
-    """Which rows no other row dominates: none is as small everywhere and smaller somewhere. Shape (n, m) -> (n,).
+    """True for rows that no other row dominates, by being as small everywhere and smaller somewhere; (n, m) -> (n,).
 
     Rows with NaN are not on it; of equal rows all are.
     """

@@ -36,12 +36,12 @@ class Judged:
 
     @cached_property
     def bad(self) -> np.ndarray:
-        """Which variants have no figures."""
+        """True for variants without figures, shape (n,)."""
         return np.array([reason is not None for reason in self.reasons], dtype=bool)
 
     @cached_property
     def kept(self) -> dict[str, np.ndarray]:
-        """By figure of the specification, which variants keep its bound; a bad one keeps none."""
+        """By figure of the specification, True for variants that keep its bound; a bad variant keeps none."""
         return {
             bound.figure.key: bound.kept(self.figures[bound.figure.key]) & ~self.bad
             for bound in self.study.specification
@@ -49,20 +49,20 @@ class Judged:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """Which variants keep the whole specification; without one, which have figures."""
+        """True for variants that keep the whole specification; without one, for those that have figures."""
         return np.logical_and.reduce([~self.bad, *self.kept.values()])
 
     @cached_property
     def drawn(self) -> np.ndarray:
-        """Which variants are a sample of the machines.
+        """True for variants that are independent draws.
 
-        Those of the sampler saltelli whose rows are made of two others repeat what these say, and are not.
+        Those of the sampler saltelli that recombine two other variants are not.
         """
         count = 2 * self.study.points if self.study.sampler == "saltelli" else self.study.count
         return self.variant < count
 
     def some(self, chosen: np.ndarray) -> Judged:
-        """The rows of a mask."""
+        """Select rows by a mask."""
         return Judged(
             self.study,
             self.variant[chosen],

@@ -41,7 +41,7 @@ _NARROWER = {
 
 
 def write_report(answers: Answers, out: str | Path) -> Path | str:
-    """Write the files above into a directory or an address of fsspec; the path of the report.
+    """Write the files above into a directory or an address of fsspec; return the path of the report.
 
     Raises FileError for a file that cannot be written.
     """
@@ -274,7 +274,7 @@ def _facts(answers: Answers) -> list[tuple[str, str]]:
 
 
 def summary(answers: Answers) -> dict[str, Any]:
-    """All answers as plain numbers in SI; what does not occur is null."""
+    """All answers as plain numbers in SI; absent ones are null."""
     study = answers.study
     return {
         "title": study.title,

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 _DOTS = 1200  # of a scatter: the page stays small
 _PANELS = 12  # histograms
-_OUTPUTS = 4  # of which is shown what decides them
+_OUTPUTS = 4  # whose sensitivities are shown
 _FACTORS = 8  # of each
 _LETTERS = 30  # of the name of a factor
 
@@ -94,7 +94,7 @@ def histograms_chart(sample: Judged, banded: bool = False) -> Chart:
 
 
 def _figures(study: Study, banded: bool) -> list[Figure]:
-    """Those with a bound first."""
+    """Return the figures that are drawn, those with a bound first."""
     bounded = [bound.figure for bound in study.specification]
     others = [figure for figure in study.measure if not (banded and isinstance(figure.of, StiffnessAt))]
     return list(dict.fromkeys([*bounded, *others]))
@@ -141,7 +141,7 @@ def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: S
 
 
 def _outputs(study: Study) -> list[str]:
-    """Which outputs are shown: those with a bound, and being inside; without bounds the first ones."""
+    """Return the outputs that are shown: figures with a bound, and `INSIDE`; without bounds the first figures."""
     bounded = [bound.figure.key for bound in study.specification][: _OUTPUTS - 1]
     return [*bounded, INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
 

@@ -22,7 +22,7 @@ def replay_files(study: Study, variant: int) -> dict[str, str]:
     """Texts by file name, the job first: `variant_00000012.toml` and `variant_00000012_machine.toml`.
 
     The machine has the control of the variant's law as its own, so that the job's only row is `today`.  Numbers are
-    written to the last bit; what of the process of a part program cuts is a coupling of the machine.
+    written to the last bit; the cutting process of a part program becomes a coupling of the machine.
     Raises ParameterError or StructureError for a variant whose numbers make no machine.
     """
     group = next(variant_groups(study, variants(study, variant, 1)))
@@ -56,7 +56,7 @@ def _job(study: Study, group: VariantGroup, machine: str, origin: str) -> Iterat
 
 
 def _by_axis(blocks: Any, axis: str) -> Mapping[str, Reference | Load]:
-    """Motions or loads by axis; of a single axis its own, if there is one."""
+    """Return motions or loads by the name of their axis; none if there are none."""
     if blocks is None:
         return {}
     return blocks if isinstance(blocks, Mapping) else {axis: blocks}

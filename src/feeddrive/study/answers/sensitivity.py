@@ -1,4 +1,4 @@
-"""What decides a figure: Sobol indices of a study of the sampler saltelli, and rank correlations of any other.
+"""Sensitivity of figures: Sobol indices of a study of the sampler saltelli, and rank correlations of any other.
 
 The first-order index of a factor is the share of the figure's variance that would be gone if the factor did not vary;
 the total one what would be left if it alone varied.  Source: Saltelli et al. 2010, by `scipy.stats.sobol_indices`.
@@ -17,7 +17,7 @@ from feeddrive.study.answers.shares import LEVEL
 from feeddrive.study.study import Study
 
 INSIDE = "inside"
-"""Beside the figures: 1 for a machine inside the specification, else 0."""
+"""An output beside the figures: 1 for a machine inside the specification, else 0."""
 _LEAST_POINTS = 32
 _RESAMPLES, _WORK = 999, 4e9  # of the bootstrap at most, and how many numbers they may look at
 
@@ -58,7 +58,7 @@ class RankCorrelation:
 
 
 class SaltelliRows:
-    """The outputs of all variants of a study of the sampler saltelli, a part of the rows after the other.
+    """Collects the outputs of all variants of a study of the sampler saltelli, part by part.
 
     Memory: 8 bytes for each variant and output.
     """
@@ -74,7 +74,7 @@ class SaltelliRows:
             values[rows.variant] = rows.inside if name == INSIDE else rows.figures[name]
 
     def result(self) -> tuple[SobolIndices, ...]:
-        """Of each output that varies and has a number in enough points."""
+        """Return the indices of each output that varies and is finite in enough points."""
         factors = tuple(varied.name for varied in self._study.vary)
         indices = (sobol(name, values, factors, self._study.seed) for name, values in self._values.items())
         return tuple(row for row in indices if row is not None)
@@ -128,7 +128,7 @@ def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int =
 
 
 def rank_correlations(sample: Judged) -> tuple[RankCorrelation, ...]:
-    """Of every figure with every number that varies, the largest of each figure first."""
+    """Correlate every figure with every varied number; the largest of each figure first."""
     numbers = {name: values.astype(float) for name, values in sample.varied.items() if _is_number(values)}
     outputs: Mapping[str, np.ndarray] = sample.figures
     if sample.study.specification:

@@ -106,7 +106,7 @@ def _fails(hardest: BoundYield, inside: Share) -> str:
 
 
 def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, str]) -> list[str]:
-    """By Sobol indices; nothing if there are none of this figure."""
+    """Sentences on the variance of a figure by Sobol indices; empty if there are none of this figure."""
     indices = next((row for row in sobol if row.output == figure.key), None)
     if indices is None:
         return []
@@ -141,7 +141,7 @@ def _between(rank: RankCorrelation) -> str:
 
 
 def _goes_with(figure: Figure, correlations: Sequence[RankCorrelation], names: Mapping[str, str]) -> list[str]:
-    """By rank correlations, where there are no Sobol indices."""
+    """Sentences on the variance of a figure by rank correlations, for a study without Sobol indices."""
     own = [rank for rank in correlations if rank.output == figure.key and rank.value**2 >= _INFLUENCE][:_NAMED]
     if not own:
         return []

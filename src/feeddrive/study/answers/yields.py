@@ -1,4 +1,4 @@
-"""The yield: which share of the machines keeps the specification, which bounds the others break, and by choice."""
+"""The yield: the share of the machines that keep the specification, by bound and by choice."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOST_VALUES = 50  # of a choice that are told apart
 
 @dataclass(frozen=True)
 class BoundYield:
-    """One bound of the specification: who keeps it, and how many break no other one."""
+    """One bound of the specification: the share that keeps it, and how many machines break it and no other one."""
 
     bound: Bound
     kept: Share
@@ -48,7 +48,7 @@ class Yield:
 
 
 class YieldCount:
-    """Counts, a part of the rows after the other."""
+    """Counts the machines that keep the bounds, part by part."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -73,7 +73,7 @@ class YieldCount:
                 count.update(zip(map(str, values[drawn]), rows.inside[drawn].tolist(), strict=True))
 
     def result(self) -> Yield:
-        """What was counted."""
+        """Return the yield of all rows that were added."""
         sampled = self._study.sampler != "grid"
         bounds = tuple(
             BoundYield(bound, Share(self._kept[bound.figure.key], self._all, sampled), self._alone[bound.figure.key])
