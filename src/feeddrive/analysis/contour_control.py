@@ -25,10 +25,10 @@ _WORTH_SAYING = 1e-6  # m off a line at 45 degrees
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatchedDynamics(Result):
-    """How alike axes follow: a line at 45 degrees and a circle at a feed in m/s and a radius in m.
+    """How well the dynamics of axes match: on a line at 45 degrees, and on a circle of a feed in m/s and a radius in m.
 
     lag      s by which each axis follows its setpoint at constant velocity
-    answer   of each axis to a sine of the circle's frequency, table over set position with its derivatives
+    answer   response of each axis at the circle's frequency, table over set position with its derivatives
     """
 
     feed: float
@@ -38,16 +38,16 @@ class MatchedDynamics(Result):
     answer: dict[str, complex]
 
     def line(self, a: str, b: str) -> float:
-        """How far the tool is off a line at 45 degrees of two axes, m: feed/2 · difference of their lags."""
+        """Return the error of the tool on a line at 45 degrees of two axes, m: feed/2 · difference of their lags."""
         return 0.5 * self.feed * abs(self.lag[a] - self.lag[b])
 
     def circle(self, a: str, b: str) -> float:
-        """Half of the difference between the axes of the ellipse that two axes make of a circle, m."""
+        """Return half of the difference between the axes of the ellipse that two axes make of a circle, m."""
         first, second = self.answer[a], self.answer[b]
         return 0.5 * self.radius * abs(first - second)
 
     def remarks(self) -> list[str]:
-        """A sentence for each pair whose difference is worth saying."""
+        """Return a sentence for each pair of axes whose mismatch matters."""
         remarks = []
         for a, b in combinations(self.lag, 2):
             off = self.line(a, b)
@@ -85,10 +85,10 @@ class MatchedDynamics(Result):
 def matched_dynamics(
     machine: Machine, axes: Sequence[str] | None = None, *, feed: float = 0.1, radius: float = 0.02
 ) -> MatchedDynamics:
-    """How alike the axes of a contour follow; without `axes` all that move along a line.
+    """Compare the dynamics of the axes of a contour; default: all linear axes.
 
-    Of each axis alone: what couples them is left out, as is friction but for its slope.  Raises ParameterError for an
-    axis that is not there, or a feed or radius that is not positive.
+    Each axis is taken alone: couplings are left out, and friction is its slope.  Raises ParameterError for an axis that
+    is not there, or a feed or radius that is not positive.
     """
     if feed <= 0.0 or radius <= 0.0:
         raise ParameterError(
@@ -197,7 +197,7 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
 
 
 def _responses(model: StateSpace) -> np.ndarray:
-    """From every input to every output, shape (lines, outputs, inputs)."""
+    """The responses from every input to every output, shape (lines, outputs, inputs)."""
     nyquist = 0.5 / model.sample_time
     z = np.exp(2j * np.pi * np.geomspace(1e-4 * nyquist, nyquist, _LINES) * model.sample_time)
     inner = np.linalg.solve(z[:, None, None] * np.eye(len(model.A)) - model.A, model.B.astype(complex)[None])

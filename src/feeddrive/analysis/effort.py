@@ -26,11 +26,11 @@ class Effort(Result):
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """The number of all operations."""
         return sum(self.operations.values())
 
     def table(self) -> Table:
-        """By kind, the most frequent first."""
+        """A row for each kind of operation, the most frequent first."""
         rows = [[name, count] for name, count in sorted(self.operations.items(), key=lambda entry: -entry[1])]
         return Table(f"{self.total} operations a sample", ["operation", "number"], rows)
 

@@ -35,7 +35,7 @@ class Replay(Result):
     """A predicted run and the measured signals of the same names, over the same samples.
 
     `skipped` samples at the start do not count in the errors: there the state of the real loop is not known.
-    `contained` says that the logged force held the injected one, which is taken off in `measured`.
+    `contained` is True if the logged force included the injected one, which is subtracted in `measured`.
     """
 
     run: Run
@@ -128,7 +128,7 @@ def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) 
 
 
 def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay) -> tuple[np.ndarray, Replay] | None:
-    """The run if `added_force` was added to the command before the limit F, and what of it is left behind the limit.
+    """The run if `added_force` was added to the command before the limit F, and the part of it that passes the limit.
 
         a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F,   u what the control requests
 
@@ -202,7 +202,7 @@ def observe(
     before: float = 0.0,
     velocity: float = 0.0,
 ) -> Observation:
-    """What an observer makes of measured positions and commanded forces, with the native step that also runs in a loop.
+    """Run an observer on measured positions and commanded forces, with the native step that also runs in a loop.
 
     position     m, read at kT, shape (n,): `reading_load` of a run, `position_load` of a log
     force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log

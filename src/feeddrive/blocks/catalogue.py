@@ -1,6 +1,6 @@
-"""The catalogue of all concrete blocks: the shipped ones, and those of one's own.
+"""The catalogue of all concrete blocks: the shipped ones, and user-defined ones.
 
-The shipped ones are found by walking the packages under `feeddrive.blocks`.  Those of one's own come from installed
+The shipped ones are found by walking the packages under `feeddrive.blocks`.  User-defined ones come from installed
 packages with an entry point of the group `feeddrive.blocks`, and from what the environment names in FEEDDRIVE_BLOCKS
 or the command line by --blocks: a file, PACKAGE.MODULE or PACKAGE.MODULE:CLASS.  Nothing else is imported; what a
 machine file says never decides it.
@@ -135,7 +135,7 @@ def module_at(place: str) -> tuple[ModuleType, str]:
 
 
 def fault_of_own(error: Exception) -> FeeddriveError | None:
-    """An error that the code of a block of one's own raised, in one sentence with its line; None for any other.
+    """Return an error of a user-defined block's code as one sentence with its line; None for any other error.
 
     Python users get the error itself; the command line has no traceback to show.
     """
@@ -148,7 +148,7 @@ def fault_of_own(error: Exception) -> FeeddriveError | None:
 
 
 def _holds_own(module: Mapping[str, Any]) -> bool:
-    """Whether the globals are those of a module that defines blocks and is none of this package."""
+    """True if the globals are those of a module outside of this package that defines blocks."""
     name = str(module.get("__name__", ""))
     return name.partition(".")[0] != "feeddrive" and any(
         isinstance(block, type) and issubclass(block, Block) and block.__module__ == name for block in module.values()
@@ -174,7 +174,7 @@ def _own_blocks(module: ModuleType) -> list[type[Block]]:
 
 @contextmanager
 def with_blocks(places: Sequence[str]) -> Generator[None]:
-    """The catalogue holds the blocks of these files or modules too, here and in processes that are started here.
+    """Add the blocks of these files or modules to the catalogue within this context, also in child processes.
 
     Raises as `catalogue`.
     """
@@ -210,7 +210,7 @@ def blocks_of(module: str) -> list[type[Block]]:
 
 
 def imported(family: type[B], place: str) -> type[B]:
-    """The block that a person names by PACKAGE.MODULE:CLASS; its module is imported, and so its code is run.
+    """Import the block that a user names by PACKAGE.MODULE:CLASS; this runs the code of its module.
 
     Modules are looked for where Python does, and then in the working directory.  For what stands on a command line,
     never for what is only read in a file.
@@ -226,7 +226,7 @@ def imported(family: type[B], place: str) -> type[B]:
 
 
 def required(value: Any, family: type[B], place: str, missing: str = "it is no class") -> type[B]:
-    """What was found at a place, if it is a concrete block of a family; else ParameterError with the reason."""
+    """Return an object if it is a concrete block of a family; else raise ParameterError with the reason."""
     if not isinstance(value, type):
         raise ParameterError(f"'{place}': {missing}")
     if not issubclass(value, family) or inspect.isabstract(value):

@@ -1,4 +1,4 @@
-"""What becomes of the state of a block when its parameters change in a running loop: `retune`.
+"""The state of a block after its parameters change in a running loop: `retune`.
 
 There is no default for a block with a state.  The old state is right only where no parameter scales what it holds, and
 a state that is continuous for any block does not exist: the last output fixes one number of several.

@@ -1,4 +1,4 @@
-"""Repetitive control: the set position moves by what the errors of the periods before ask for."""
+"""Repetitive control: the set position is shifted by what was learned from the errors of earlier periods."""
 
 from __future__ import annotations
 
@@ -88,7 +88,6 @@ class RepetitiveControl(Compensation):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
-        """The equations above; no force."""
         n, kept = self.passes, self.period_samples - self.lead_samples - self.passes
         shift = ops.clip(state.past.ago(float(kept - 1)), -self.most_shift, self.most_shift)
         free = ops.equal(reading.applied, reading.requested)

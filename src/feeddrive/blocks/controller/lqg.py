@@ -113,7 +113,7 @@ class LQG(Law):
         self._bodies()
 
     def positions(self) -> int:
-        """As many as the model has masses."""
+        """The number of masses of the model."""
         return 1 if self._bodies() is None else 2
 
     def _bodies(self) -> TwoBodies | None:

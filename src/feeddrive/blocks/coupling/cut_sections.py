@@ -1,4 +1,4 @@
-"""What changes from section to section of a program that cuts."""
+"""Cutting conditions that change from section to section of a program."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from feeddrive.language.quantity import Quantity
 
 
 class Settings(NamedTuple):
-    """What holds in a section."""
+    """Cutting conditions within one section."""
 
     edge: Edge
     spindle_speed: Any  # rpm
@@ -81,7 +81,7 @@ class CutSections(Block):
         return {name: row.tolist() for name, row in present.items()}
 
     def cutting(self) -> list[bool]:
-        """Of each section: the tool is in the work."""
+        """True for each section in which the tool is in the work."""
         rows = self.rows()
         return [depth > 0.0 for depth in rows.get("axial_depth", [1.0] * len(rows["start"]))]
 
@@ -93,7 +93,7 @@ class CutSections(Block):
         return ops.where(there, after, before)
 
     def settings(self, section: Any, usual: Settings) -> Settings:
-        """What holds in a section."""
+        """Return the cutting conditions within a section."""
         changing = ("axial_depth", "entry", "exit", "spindle_speed", "direction")
         rows: dict[str, Any] = {name: row for name in changing if (row := getattr(self, name)) is not None}
         changed_rows = {name: ops.gather(row, section) for name, row in rows.items()}

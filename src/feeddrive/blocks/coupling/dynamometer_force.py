@@ -44,7 +44,6 @@ class DynamometerForce(Coupling):
     def step(
         self, prepared: Any, state: Any, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[Any, dict[str, tuple[Number, Number]]]:
-        """The equation above."""
         place = (time - self.offset) / self.interval
         forces: dict[str, tuple[Any, Any]] = {}
         for component in self.components:

@@ -85,7 +85,7 @@ class Cut(NamedTuple):
 
 
 class Rubbing(NamedTuple):
-    """What damps an edge in the cut: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
+    """The damping of an edge in the cut: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
 
     along: Any
     across: Any
@@ -178,7 +178,7 @@ class _Arms(NamedTuple):
 
     @classmethod
     def of(cls, edge: Edge) -> _Arms:
-        """Of the engaged part of a turn."""
+        """The arms of the engaged part of a turn."""
         begin, end = edge.entry, edge.exit
         return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))
 
@@ -193,7 +193,7 @@ class _Arms(NamedTuple):
 
 
 def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
-    """Whether an edge cuts the surface of the tooth before all along.
+    """True if an edge cuts the surface of the tooth before along all of its length.
 
     The chip is a sine over the angle: what is not below 0 at two ends less than π apart is not below 0 between them.
     """

@@ -41,12 +41,12 @@ class DisturbanceCompensator(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """With a law of one rigid mass without feedforward of its own."""
+        """True for a law of one rigid mass without its own feedforward."""
         return not law.feeds and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> DisturbanceCompensator:
-        """With the axis's mass and viscous friction, and the columns of friction fitted to its steady curve.
+        """Start from the axis's mass and viscous friction, and columns of friction fitted to its steady curve.
 
         Least squares over speeds from 0.1 mm/s to 0.3 m/s, evenly in their logarithm and alike in both directions; of
         the Stribeck velocities that are tried the one that leaves least.  A curve without dry friction is refused.

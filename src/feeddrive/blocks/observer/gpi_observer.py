@@ -164,7 +164,7 @@ class GpiObserver(Observer):
         return state._replace(z=tuple(z))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """That of a disturbance that rises evenly: 0.0 but for a single Taylor state, which takes it for constant."""
+        """The delay for a disturbance that rises evenly: 0.0, except for a single Taylor state."""
         coefficients = self.polynomial()
         return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
 
@@ -186,7 +186,7 @@ class GpiObserver(Observer):
             )
 
     def _refusal(self, T: float) -> str:
-        """By how much omega_o is too fast, and the nearest admissible numbers."""
+        """The error: by how much omega_o is too fast, and the nearest admissible numbers."""
         real = 1.0 if self.p0 is None else self.p0 / self.omega_o
         most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
         turn = self.omega_o * T
@@ -198,7 +198,7 @@ class GpiObserver(Observer):
         )
 
     def growth(self, T: Number) -> Any:
-        """By how much the loop u = -ẑ1 around q'' = u, with the dead time, grows in a sample: its largest |z|."""
+        """The largest |z| of the loop u = -ẑ1 around q'' = u, with the dead time."""
         return matrix.growth(self._rejecting(self.prepare(T), T))
 
     def _rejecting(self, made: Prepared, T: Number) -> list[list[Any]]:

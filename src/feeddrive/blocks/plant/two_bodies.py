@@ -36,12 +36,12 @@ class TwoBodies(NamedTuple):
 
     @property
     def led(self) -> Number:
-        """m22 + m12 in kg: what the spring accelerates when both bodies accelerate alike."""
+        """m22 + m12 in kg: the mass that the spring accelerates when both bodies accelerate alike."""
         return self.m22 if matrix.is_zero(self.m12) else self.m22 + self.m12
 
     @property
     def dragged(self) -> Number:
-        """c22 + c12 in N s/m: what drags at the spring when both bodies move alike, b2 of the guideway."""
+        """c22 + c12 in N s/m: the friction on the spring when both bodies move alike, b2 of the guideway."""
         return self.c22 + self.c12
 
     @property
@@ -119,7 +119,7 @@ def controllable(where: str, bodies: TwoBodies) -> Rule:
 
 
 def _uncontrollable(where: str, bodies: TwoBodies, control: float) -> str:
-    """How far the model is from one whose poles can be placed, and the nearest admissible number."""
+    """The error: how far the model is from one whose poles can be placed, and the nearest admissible number."""
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
         near = -bodies.m22 * (1.0 - ops.sqrt(LEAST_CONTROL) * (1.0 if led >= 0.0 else -1.0))

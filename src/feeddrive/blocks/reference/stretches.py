@@ -19,7 +19,7 @@ class Way(NamedTuple):
     sense: Number  # 1, -1, or 0 for a rest
 
     def ends(self) -> Number:
-        """s; from then on it is over."""
+        """The end of the leg, s."""
         return self.begins + self.lasts
 
     def inside(self, t: Number) -> Number:
@@ -57,7 +57,7 @@ class Stretch(NamedTuple):
     piece: Piece
 
     def holds(self, t: Number) -> Number:
-        """Whether it has begun at t (s)."""
+        """True where it has begun at t (s)."""
         return ops.both(t >= self.way.begins, self.way.inside(t) >= self.piece.start)
 
     def at(self, t: Number) -> Setpoint:
