@@ -273,9 +273,9 @@ PLACES = (
         "compensator (6), (7)",
         f"{FEEDFORWARD}.disturbance_compensator",
         "DisturbanceCompensator.regressors",
-        "middle ratio extra found['mass'] found['viscous'] "
-        "found['coulomb_positive'] found['coulomb_negative'] found['stribeck'] found['jerk_feedforward'] "
-        "found['snap_feedforward']",
+        "middle ratio extra regressors['mass'] regressors['viscous'] "
+        "regressors['coulomb_positive'] regressors['coulomb_negative'] regressors['stribeck'] "
+        "regressors['jerk_feedforward'] regressors['snap_feedforward']",
         "0.5 * T",
         "-0.5 * T",
     ),

@@ -126,7 +126,7 @@ def test_a_pole_map_shows_s_in_the_unit_that_is_asked_for_and_what_grows_as_a_wa
     chart = plane_chart({"today": light, "now": grows})
     crosses = {each.name: each for each in of_look(chart, CROSS)}
     assert (crosses["today"].x[0], crosses["today"].y[0]) == pytest.approx((-7.0, 35.0 * np.sqrt(1.0 - 0.04)))
-    assert crosses["today"].said == "least damping 0.2 at 35 Hz"
+    assert crosses["today"].caption == "least damping 0.2 at 35 Hz"
     assert crosses["now grows"].number == ALERT
     assert crosses["now grows"].x[0] == pytest.approx(2.5)
     assert len(of_look(chart, RING)) == 2
@@ -142,4 +142,4 @@ def test_a_picture_of_a_step_says_overshoot_and_settling() -> None:
     found = step_response(second_order(30.0, 0.4))
     (curve,) = step_response_chart({"now": found}).panels[0].curves
     settled = f"{1e3 * found.settling_time:.4g}"
-    assert curve.said == f"overshoot {100.0 * found.overshoot:.1f} %, settled to 2 % in {settled} ms"
+    assert curve.caption == f"overshoot {100.0 * found.overshoot:.1f} %, settled to 2 % in {settled} ms"

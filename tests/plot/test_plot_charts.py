@@ -94,9 +94,9 @@ def test_the_circle_plot_is_as_far_from_its_nominal_circle_as_the_machine_deviat
             assert np.arctan2(curve.y, curve.x)[:-1] % (2.0 * np.pi) == pytest.approx(angle, abs=1e-12)
     assert [each.number for each in old] == [0, 1]  # as the circles of the same direction and feed
     for curve, figures in zip(new, spikes().figures, strict=False):
-        assert f"G {number(1e6 * figures.G)} µm" in curve.said
-    assert f"before {number(1e6 * before.figures[1].G)} µm" in new[1].said
-    assert "before" not in new[2].said  # there was no such feed
+        assert f"G {number(1e6 * figures.G)} µm" in curve.caption
+    assert f"before {number(1e6 * before.figures[1].G)} µm" in new[1].caption
+    assert "before" not in new[2].caption  # there was no such feed
     assert {(mark.x, mark.y) for mark in panel.marks if mark.hollow} == {
         ((ring + 1e6 * e.deviation) * np.cos(e.angle), (ring + 1e6 * e.deviation) * np.sin(e.angle))
         for e in quadrant_peaks(spikes())
@@ -201,7 +201,7 @@ def test_the_reserve_of_a_certificate_is_the_room_over_the_radius(certificate: C
     assert mark.x == plant["reserve_at_Hz"]
     assert mark.y / float(np.interp(mark.x, radius.x, radius.y)) == pytest.approx(plant["reserve"], rel=1e-6)
     assert np.all(room.y > radius.y)  # what is proven
-    assert panel.said == f"discs could be {plant['reserve']:.3g} times as wide, at {plant['reserve_at_Hz']:.4g} Hz"
+    assert panel.caption == f"discs could be {plant['reserve']:.3g} times as wide, at {plant['reserve_at_Hz']:.4g} Hz"
     (band,) = panel.bands
     assert np.array_equal(band.high, radius.y)
 
@@ -237,7 +237,7 @@ def test_the_trade_off_has_the_figures_of_each_law() -> None:
             mark = found[name]
             assert (mark.x, mark.y) == pytest.approx((1e6 * figures[X.key], 1e-6 * figures[key.key]))  # type: ignore[operator]
             assert mark.hollow == bool(why)
-            assert (mark.said.endswith(f"not ranked: {why}")) == bool(why)
+            assert (mark.caption.endswith(f"not ranked: {why}")) == bool(why)
         assert found["P-PI"].number == found["P-PI + recovery"].number != found["GPI"].number
         assert panel.low is not None
         assert panel.high is not None

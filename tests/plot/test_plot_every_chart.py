@@ -401,14 +401,14 @@ def test_all_texts_are_read_in_the_units_of_the_reader_and_names_stay() -> None:
     ticks = (Tick(0.0, "2 µm", said),)
     panel = Panel(
         said,
-        (Curve(T, S, "2 µm", said=said),),
-        levels=(Level(0.0, said, said=said),),
-        said=said,
+        (Curve(T, S, "2 µm", caption=said),),
+        levels=(Level(0.0, said, caption=said),),
+        caption=said,
         ticks=ticks,
         boxes=(Box(0.0, 1.0, 0.0, 1.0, name="2 µm", text=said),),
         abscissa=Abscissa(said, ticks=ticks),
     )
-    made = Chart(said, (panel,), side=said, beside=said, said=said, ticks=ticks).shown(Units(rotary=True))
+    made = Chart(said, (panel,), side=said, beside=said, caption=said, ticks=ticks).shown(Units(rotary=True))
     read = [text for text in texts(made) if text.startswith("2 ")]
     assert read.count("2 µm") == 5  # names
     assert read.count("2 urad") == len(read) - 5 == 14
@@ -431,7 +431,7 @@ def entries(legend: Any) -> list[str]:
 
 
 def test_a_legend_has_each_name_once() -> None:
-    limit = Level(0.5, dashed=True, said="limit")
+    limit = Level(0.5, dashed=True, caption="limit")
     both = Panel("y", (Curve(T, S, "a"), Curve(T, -S, "b", 1)), levels=(limit,))
     once = Panel("z", (Curve(T, S, "a"), Curve(T, S, "c", 2)), levels=(limit,))
     for place in (ABOVE, RIGHT):
@@ -443,7 +443,9 @@ def test_a_legend_has_each_name_once() -> None:
 
 
 def test_limits_that_the_legend_tells_apart_have_other_dashes() -> None:
-    levels = tuple(Level(side * y, dashed=True, number=ALERT, said=f"{y}") for y in (1.0, 2.0) for side in (-1.0, 1.0))
+    levels = tuple(
+        Level(side * y, dashed=True, number=ALERT, caption=f"{y}") for y in (1.0, 2.0) for side in (-1.0, 1.0)
+    )
     lines = drawn(Chart("x", (Panel("y", (Curve(T, S),), levels=levels),))).axes[0].lines
     looks = [str(line.get_dashes() if hasattr(line, "get_dashes") else line._dash_pattern) for line in lines[:4]]
     assert looks[0] == looks[1] != looks[2] == looks[3]
@@ -452,7 +454,7 @@ def test_limits_that_the_legend_tells_apart_have_other_dashes() -> None:
 def test_rows_with_names_cells_and_fields() -> None:
     cells = (Box(-0.4, 0.4, -0.4, 0.4, text="1.5", level=0.2), Box(-0.4, 0.4, -1.4, -0.6, text="0.5", level=-0.9))
     table = Panel("", boxes=cells, ticks=listed(["law", "$ other"]), low=-1.5, high=0.5)
-    ax = drawn(Chart("", (table,), low=-0.5, high=0.5, ticks=(Tick(0.0, said="error"),))).axes[0]
+    ax = drawn(Chart("", (table,), low=-0.5, high=0.5, ticks=(Tick(0.0, caption="error"),))).axes[0]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["law", r"\$ other"]
     assert not any(spine.get_visible() for spine in ax.spines.values())
     better, worse = (ax.patches[k].get_facecolor() for k in (1, 0))
@@ -473,7 +475,7 @@ def test_shapes_of_curves() -> None:
     assert y[[0, 1, 3, 4]].tolist() == [0.0, 5.0, 0.0, 6.0]
     assert np.isnan(y[[2, 5]]).all()
     assert np.isnan(x[[2, 5]]).all()
-    assert [tick.said for tick in numbered((0.0, 0.5, 45.0))] == ["0", "0.5", "45"]
+    assert [tick.caption for tick in numbered((0.0, 0.5, 45.0))] == ["0", "0.5", "45"]
     left = Chart("a", (Panel("y"),), square=True, low=0.0, high=1.0)
     both = side_by_side((left, Chart("b", (Panel("z"),))), 2.0)
     assert [panel.abscissa and panel.abscissa.label for panel in both.panels] == ["a", "b"]

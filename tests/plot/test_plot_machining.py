@@ -95,7 +95,7 @@ def test_the_circle_plot_states_its_scale_and_figures() -> None:
     assert "5 µm per division" in text  # 10 um on four divisions
     for said in ("R 50 mm, xy plane", "G(b)", "(least squares)", "CCW 1200 mm/min", "both 1200 mm/min"):
         assert said in text
-    other = plot.circle_test(test, division=10.0, said="compensation off")
+    other = plot.circle_test(test, division=10.0, remark="compensation off")
     assert "10 µm per division" in box(other)
     assert "compensation off" in box(other)
 

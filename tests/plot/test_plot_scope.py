@@ -78,7 +78,7 @@ def test_channels_of_one_unit_share_a_panel_and_lines_stand_where_they_are_read(
     assert len({each.number for panel in chart.panels for each in panel.curves}) == 3
     np.testing.assert_allclose(first.curves[0].x, window.time - 5.2)
     np.testing.assert_allclose(first.curves[1].y, -1e3 * window.time)
-    assert first.curves[0].said == "6000 mm"
+    assert first.curves[0].caption == "6000 mm"
     assert [(each.value, each.upright) for each in first.levels] == [
         (-5500.0, False),
         (0.0, True),

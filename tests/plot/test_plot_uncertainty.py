@@ -85,7 +85,7 @@ def test_other_units_are_other_numbers_of_the_same_picture() -> None:
         np.testing.assert_allclose(20.0 * np.log10(after.y), before.y, atol=1e-9)
     for mark, same in zip(usual.panels[0].marks, chart.panels[0].marks, strict=True):
         assert (same.x, 20.0 * np.log10(same.y)) == pytest.approx((2.0 * np.pi * mark.x, mark.y))
-    assert "rad/s" in chart.panels[0].curves[0].said
+    assert "rad/s" in chart.panels[0].curves[0].caption
     compliance = FRF(F, 1e-8 / (1.0 + 1j * F / 50.0), "load_force", "position_load", "m/N")
     soft = stiffness_chart(stiffness(compliance), other).shown(other)
     assert soft.panels[0].label == "dynamic stiffness (kN/mm)"
@@ -101,7 +101,7 @@ def test_a_picture_of_an_axis_that_turns_says_torque_and_angle() -> None:
     compliance = FRF(F, 1e-8 / (1.0 + 1j * F / 50.0), "load_force", "position_load", "m/N")
     chart = stiffness_chart({"now": stiffness(compliance)}).shown(Units(rotary=True, typographic=True))
     assert chart.panels[0].label == "dynamic stiffness (N m/µrad)"
-    assert "N m/µrad at" in chart.panels[0].curves[0].said
+    assert "N m/µrad at" in chart.panels[0].curves[0].caption
 
 
 def test_a_picture_is_drawn_in_the_units_of_its_reader() -> None:

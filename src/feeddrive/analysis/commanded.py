@@ -1,4 +1,4 @@
-"""What a control commands on recorded setpoints and readings: its law is checked without a model of the axis."""
+"""The force that a control commands on recorded setpoints and readings: a check of a law without an axis model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _compiled: Recent[Native] = Recent(16)
 
 
 class OnLog(Block):
-    """A control that is given setpoint, readings and the force that acted, sample by sample."""
+    """A control that receives setpoint, readings and the force that acted, sample by sample."""
 
     control: Control = part("the control, without its guard")
     sample_time: Number = parameter("s", "time from row to row", above=0)
@@ -56,8 +56,8 @@ def commanded(
     reading        m, shape (n,): what the encoder of the load read, and that of the motor if `reading_motor` is None
     force          N, shape (n,), as it was commanded at each row
 
-    No plant is in it: the control that made the log gives its force back, but for rounding and its state at the start.
-    The guard is left out.
+    There is no plant in it: for the control that made the log it is the logged force, apart from rounding and the
+    state of the control at the start.  The guard is left out.
     """
     T = np.float64(sample_time)
     motor = reading if reading_motor is None else reading_motor
@@ -75,16 +75,16 @@ def commanded(
             np.float64(reading[0] - velocity * T),
             np.float64(velocity),
         )
-    key = tuple(tree.structure(each) for each in (system, prepared, begun))
+    key = tuple(tree.structure(part) for part in (system, prepared, begun))
     return _ran(
         _compiled.get(key, lambda: native(plan(trace(system, prepared, begun, _INPUTS)))), system, prepared, begun, rows
     )
 
 
-def _ran(compiled: Native, system: OnLog, made: Any, begun: Any, rows: np.ndarray) -> np.ndarray:
-    """All rows by machine code."""
+def _ran(compiled: Native, system: OnLog, prepared: Any, begun: Any, rows: np.ndarray) -> np.ndarray:
+    """Run all rows in machine code."""
     steps, held = compiled.plan, dict(tree.leaves(begun))
-    values = {**dict(tree.leaves(system)), **dict(numbers(made, "prepared")), "seed": 0.0}
+    values = {**dict(tree.leaves(system)), **dict(numbers(prepared, "prepared")), "seed": 0.0}
     states = [np.float64(held[state.name]) for state in steps.states]
     for name, _, length in steps.rings:
         ring = held[name.removeprefix("state.")]

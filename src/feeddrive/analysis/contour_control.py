@@ -25,10 +25,10 @@ _WORTH_SAYING = 1e-6  # m off a line at 45 degrees
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatchedDynamics(Result):
-    """How alike axes follow: a line at 45 degrees and a circle at a feed in m/s and a radius in m.
+    """How well the dynamics of axes match: on a line at 45 degrees, and on a circle of a feed in m/s and a radius in m.
 
     lag      s by which each axis follows its setpoint at constant velocity
-    answer   of each axis to a sine of the circle's frequency, table over set position with its derivatives
+    answer   response of each axis at the circle's frequency, table over set position with its derivatives
     """
 
     feed: float
@@ -38,16 +38,16 @@ class MatchedDynamics(Result):
     answer: dict[str, complex]
 
     def line(self, a: str, b: str) -> float:
-        """How far the tool is off a line at 45 degrees of two axes, m: feed/2 · difference of their lags."""
+        """Return the error of the tool on a line at 45 degrees of two axes, m: feed/2 · difference of their lags."""
         return 0.5 * self.feed * abs(self.lag[a] - self.lag[b])
 
     def circle(self, a: str, b: str) -> float:
-        """Half of the difference between the axes of the ellipse that two axes make of a circle, m."""
+        """Return half of the difference between the axes of the ellipse that two axes make of a circle, m."""
         first, second = self.answer[a], self.answer[b]
         return 0.5 * self.radius * abs(first - second)
 
     def remarks(self) -> list[str]:
-        """A sentence for each pair whose difference is worth saying."""
+        """Return a sentence for each pair of axes whose mismatch matters."""
         remarks = []
         for a, b in combinations(self.lag, 2):
             off = self.line(a, b)
@@ -85,10 +85,10 @@ class MatchedDynamics(Result):
 def matched_dynamics(
     machine: Machine, axes: Sequence[str] | None = None, *, feed: float = 0.1, radius: float = 0.02
 ) -> MatchedDynamics:
-    """How alike the axes of a contour follow; without `axes` all that move along a line.
+    """Compare the dynamics of the axes of a contour; default: all linear axes.
 
-    Of each axis alone: what couples them is left out, as is friction but for its slope.  Raises ParameterError for an
-    axis that is not there, or a feed or radius that is not positive.
+    Each axis is taken alone: couplings are left out, and friction is its slope.  Raises ParameterError for an axis that
+    is not there, or a feed or radius that is not positive.
     """
     if feed <= 0.0 or radius <= 0.0:
         raise ParameterError(
@@ -113,40 +113,40 @@ class ContourGain(Result):
     """The largest gain of cross-coupled control in 1/s, over all directions of the path, and where it is.
 
     direction   unit vector of the path along which a gain beyond `largest` is unstable; by axis
-    given       the gain that the machine has
-    peak        Ms of the contour loop at the given gain, the largest 1/|1 + L| over all directions, where
-                L = given · n G n/Kv, with three axes the largest singular value on the plane across the path
+    gain        the gain that the machine has
+    peak        Ms of the contour loop at this gain, the largest 1/|1 + L| over all directions, where
+                L = gain · n G n/Kv, with three axes the largest singular value on the plane across the path
     """
 
     place: str
     largest: float
     direction: dict[str, float]
-    given: float
+    gain: float
     peak: float
 
     @property
     def stable(self) -> bool:
-        """Whether the given gain is below the largest one."""
-        return self.given < self.largest
+        """True if the gain is below the largest stable one."""
+        return self.gain < self.largest
 
     @property
     def gain_margin(self) -> float:
-        """Largest over given gain; infinite for a given gain of 0."""
-        return self.largest / self.given if self.given > 0.0 else float("inf")
+        """Largest stable gain over the gain; infinite for a gain of 0."""
+        return self.largest / self.gain if self.gain > 0.0 else float("inf")
 
     def sentence(self) -> str:
         """The verdict in words."""
         along = ", ".join(f"{name} {Quantity(share):.3f}" for name, share in self.direction.items())
         verdict = "stable" if self.stable else "unstable"
         return Text(
-            f"{self.place}.contour_gain = {Quantity(self.given, '1/s')} is {verdict}: at most "
+            f"{self.place}.contour_gain = {Quantity(self.gain, '1/s')} is {verdict}: at most "
             f"{Quantity(self.largest, '1/s')}, along the direction {along}"
         )
 
     def table(self) -> Table:
-        """Given and largest gain."""
+        """The gain and the largest stable one."""
         rows = [
-            ["given", Quantity(self.given, "1/s")],
+            ["given", Quantity(self.gain, "1/s")],
             ["largest", Quantity(self.largest, "1/s")],
             ["gain margin", Quantity(self.gain_margin, form="3")],
             ["Ms across the path", Quantity(self.peak, form="3")],
@@ -171,7 +171,7 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
     if not isinstance(coupling, CrossCoupled):
         raise ParameterError(f"couplings.{place} is no cross_coupled: name the place of one")
     names = coupling.axes()
-    others = tuple(each for i, each in enumerate(machine.couplings) if i != place)
+    others = tuple(coupling for i, coupling in enumerate(machine.couplings) if i != place)
     bare = Machine.of(machine.loops(), others)
     inputs, outputs = ([f"{name}.{what}" for name in names] for what in ("set_position", "reading_load"))
     model = linearize(bare, inputs, outputs, velocity=_FEED)
@@ -181,8 +181,8 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
         closed = model.A - gain * (model.B / gains) @ frame @ model.C
         return bool(np.max(np.abs(np.linalg.eigvals(closed))) < _EDGE)
 
-    given = float(coupling.contour_gain)
-    loop = given * _responses(model) / gains
+    gain = float(coupling.contour_gain)
+    loop = gain * _responses(model) / gains
     crossings: list[tuple[float, np.ndarray]] = []
     peak = 1.0
     for tangent in _directions(len(names), directions):
@@ -191,13 +191,13 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
         across = np.linalg.svd(frame)[0][:, :-1]
         opened = np.eye(len(names) - 1) + across.T @ loop @ across
         peak = max(peak, float(1.0 / np.min(np.linalg.svd(opened, compute_uv=False))))
-    largest, worst = min(crossings, key=lambda each: each[0])
+    largest, worst = min(crossings, key=lambda crossing: crossing[0])
     shares = dict(zip(names, map(float, worst), strict=True))
-    return ContourGain(f"couplings.{place}", largest, shares, given, peak)
+    return ContourGain(f"couplings.{place}", largest, shares, gain, peak)
 
 
 def _responses(model: StateSpace) -> np.ndarray:
-    """From every input to every output, shape (lines, outputs, inputs)."""
+    """The responses from every input to every output, shape (lines, outputs, inputs)."""
     nyquist = 0.5 / model.sample_time
     z = np.exp(2j * np.pi * np.geomspace(1e-4 * nyquist, nyquist, _LINES) * model.sample_time)
     inner = np.linalg.solve(z[:, None, None] * np.eye(len(model.A)) - model.A, model.B.astype(complex)[None])

@@ -1,4 +1,4 @@
-"""How far plant and controller may both be off in their normalized coprime factors: the goal of loop shaping."""
+"""The margin in the normalized coprime factors of plant and controller: the goal of loop shaping."""
 
 from __future__ import annotations
 

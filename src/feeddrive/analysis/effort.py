@@ -26,12 +26,12 @@ class Effort(Result):
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """The number of all operations."""
         return sum(self.operations.values())
 
     def table(self) -> Table:
-        """By kind, the most frequent first."""
-        rows = [[name, count] for name, count in sorted(self.operations.items(), key=lambda each: -each[1])]
+        """A row for each kind of operation, the most frequent first."""
+        rows = [[name, count] for name, count in sorted(self.operations.items(), key=lambda entry: -entry[1])]
         return Table(f"{self.total} operations a sample", ["operation", "number"], rows)
 
 
@@ -55,14 +55,14 @@ def effort(loop: Loop) -> Effort:
     )
     moving: set[int] = set()
 
-    def given(name: str) -> Any:
+    def varying(name: str) -> Any:
         symbol = graph.input(name)
         moving.add(symbol.index)
         return symbol
 
-    state = tree.rebuild(begun, (given(f"state.{name}") for name, _ in tree.leaves(begun)))
-    setpoint = Setpoint(*(given(f"set.{name}") for name in Setpoint._fields))
-    after, command = control.step(held, state, setpoint, given("motor"), given("load"), 1.0, graph.input("T"))  # type: ignore[arg-type]
+    state = tree.rebuild(begun, (varying(f"state.{name}") for name, _ in tree.leaves(begun)))
+    setpoint = Setpoint(*(varying(f"set.{name}") for name in Setpoint._fields))
+    after, command = control.step(held, state, setpoint, varying("motor"), varying("load"), 1.0, graph.input("T"))  # type: ignore[arg-type]
     ends = [graph.symbol(value).index for _, value in tree.leaves((after, command.applied))]
     counted: Counter[str] = Counter()
     for index in reachable(graph, ends):

@@ -1,4 +1,4 @@
-"""What a recorded motion shows: friction over velocity, and the error at its reversals."""
+"""Friction over velocity from a recorded motion, and the error at its reversals."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def set_velocity(run: Run) -> np.ndarray:
 
 
 def reversals(velocity: np.ndarray) -> np.ndarray:
-    """Samples at which a set velocity starts off in the other direction than it last had."""
+    """Return the samples at which a set velocity starts in the opposite direction."""
     moving = np.flatnonzero(np.abs(velocity) > STANDING * np.max(np.abs(velocity), initial=0.0))
     signs = np.sign(velocity[moving])
     return moving[1:][signs[1:] != signs[:-1]]

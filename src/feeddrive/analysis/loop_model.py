@@ -25,8 +25,8 @@ class LoopModel:
     open    the loop cut between control and actuator
     closed  the same model with cut = force
 
-    Of a law that repeats itself only after several samples both are lifted, and the loop gain is that which a sine
-    meets (`loop_gain`).
+    For a law with a period of several samples both are lifted, and the loop gain is that which a sine meets
+    (`loop_gain`).
     """
 
     open: StateSpace | Lifted
@@ -98,7 +98,7 @@ _LATEST = 400  # samples of dead time likewise
 
 
 def gain_edge(model: Lifted) -> float | None:
-    """The factor above 1 by which the force may be larger until the loop is at its edge, by its poles over a period.
+    """The factor above 1 on the force that brings the loop to its stability limit, from its poles over a period.
 
     Exact for a gain that is common to all samples, where the loop gain that a sine meets takes one frequency alone.
     None if there is none up to 1000.  The loop itself must be stable.
@@ -119,9 +119,9 @@ def gain_edge(model: Lifted) -> float | None:
 
 
 def delay_edge(model: Lifted) -> int | None:
-    """The most whole samples of dead time more with which, and with all fewer, the loop is stable by its poles.
+    """The largest number of extra samples of dead time up to which the loop is stable, from its poles.
 
-    None if 400 are not too many.
+    None if it is stable with up to 400.
     """
     N, place, row = len(model.samples), model.inputs.index("cut"), model.outputs.index("force")
     n = model.samples[0].A.shape[0]

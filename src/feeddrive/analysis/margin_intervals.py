@@ -31,14 +31,14 @@ class Smoother:
     weights: csr_array
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Applied to values of shape (..., n)."""
+        """Smooth values of shape (..., n)."""
         columns = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)
         smooth = self.weights @ np.real(columns) + 1j * (self.weights @ np.imag(columns))
         return np.moveaxis(smooth.reshape(np.moveaxis(values, -1, 0).shape), 0, -1)
 
 
 def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
-    """Local parabolas over ln f, each as wide as it explains all lines within their variance: (center, spread).
+    """Local parabolas over ln f, each as wide as the variance of its lines allows: (center, spread).
 
     Windows grow from 5 to 97 lines and stop at the first that fails: χ² of the residuals is beyond its 99.9 % point.
     Where the first one fails, the line stays as it is. A window that just passes has a bias as large as the remaining
@@ -89,11 +89,11 @@ def _smoother(n: int, maps: Sequence[tuple[np.ndarray, np.ndarray]], reach: np.n
 
     stays = np.flatnonzero(reach < 0)
     rows, columns, weights = [stays], [stays], [np.ones(stays.size)]
-    for i, (start, made) in enumerate(maps):
-        lines, width = np.flatnonzero(reach == i), made.shape[1]
+    for i, (start, weights_of_line) in enumerate(maps):
+        lines, width = np.flatnonzero(reach == i), weights_of_line.shape[1]
         rows.append(np.repeat(lines, width))
         columns.append((start[lines, None] + np.arange(width)).ravel())
-        weights.append(made[lines].ravel())
+        weights.append(weights_of_line[lines].ravel())
     places = np.concatenate(rows), np.concatenate(columns)
     return Smoother(csr_array((np.concatenate(weights), places), shape=(n, n)))
 
@@ -221,7 +221,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 
 
 def _settled(drawn: np.ndarray) -> bool:
-    """Whether nearly all draws lie around one value: no gap between them exceeds the deviations on both sides."""
+    """True if nearly all draws lie around one value: no gap between them exceeds the deviations on both sides."""
     ordered = np.sort(drawn)
     beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # fewer draws than this are outliers
     place = beyond + int(np.argmax(np.diff(ordered)[beyond - 1 : ordered.size - beyond]))

@@ -72,7 +72,7 @@ def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
 
 
 def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
-    """Where |L| = 1: the interval between two lines, the part of it, and the margins there."""
+    """The gain crossovers, |L| = 1: the interval between two lines, the share of it, and the margins there."""
     x, level, lead, turn = lines
     return [
         (i, part, _gain_crossover(np.exp(x[i] + part * (x[i + 1] - x[i])), lead[i] + part * turn[i]))
@@ -81,7 +81,7 @@ def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
 
 
 def phase_crossings(lines: Logarithms) -> list[tuple[int, float, PhaseCrossover]]:
-    """Where L is real and negative: the interval between two lines, the part of it, and the gain margin there."""
+    """The phase crossovers, L < 0: the interval between two lines, the share of it, and the gain margin there."""
     x, level, lead, turn = lines
     crossings: list[tuple[int, float, PhaseCrossover]] = []
     for i, part in _crossings(lead[:-1], _snapped(lead[:-1] + turn)):
@@ -110,7 +110,7 @@ def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Margins(Result):
-    """How far a loop gain stays from -1. What does not occur is None or an empty tuple, never NaN.
+    """Stability margins of a loop gain. A figure that does not occur is None or an empty tuple, never NaN.
 
     The figures are valid only for a stable closed loop. A frequency response alone does not show stability: see
     `stability`.  Frequencies in Hz.
@@ -134,12 +134,12 @@ class Margins(Result):
 
     @cached_property
     def gain_increase_dB(self) -> float | None:
-        """By how much the gain may rise."""
+        """The least increase of the gain in dB that reaches -1."""
         return min((c.gain_margin_dB for c in self.phase_crossovers if c.gain_margin_dB >= 0.0), default=None)
 
     @cached_property
     def gain_reduction_dB(self) -> float | None:
-        """By how much the gain may fall, as a positive number."""
+        """The least reduction of the gain in dB that reaches -1, as a positive number."""
         return min((-c.gain_margin_dB for c in self.phase_crossovers if c.gain_margin_dB < 0.0), default=None)
 
     @cached_property
@@ -149,7 +149,7 @@ class Margins(Result):
 
     @cached_property
     def delay_margin_samples(self) -> float | None:
-        """The same in samples, for a sampled loop."""
+        """The delay margin in samples, for a sampled loop."""
         T = self.loop_gain.sample_time
         return None if T is None or self.delay_margin is None else self.delay_margin / T
 
@@ -248,7 +248,7 @@ def _real_at_nyquist(L: FRF) -> np.ndarray:
 def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:
     """S = 1/(1 + L): what is left of a disturbance that enters where the loop was opened.
 
-    The variance of a measured L goes along to first order, |S|⁴ var(L).
+    The variance of a measured L is propagated to first order, |S|⁴ var(L).
     Raises ParameterError if L is exactly -1 on a line: the closed loop then oscillates and has no response there.
     """
     L = as_frf(loop_gain, frequency)

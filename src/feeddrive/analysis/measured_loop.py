@@ -36,15 +36,15 @@ class MeasuredLoop(Result):
 
     @property
     def margins(self) -> Margins:
-        """Of the loop gain."""
+        """The margins of the loop gain."""
         return margins(self.loop_gain)
 
     def margin_intervals(self, level: float = 0.95, seed: int = 0) -> MarginIntervals:
-        """Of the loop gain. Raises ParameterError if the axis was measured without variances."""
+        """Confidence intervals of the margins. Raises ParameterError if the axis was measured without variances."""
         return margin_intervals(self.loop_gain, level=level, seed=seed)
 
     def encirclement(self, unstable_poles: int = 0, integrators: int | None = None) -> Encirclement:
-        """Whether the closed loop is stable, by how its gain turns round -1; integrators are those of axis and law."""
+        """Stability of the closed loop by the Nyquist criterion, with the integrators of axis and law."""
         return encirclement(self.loop_gain, unstable_poles=unstable_poles, integrators=integrators)
 
     @property
@@ -177,7 +177,7 @@ def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_en
 
 
 def _coherence(load: FRF, motor: FRF | None) -> np.ndarray | None:
-    """The smaller one of two measurements."""
+    """The smaller coherence of two measurements."""
     if load.coherence is None or motor is None or motor.coherence is None:
         return load.coherence
     return np.minimum(load.coherence, motor.coherence)

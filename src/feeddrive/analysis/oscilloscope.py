@@ -31,11 +31,11 @@ _SPARE = 1.5  # windows that are kept
 
 
 class Rows(NamedTuple):
-    """What has come of several signals since the last look.
+    """New rows of several signals since the last call.
 
     time    rising, s (or samples, of a source without a clock), shape (n,)
     values  shape (n, channels); a row of NaN is a gap
-    anew    what came before is over: a file that was replaced or cut, a clock that began again
+    anew    earlier rows are void: the file was replaced or cut, or the clock began again
     """
 
     time: np.ndarray
@@ -55,15 +55,15 @@ class LiveSource(Protocol):
     """No more will come."""
 
     def take(self) -> Rows:
-        """What has come since the last call; it does not wait. Raises FeeddriveError where the source is broken."""
+        """Return the new rows since the last call, without waiting. Raises FeeddriveError for a source that failed."""
         ...
 
     def state(self) -> str:
-        """How it stands, as a sentence: that rows come, that it waits and for what, what was left out."""
+        """The status as a sentence: receiving rows, waiting for something, or rows that were skipped."""
         ...
 
     def close(self) -> None:
-        """Let it go; never raises."""
+        """Release the source; never raises."""
 
 
 class Recording:
@@ -91,7 +91,7 @@ class Recording:
         return self._rows[self._from : self._to, 1:]
 
     def add(self, time: np.ndarray, values: np.ndarray) -> None:
-        """Rows whose time does not run backward."""
+        """Append rows whose time does not run backward."""
         if not time.size:
             return
         time, values = time[-self.most :], values[-self.most :]
@@ -111,7 +111,7 @@ class Recording:
         self._rows, self._from, self._to = rows, 0, len(held)
 
     def keep(self, seconds: float) -> None:
-        """Drop what is older than so many s before the last row."""
+        """Drop rows that are older than a time in s before the last row."""
         if len(self):
             self._from += int(np.searchsorted(self.time, self.time[-1] - seconds))
 
@@ -127,10 +127,10 @@ class Shown:
 
     time, values  as recorded, shapes (n,) and (n, channels)
     channels      units of the columns of values by name, as their source stated them; empty where none is known
-    zero          the instant that a picture calls 0: of the trigger, or the end
+    zero          the instant that is shown as 0: that of the trigger, or the end
     start, end    of the window in relation to it
-    triggered     whether there was a trigger
-    whole         whether all of it was recorded and is kept
+    triggered     True if there was a trigger
+    whole         True if all of it was recorded and is kept
     clock         unit of the time
     """
 
@@ -146,7 +146,7 @@ class Shown:
 
 
 class Readout(NamedTuple):
-    """What two cursors read: at times a and b, in relation to the zero of a window, values of all channels.
+    """The readings of two cursors: values of all channels at times a and b, in relation to the zero of a window.
 
     A value is that of the straight line between two samples; NaN beside the window and in gaps.
     """
@@ -214,7 +214,7 @@ class Oscilloscope:
         self.set(window, before, mode, trigger)
 
     def set(self, window: float, before: float, mode: str, trigger: Trigger | None) -> None:
-        """Other settings; it looks for the trigger from now on. Raises ParameterError."""
+        """Change the settings, and look for the trigger from now on. Raises ParameterError."""
         if not 0.0 < window < math.inf:
             raise ParameterError(f"window = {Quantity(window, 's'):6 SI} must be > 0 s and finite")
         if not 0.0 <= before <= 0.95:
@@ -239,11 +239,11 @@ class Oscilloscope:
 
     @property
     def waits(self) -> bool:
-        """Whether it looks for a trigger."""
+        """True if it looks for a trigger."""
         return self._crossings is not None and not (self.mode == SINGLE and (self.count or self._filling is not None))
 
     def feed(self, source: LiveSource) -> int:
-        """Take what has come; how many rows."""
+        """Take the new rows of a source; return how many there were."""
         rows = source.take()
         of, known = ([*channels.items()] for channels in (source.channels, self.channels))  # their order counts
         if of != known or source.clock != self.clock:
@@ -255,7 +255,7 @@ class Oscilloscope:
         return rows.time.size
 
     def _forget(self) -> None:
-        """What was recorded belongs to another clock, or to other channels; what was caught stays."""
+        """Drop the recording, which belongs to another clock or to other channels; a caught window stays."""
         self.recording = Recording(len(self.channels))
         self._crossings = None if self.trigger is None else Crossings(self.trigger)
         self._ready, self._filling, self._fed = -math.inf, None, -math.inf
@@ -280,7 +280,7 @@ class Oscilloscope:
 
     @property
     def lack(self) -> str:
-        """Why no window is whole, as a sentence: it is longer than what is kept. Empty where it is not."""
+        """The reason why no window is whole, as a sentence: it is longer than the kept recording. Else empty."""
         time = self.recording.time
         kept = float(time[-1] - time[self._at_once]) if time.size >= self.recording.most else math.inf
         if not 0.0 < kept < self.window:
@@ -306,7 +306,7 @@ class Oscilloscope:
         self.recording.keep(_SPARE * self.window)
 
     def _complete(self, until: float) -> None:
-        """Keep the window that fills, if it was over by then."""
+        """Catch the window that is being filled, if its end lies before an instant."""
         if self._filling is not None and until >= self._filling + (1.0 - self.before) * self.window:
             self.caught, self._filling = self._around(self._filling), None
             self.count += 1
@@ -318,7 +318,7 @@ class Oscilloscope:
         return Shown(time, values, dict(self.channels), instant, start, end, True, whole, self.clock)
 
     def shown(self) -> Shown | None:
-        """What a picture shows now; None if there is nothing yet."""
+        """The window that a picture shows now; None if there is nothing yet."""
         if self.trigger is None or (self.mode == AUTO and self._overdue):
             return self.last()
         if self._filling is not None and (self.window >= _LONG or self.caught is None):
@@ -329,7 +329,7 @@ class Oscilloscope:
 
     @property
     def _overdue(self) -> bool:
-        """Whether there was no trigger for a window, and what is held back, after the last one."""
+        """True if no trigger came for the length of a window, or of the hold, after the last caught window."""
         if self._filling is not None or self.caught is None or self.trigger is None:
             return False
         since = self._fed - (self.caught.zero + self.caught.end)

@@ -35,7 +35,7 @@ class Replay(Result):
     """A predicted run and the measured signals of the same names, over the same samples.
 
     `skipped` samples at the start do not count in the errors: there the state of the real loop is not known.
-    `contained` says that the logged force held the injected one, which is taken off in `measured`.
+    `contained` is True if the logged force included the injected one, which is subtracted in `measured`.
     """
 
     run: Run
@@ -109,43 +109,43 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
     return Replay(run, signals, skip, contained)
 
 
-def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay) -> tuple[float, Replay]:
+def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) -> tuple[float, Replay]:
     """The factor of the injected forces with which the model meets the log best, and the run with it; about 1 if right.
 
         c = -e₀ · d / (d · d),   e₀ the position residual without them, d what they change in it
 
-    `found` is the run with them as they are.
+    `fit` is the run with them as they are.
     """
     without = {name: values for name, values in measured.items() if name not in INJECTED}
-    bare = replay(loop, without, skip=found.skipped).residual("position_load")
-    change = found.residual("position_load") - bare
+    bare = replay(loop, without, skip=fit.skipped).residual("position_load")
+    change = fit.residual("position_load") - bare
     size = float(change @ change)
     if size == 0.0:
-        return 1.0, found
+        return 1.0, fit
     scale = -float(bare @ change) / size
     scaled = {name: scale * values if name in INJECTED else values for name, values in measured.items()}
-    return scale, replay(loop, scaled, skip=found.skipped)
+    return scale, replay(loop, scaled, skip=fit.skipped)
 
 
-def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay) -> tuple[np.ndarray, Replay] | None:
-    """The run if `added_force` was added to the command before the limit F, and what of it is left behind the limit.
+def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay) -> tuple[np.ndarray, Replay] | None:
+    """The run if `added_force` was added to the command before the limit F, and the part of it that passes the limit.
 
         a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F,   u what the control requests
 
     Each run gives requests, and these the a' of the next, until a' stays or 20 runs were made.  None if the limit cuts
-    nothing.  The law is told its own command, without the injected part.  `found` is the run behind the limit.
+    nothing.  The law is told its own command, without the injected part.  `limited` is the run behind the limit.
     """
     if loop.control.force_limit is None:
         return None
-    limit, added, again = float(loop.control.force_limit), measured["added_force"], found
+    limit, added, again = float(loop.control.force_limit), measured["added_force"], limited
     left = added
     for _ in range(_ROUNDS):
         requested = again.run["requested"]
         last, left = left, np.clip(requested + added, -limit, limit) - np.clip(requested, -limit, limit)
         if np.max(np.abs(left - last)) <= _SETTLED * limit:
             break
-        again = replay(loop, {**measured, "added_force": left}, skip=found.skipped, name=found.run.name)
-    return None if again is found else (left, again)
+        again = replay(loop, {**measured, "added_force": left}, skip=limited.skipped, name=limited.run.name)
+    return None if again is limited else (left, again)
 
 
 def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:
@@ -202,7 +202,7 @@ def observe(
     before: float = 0.0,
     velocity: float = 0.0,
 ) -> Observation:
-    """What an observer makes of measured positions and commanded forces, with the native step that also runs in a loop.
+    """Run an observer on measured positions and commanded forces, with the native step that also runs in a loop.
 
     position     m, read at kT, shape (n,): `reading_load` of a run, `position_load` of a log
     force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log
@@ -244,7 +244,7 @@ def observe(
     return Observation(observer.kind, np.arange(x.size) * float(T), **signals, sample_time=float(T), lag=lag)
 
 
-def _program(observer: Observer, made: Any, begun: Any) -> Program:
+def _program(observer: Observer, prepared_numbers: Any, begun: Any) -> Program:
     """One step of the observer between named numbers."""
     graph = Graph()
     constants: dict[str, int] = {}
@@ -257,7 +257,8 @@ def _program(observer: Observer, made: Any, begun: Any) -> Program:
 
     symbolic = tree.rebuild(observer, (leaf(name, constants) for name, _ in tree.leaves(observer)))
     prepared = tree.rebuild(
-        made, (v if type(v) is float else leaf(name, constants) for name, v in tree.leaves(made, "prepared"))
+        prepared_numbers,
+        (v if type(v) is float else leaf(name, constants) for name, v in tree.leaves(prepared_numbers, "prepared")),
     )
     names = [name for name, _ in tree.leaves(begun)]
     before = tree.rebuild(begun, (graph.input(f"state.{name}") for name in names))

@@ -30,7 +30,7 @@ class Spectrum(Result):
 
     @property
     def rms(self) -> float:
-        """RMS of the signal, its mean counted."""
+        """RMS of the signal, including its mean."""
         return float(self.cumulative_rms[-1])
 
     def largest(self, count: int = LARGEST) -> list[tuple[float, float]]:

@@ -40,12 +40,12 @@ class Stability(Result):
 
     @property
     def stable(self) -> bool:
-        """Whether all motions decay; a motion that neither grows nor decays is not stable."""
+        """True if all motions decay; a motion that neither grows nor decays is not stable."""
         return self.growth < 1.0 - _ROUNDING
 
     @property
     def frequency(self) -> float:
-        """Of the deciding pole, Hz; 0 for a motion that does not oscillate."""
+        """The frequency of the deciding pole, Hz; 0 for a motion that does not oscillate."""
         return float(abs(np.angle(self.pole)) / (2.0 * np.pi * self.model.sample_time))
 
     @property
@@ -56,7 +56,7 @@ class Stability(Result):
         return float(self.model.sample_time / abs(np.log(self.growth)))
 
     def sentence(self) -> str:
-        """What the deciding pole does, in words."""
+        """The motion of the deciding pole in words."""
         motion = Text(f"an oscillation of {Quantity(self.frequency, 'Hz')}") if self.frequency > 0.0 else "a drift"
         time = self.time_constant
         if self.stable:
@@ -89,7 +89,7 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
 
 
 def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where: str = "") -> Stability:
-    """The same, or UnstableError with frequency, growth, what to do, and the nearest stable gains of a loop.
+    """Return the stability, or raise UnstableError with frequency, growth, remedy and the nearest stable gains.
 
     Of a machine the gain of cross-coupled control is checked along all directions of the path.
 
@@ -126,7 +126,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
 
 
 def _slower(law: Law) -> str:
-    """Which parameters of a law to lower, and which times to lengthen: `Kp and Kv, or lengthen Tn`."""
+    """Name the parameters of a law to lower, and the times to lengthen: `Kp and Kv, or lengthen Tn`."""
     there = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if name in there}
     gains = [name for name, unit in units.items() if unit not in ("", "s")]
@@ -177,7 +177,7 @@ class Encirclement(Result):
     unstable       poles of the closed loop that grow: unstable_poles of the open one - turns
     arc            degrees by which L was assumed to turn below the first line, from 0 Hz on
     rounding       how far the turns were from a whole number before rounding
-    doubts         why the count may be wrong: lines too far apart, noise over -1, a gain above 1 beyond the last line
+    doubts         reasons for a wrong count: lines too far apart, noise over -1, a gain above 1 beyond the last line
     """
 
     loop_gain: FRF
@@ -190,12 +190,12 @@ class Encirclement(Result):
 
     @property
     def stable(self) -> bool:
-        """Whether no pole of the closed loop grows; `certain` says whether the lines suffice to decide it."""
+        """True if no pole of the closed loop grows; `certain` is True if the lines suffice to decide it."""
         return self.unstable == 0
 
     @property
     def certain(self) -> bool:
-        """Whether there is no doubt."""
+        """True if there is no doubt."""
         return not self.doubts
 
     def sentence(self) -> str:
@@ -311,12 +311,12 @@ def encirclement(
 
 
 def _turned(curve: np.ndarray) -> float:
-    """By how much a curve turns round zero, rad."""
+    """Return the angle by which a curve turns around zero, rad."""
     return float(np.sum(np.angle(curve[1:] / curve[:-1])))
 
 
 def _integrators(L: FRF) -> int:
-    """From the slope of ln |L| over ln f of the lowest lines, over a factor of 2 in frequency or five lines."""
+    """Count integrators by the slope of ln |L| over ln f of the lowest lines, over a factor of 2 or five lines."""
     many = max(int(np.searchsorted(L.frequency, 2.0 * L.frequency[0])), min(5, L.frequency.size))
     x, y = np.log(L.frequency[:many]), np.log(np.maximum(np.abs(L.response[:many]), 1e-300))
     slope = float(np.polyfit(x, y, 1)[0])
@@ -324,7 +324,7 @@ def _integrators(L: FRF) -> int:
 
 
 def _arc(angle: float, integrators: int) -> tuple[float, float]:
-    """Where L begins, at +∞ (0) or for a negative gain at -∞ (π), and its turn from there to `angle`, both in rad.
+    """The start of L, at +∞ (0) or for a negative gain at -∞ (π), and its turn from there to `angle`, both in rad.
 
     Of the possible turns it is the one nearest to -90° per integrator.
     """

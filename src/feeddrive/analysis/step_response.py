@@ -1,4 +1,4 @@
-"""Step of the set position: how far the axis overshoots, and when it has settled."""
+"""Response to a step of the set position: overshoot, rise time and settling time."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ class StepResponse(Result):
 
     @property
     def overshoot(self) -> float:
-        """By which share of the final position it goes beyond it at most; 0 without overshoot."""
+        """The overshoot as a share of the final position; 0 without overshoot."""
         return max(float(np.max(self.position / self.final)) - 1.0, 0.0)
 
     @property
     def overshoot_time(self) -> float:
-        """When it is farthest, s."""
+        """The time of the largest position, s."""
         return float(self.time[int(np.argmax(self.position / self.final))])
 
     @property
     def settling_time(self) -> float:
-        """From when on it stays within the band, s."""
+        """The time from which on the position stays within the band, s."""
         return settling_time(self.time, self.position / self.final - 1.0, self.settled)
 
     @property

@@ -56,12 +56,12 @@ class Stiffness(Result):
 
     @property
     def minimum(self) -> float:
-        """The least stiffness, N/m: where the axis is softest."""
+        """The least stiffness, N/m."""
         return float(np.exp(self._least()[1]))
 
     @property
     def minimum_frequency(self) -> float:
-        """Where it is least, Hz."""
+        """The frequency of the least stiffness, Hz."""
         return float(np.exp(self._least()[0]))
 
     @property

@@ -15,7 +15,7 @@ RISING, FALLING = "rising", "falling"
 
 @dataclass(frozen=True)
 class Trigger:
-    """What an instant is.
+    """The condition of an instant.
 
     channel     by its name
     level       that is passed, in the unit of the channel
@@ -45,7 +45,7 @@ class Trigger:
 
 
 class Crossings:
-    """Finds the instants of a trigger in a signal that comes in pieces; how it is cut changes nothing.
+    """Finds the instants of a trigger in a signal that comes in pieces; the cuts do not change the result.
 
     A rising instant lies between two samples a, b of the times s, t with a < level <= b, if the signal was below
     level - hysteresis since it last was at the level or above:

@@ -113,18 +113,18 @@ class Beside(NamedTuple):
 
     name   of the form in a comparison
     block  the compensation; None if this form does not go on the axis
-    said   what must be known of it, or why it does not go
-    tuned  whether its tunables are searched with those of the law; else the law's tuning is taken over
+    remark a note for the report, or the reason why it does not go
+    tuned  True if its tunables are searched with those of the law; else the law's tuning is taken over
     """
 
     name: str
     block: Any
-    said: str = ""
+    remark: str = ""
     tuned: bool = True
 
 
-def begun(block: type[B], axis: AxisModel, **given: Any) -> B:
-    """A block with start values for an axis: the given ones, those of the axis, and otherwise values by unit.
+def begun(block: type[B], axis: AxisModel, **stated: Any) -> B:
+    """Return a block with start values for an axis: the stated ones, those of the axis, and otherwise values by unit.
 
     `mass`, `viscous`, `delay_samples` and `velocity_encoder` come from the axis; a field with a default keeps it; a
     gain without one is mass^a rate^b by its unit (`POWERS`), in Hz over 2π.
@@ -136,7 +136,7 @@ def begun(block: type[B], axis: AxisModel, **given: Any) -> B:
         "delay_samples": axis.delay_samples,
         "velocity_encoder": axis.velocity_encoder,
     }
-    values: dict[str, Any] = dict(given)
+    values: dict[str, Any] = dict(stated)
     declared = declarations(block)
     for spec in dataclasses.fields(block):  # type: ignore[arg-type]
         if spec.name in values:

@@ -1,6 +1,6 @@
-"""The catalogue of all concrete blocks: the shipped ones, and those of one's own.
+"""The catalogue of all concrete blocks: the shipped ones, and user-defined ones.
 
-The shipped ones are found by walking the packages under `feeddrive.blocks`.  Those of one's own come from installed
+The shipped ones are found by walking the packages under `feeddrive.blocks`.  User-defined ones come from installed
 packages with an entry point of the group `feeddrive.blocks`, and from what the environment names in FEEDDRIVE_BLOCKS
 or the command line by --blocks: a file, PACKAGE.MODULE or PACKAGE.MODULE:CLASS.  Nothing else is imported; what a
 machine file says never decides it.
@@ -73,7 +73,7 @@ def _installed() -> Iterator[tuple[str, type[Block]]]:
     """The blocks of installed packages, with where they come from."""
     from importlib.metadata import entry_points  # not before a block is looked for
 
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda each: (each.name, each.value)):
+    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
         package = point.dist.name if point.dist is not None else point.name
         for block in _held(f"the installed package '{package}' (mend or uninstall it)", point.value):
             yield f"the installed package '{package}'", block
@@ -96,7 +96,7 @@ def _held(origin: str, place: str) -> list[type[Block]]:
         line = error.lineno if isinstance(error, SyntaxError) else _line_in(error)
         at = f", line {line}" if line else ""
         raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}{at}") from None
-    wrong = [each for each in blocks if not _is_concrete(each)]
+    wrong = [block for block in blocks if not _is_concrete(block)]
     if wrong or not blocks:
         raise ParameterError(f"{origin}: it holds no concrete block{f': {wrong[0]!r}' if wrong else ''}")
     return blocks
@@ -135,7 +135,7 @@ def module_at(place: str) -> tuple[ModuleType, str]:
 
 
 def fault_of_own(error: Exception) -> FeeddriveError | None:
-    """An error that the code of a block of one's own raised, in one sentence with its line; None for any other.
+    """Return an error of a user-defined block's code as one sentence with its line; None for any other error.
 
     Python users get the error itself; the command line has no traceback to show.
     """
@@ -148,10 +148,10 @@ def fault_of_own(error: Exception) -> FeeddriveError | None:
 
 
 def _holds_own(module: Mapping[str, Any]) -> bool:
-    """Whether the globals are those of a module that defines blocks and is none of this package."""
+    """True if the globals are those of a module outside of this package that defines blocks."""
     name = str(module.get("__name__", ""))
     return name.partition(".")[0] != "feeddrive" and any(
-        isinstance(each, type) and issubclass(each, Block) and each.__module__ == name for each in module.values()
+        isinstance(block, type) and issubclass(block, Block) and block.__module__ == name for block in module.values()
     )
 
 
@@ -160,8 +160,8 @@ def _search(folder: Path) -> None:
         sys.path.append(str(folder))
 
 
-def _is_concrete(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Block) and not inspect.isabstract(found)
+def _is_concrete(value: Any) -> bool:
+    return isinstance(value, type) and issubclass(value, Block) and not inspect.isabstract(value)
 
 
 def _own_blocks(module: ModuleType) -> list[type[Block]]:
@@ -174,7 +174,7 @@ def _own_blocks(module: ModuleType) -> list[type[Block]]:
 
 @contextmanager
 def with_blocks(places: Sequence[str]) -> Generator[None]:
-    """The catalogue holds the blocks of these files or modules too, here and in processes that are started here.
+    """Add the blocks of these files or modules to the catalogue within this context, also in child processes.
 
     Raises as `catalogue`.
     """
@@ -206,11 +206,11 @@ def modules() -> Iterator[str]:
 def blocks_of(module: str) -> list[type[Block]]:
     """The concrete blocks defined in a module; imported ones do not count."""
     values = vars(importlib.import_module(module)).values()
-    return [each for each in values if _is_concrete(each) and each.__module__ == module]
+    return [value for value in values if _is_concrete(value) and value.__module__ == module]
 
 
 def imported(family: type[B], place: str) -> type[B]:
-    """The block that a person names by PACKAGE.MODULE:CLASS; its module is imported, and so its code is run.
+    """Import the block that a user names by PACKAGE.MODULE:CLASS; this runs the code of its module.
 
     Modules are looked for where Python does, and then in the working directory.  For what stands on a command line,
     never for what is only read in a file.
@@ -225,15 +225,15 @@ def imported(family: type[B], place: str) -> type[B]:
     return required(getattr(module, name, None), family, place, f"there is no class '{name}' in {module.__name__}")
 
 
-def required(found: Any, family: type[B], place: str, missing: str = "it is no class") -> type[B]:
-    """What was found at a place, if it is a concrete block of a family; else ParameterError with the reason."""
-    if not isinstance(found, type):
+def required(value: Any, family: type[B], place: str, missing: str = "it is no class") -> type[B]:
+    """Return an object if it is a concrete block of a family; else raise ParameterError with the reason."""
+    if not isinstance(value, type):
         raise ParameterError(f"'{place}': {missing}")
-    if not issubclass(found, family) or inspect.isabstract(found):
-        lacking = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
-        why = f"it lacks {lacking}" if issubclass(found, family) else f"it must derive from {family.__name__}"
+    if not issubclass(value, family) or inspect.isabstract(value):
+        lacking = ", ".join(sorted(getattr(value, "__abstractmethods__", ())))
+        why = f"it lacks {lacking}" if issubclass(value, family) else f"it must derive from {family.__name__}"
         raise ParameterError(f"'{place}' is no {family.kind.replace('_', ' ')}: {why}")
-    return found
+    return value
 
 
 def family_of(block: type[Block]) -> type[Block]:

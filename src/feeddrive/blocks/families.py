@@ -113,7 +113,7 @@ class Force(Block, ABC):
         """Raise StructureError for a plant or other forces with which the force cannot be combined (empty hook)."""
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """What must hold for the force to run at substeps of h seconds (empty hook)."""
+        """Yield the rules of the force for substeps of h seconds (empty hook)."""
         return iter(())
 
 
@@ -171,9 +171,13 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def to_tune(cls) -> tuple[str, ...]:
-        """`tunables`; of a law that names none its parameters > 0 without a default, but not its model of the axis."""
+        """`tunables`, or, if the law lists none, every positive parameter without a default except the plant model."""
         fields = ((spec, declarations(cls)[spec.name]) for spec in dataclasses.fields(cls))  # type: ignore[arg-type]
-        free = [spec.name for spec, each in fields if spec.default is dataclasses.MISSING and each.above == 0.0]
+        free = [
+            spec.name
+            for spec, declaration in fields
+            if spec.default is dataclasses.MISSING and declaration.above == 0.0
+        ]
         return cls.tunables or tuple(name for name in free if name not in ("mass", "viscous"))
 
     @classmethod
@@ -184,7 +188,7 @@ class Law(Block, Retuned, ABC):
         return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
 
     def prepare(self, T: Number) -> Any:
-        """What depends on parameters only (empty hook)."""
+        """Compute the values that depend on parameters only (empty hook)."""
         return Nothing()
 
     @abstractmethod
@@ -204,7 +208,7 @@ class Law(Block, Retuned, ABC):
         return None
 
     def positions(self) -> int:
-        """How many positions the law needs as measurements of their own (empty hook)."""
+        """The number of positions that the law needs as measurements of their own (empty hook)."""
         return self.encoders
 
     def settled(self) -> Law:
@@ -217,7 +221,7 @@ class Filter(Block, Retuned, ABC):
 
     @abstractmethod
     def prepare(self, T: Number) -> Any:
-        """Its coefficients."""
+        """The coefficients of the filter."""
 
     @abstractmethod
     def start(self, prepared: Any, value: Number) -> Any:
@@ -244,12 +248,12 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Whether a comparison tries it beside a law, under its `title`, from `begin` on (empty hook)."""
+        """True if a comparison tries it beside a law, under its `title`, from `begin` on (empty hook)."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """With the values of an axis.  Raises StructureError, with the reason, if there are none (empty hook)."""
+        """Start values on an axis.  Raises StructureError, with the reason, if there are none (empty hook)."""
         return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
@@ -272,7 +276,7 @@ class Prefilter(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Whether a comparison combines it with a law, under its `title`, fitted to the move (empty hook)."""
+        """True if a comparison combines it with a law, under its `title`, fitted to the move (empty hook)."""
         return False
 
     @abstractmethod
@@ -295,7 +299,7 @@ class Observer(Block, Retuned, ABC):
         return begun(cls, axis)
 
     def prepare(self, T: Number) -> Any:
-        """What depends on parameters only (empty hook)."""
+        """Compute the values that depend on parameters only (empty hook)."""
         return Nothing()
 
     @abstractmethod
@@ -307,7 +311,7 @@ class Observer(Block, Retuned, ABC):
         """One sample: the new state and the estimate at kT."""
 
     def lag(self, prepared: Any, T: Number) -> Number:
-        """s by which the estimate of a slow disturbance comes late; 0.0 where it is not known (empty hook)."""
+        """The delay of the estimate of a slow disturbance, s; 0.0 where it is not known (empty hook)."""
         return 0.0
 
 
@@ -318,7 +322,7 @@ class Compensation(Block, Retuned, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Whether a comparison tries it beside a law, under its `title`, from `begin` on (empty hook)."""
+        """True if a comparison tries it beside a law, under its `title`, from `begin` on (empty hook)."""
         return False
 
     @classmethod
@@ -327,7 +331,7 @@ class Compensation(Block, Retuned, ABC):
         return (Beside(cls.title, begun(cls, axis)),)
 
     def prepare(self, T: Number) -> Any:
-        """What depends on parameters only (empty hook)."""
+        """Compute the values that depend on parameters only (empty hook)."""
         return Nothing()
 
     @abstractmethod
@@ -341,11 +345,11 @@ class Compensation(Block, Retuned, ABC):
         """One sample: the new state, the setpoint for law and feedforward, and a force in N behind the filters."""
 
     def carries(self, reading: Reading) -> Any:
-        """The part of the force acting at a start that it holds, N; the law holds the rest (empty hook)."""
+        """The part of the force acting at the start that it holds, N; the law holds the rest (empty hook)."""
         return 0.0
 
     def moved(self, state: Any) -> Any:
-        """What was added to the set position for the sake of the reading alone, m (empty hook)."""
+        """The part of the set position's shift that concerns the reading only, m (empty hook)."""
         return 0.0
 
     def settled(self) -> Compensation:

@@ -1,4 +1,4 @@
-"""What becomes of the state of a block when its parameters change in a running loop: `retune`.
+"""The state of a block after its parameters change in a running loop: `retune`.
 
 There is no default for a block with a state.  The old state is right only where no parameter scales what it holds, and
 a state that is continuous for any block does not exist: the last output fixes one number of several.
@@ -36,12 +36,12 @@ class RetunedUnprepared:
         return _without_numbers(self.kind, state, "state, old")
 
 
-def _without_numbers(kind: str, state: Any, given: str) -> Any:
+def _without_numbers(kind: str, state: Any, arguments: str) -> Any:
     held = [name or "a number" for name, _ in tree.leaves(state)]
     if held:
         raise StructureError(
             f"{kind} does not say what becomes of its state ({', '.join(held[:3])}{', ...' if held[3:] else ''}) when "
-            f"its parameters change in a running loop: define retune(self, {given}), which returns the state with "
+            f"its parameters change in a running loop: define retune(self, {arguments}), which returns the state with "
             f"which the output goes on: `return state` where no parameter scales what it holds, as positions in m and "
             f"forces in N; else convert it, as docs/live_changes.md shows"
         )

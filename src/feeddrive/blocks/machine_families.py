@@ -51,11 +51,11 @@ class Coupling(Block, ABC):
         return ()
 
     def follows(self) -> dict[str, str]:
-        """By axis the one whose word of a part program moves it too (empty hook)."""
+        """By axis, the axis whose word of a part program moves it, too (empty hook)."""
         return {}
 
     def prepare(self, h: Number) -> Any:
-        """What depends on parameters and the substep h only (empty hook)."""
+        """Compute the values that depend on parameters and the substep h only (empty hook)."""
         return Nothing()
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> Any:
@@ -84,7 +84,7 @@ class Coupling(Block, ABC):
         return state, {}
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """What must hold for the coupling to run at substeps of h seconds (empty hook)."""
+        """Yield the rules of the coupling for substeps of h seconds (empty hook)."""
         return iter(())
 
 

@@ -25,7 +25,7 @@ def check_single(block: Block) -> None:
 
 def are_all(parts: object, family: type[Block]) -> bool:
     """True for a tuple of at least one block, all of a family: what a part may hold is not checked elsewhere."""
-    return isinstance(parts, tuple) and bool(parts) and all(isinstance(each, family) for each in parts)
+    return isinstance(parts, tuple) and bool(parts) and all(isinstance(part, family) for part in parts)
 
 
 def check_duration(kind: str, duration: float) -> None:

@@ -94,9 +94,9 @@ class TerminalProgress(Progress):
             self._tasks[part] = self._bar.add_task(text, total=of)
         self._bar.update(self._tasks[part], description=text, completed=done, total=of)
 
-    def show_remark(self, said: str | Table) -> None:
+    def show_remark(self, message: str | Table) -> None:
         """Print a remark immediately."""
-        show(self._console, said, soft_wrap=True)
+        show(self._console, message, soft_wrap=True)
         self._console.file.flush()
 
     def confirm(self, question: str) -> bool:

@@ -90,7 +90,7 @@ def ratios_chart(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: s
             text, level = _cell(figures.get(criterion.key), reference.get(criterion.key), criterion.higher)
             cells.append(Box(k - 0.47, k + 0.47, -row - 0.45, -row + 0.45, text=text, level=level))
     panel = Panel("", boxes=tuple(cells), ticks=listed([name for name, _ in rows]), low=0.5 - len(rows), high=0.5)
-    heads = tuple(Tick(float(k), said=criterion.title) for k, criterion in enumerate(CRITERIA))
+    heads = tuple(Tick(float(k), caption=criterion.title) for k, criterion in enumerate(CRITERIA))
     return Chart("", (panel,), low=-0.5, high=len(CRITERIA) - 0.5, ticks=heads, height=1.9 + 0.34 * len(rows))
 
 

@@ -32,10 +32,10 @@ BETTER = (LOWER, HIGHER, NEUTRAL)
 
 @dataclass(frozen=True)
 class Goal:
-    """How a tuning makes a figure best.
+    """A figure as the goal of a tuning.
 
     name      the goal on the command line
-    what      what there is more or less of: `dynamic stiffness`
+    what      the quantity that becomes more or less: `dynamic stiffness`
     of        the number that is minimized, of a loop over a band (Hz)
     slope     its logarithm with derivatives, of a loop with derivatives over a band
     banded    the band counts
@@ -54,7 +54,7 @@ class Goal:
 
 @dataclass(frozen=True)
 class Limitable:
-    """How a tuning keeps a figure within a limit.
+    """A figure that a tuning can keep within a limit.
 
     option, meaning, entered  the option of the command line, and the unit in which it takes a number
     places    the places at which a loop is near a limit: (loop, limit, noise of both readings in m) -> places
@@ -197,7 +197,7 @@ class Limit:
 
     @property
     def declared(self) -> Limitable:
-        """How a tuning keeps it."""
+        """The declaration of the limit in a tuning."""
         assert self.figure.limit is not None
         return self.figure.limit
 

@@ -23,7 +23,7 @@ _LINES = 60  # of a band
 class LinearLoop:
     """A loop with its linear model, which is computed once for all figures.
 
-    velocity       m/s: it slides
+    velocity       m/s, at which the axis slides
     known          its model, if it is known: that of a stable loop
     density        lines a decade
     lowest         Hz, from which the least stiffness counts

@@ -1,4 +1,4 @@
-"""Figures of a closed loop with their derivatives to the tunables: what goals and limits of a search are made of.
+"""Figures of a closed loop with their derivatives to the tunables, for the goals and limits of a search.
 
 Slacks are logarithms or relative differences: 0.01 is about one percent.  A limit is kept while its slack is >= 0.
 """
@@ -93,12 +93,12 @@ class SlopedLoop(Protocol):
 
     @property
     def gain_slope(self) -> np.ndarray:
-        """Its derivatives, shape (n, p)."""
+        """The derivatives of the loop gain, shape (n, p)."""
         ...
 
     @property
     def gain_variance(self) -> np.ndarray:
-        """Its variance from that of a measurement, shape (n,)."""
+        """The variance of the loop gain from that of a measurement, shape (n,)."""
         ...
 
     @property
@@ -136,7 +136,7 @@ class SlopedLoop(Protocol):
         ...
 
     def readings(self, noise: tuple[float, float]) -> Sequence[Reading]:
-        """Return what leads from the errors of the readings (m RMS) to the force."""
+        """Return the responses from the errors of the readings (m RMS) to the force."""
         ...
 
 

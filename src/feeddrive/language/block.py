@@ -46,8 +46,8 @@ class Rule(NamedTuple):
     The constructor takes it as its check, and an export computes it on the target.
 
     holds     truth value
-    sentence  what must hold, for a person who looks up the code of a refusal
-    refusal   what the constructor says: the numbers, and what to do
+    sentence  the rule in words, for a person who looks up the code of a refusal
+    refusal   the message of the constructor: the numbers, and what to do
     """
 
     holds: Any
@@ -68,7 +68,7 @@ def parameter(
 ) -> Any:
     """Declare a leaf. A default of None makes it absent unless given; an absent leaf changes the graph.
 
-    infinite   it may be infinite, as a bound that holds nothing back
+    infinite   it may be infinite, as a limit that never acts
     """
     declaration = Declaration(
         role="parameter",
@@ -151,7 +151,7 @@ class Block(Declared):
     def __init_subclass__(cls) -> None:
         cls.kind = snake_case(cls.__name__)
         dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
-        cls.__init__ = _said_of_names(cls, cls.__init__)
+        cls.__init__ = _checking_names(cls, cls.__init__)
         for spec in dataclasses.fields(cls):  # type: ignore[arg-type]
             if "declaration" not in spec.metadata:
                 raise StructureError(
@@ -166,11 +166,11 @@ class Block(Declared):
         return checked(self.kind, name, declaration, value)
 
     def rules(self) -> Iterator[Rule]:
-        """What must hold between the parameters (empty hook)."""
+        """Yield the rules between the parameters (empty hook)."""
         yield from ()
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """What must hold at a sample time in s, where the block runs on a controller or is simulated (empty hook)."""
+        """Yield the rules at the sample time T in s of a controller or a simulation (empty hook)."""
         yield from ()
 
     def require(self) -> None:
@@ -208,7 +208,7 @@ def _parts(block: Block) -> Iterator[tuple[str, Block]]:
             if isinstance(value, tuple):
                 held: tuple[Block, ...] = value
                 names = getattr(held, "_fields", None) or map(str, range(len(held)))
-                yield from ((f"{place}.{each}", item) for each, item in zip(names, held, strict=True))
+                yield from ((f"{place}.{index}", item) for index, item in zip(names, held, strict=True))
             else:
                 yield place, value
 
@@ -257,18 +257,18 @@ def _text(value: Any, unit: str) -> str:
     return Text(f"{Quantity(value, unit, form=_EXACT)}") if isinstance(value, float) else str(value)
 
 
-def _said_of_names(cls: type[Block], make: Callable[..., None]) -> Callable[..., None]:
-    """The constructor, whose error for a wrong name says which names there are."""
+def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[..., None]:
+    """Wrap a constructor so that its error for a wrong name lists the parameters."""
 
     @wraps(make)
-    def construct(self: Any, *args: Any, **given: Any) -> None:
+    def construct(self: Any, *args: Any, **values: Any) -> None:
         try:
-            make(self, *args, **given)
+            make(self, *args, **values)
         except TypeError:
             known = declarations(cls)
-            wrong = [name for name in given if name not in known]
+            wrong = [name for name in values if name not in known]
             fields = dataclasses.fields(cls)  # type: ignore[arg-type]
-            needed = [each.name for each in fields if each.default is MISSING and each.name not in given]
+            needed = [spec.name for spec in fields if spec.default is MISSING and spec.name not in values]
             if args:
                 raise ParameterError(f"{cls.__name__} takes its parameters by name: {', '.join(known)}") from None
             if wrong:
@@ -321,7 +321,7 @@ def _plain(block: Block, variant: int | None = None) -> Block | None:
             else:
                 return None
         elif value is not None and declared.role == "part":
-            parts = [_plain(each, variant) for each in (value if isinstance(value, tuple) else (value,))]
+            parts = [_plain(item, variant) for item in (value if isinstance(value, tuple) else (value,))]
             if None in parts:
                 return None
             if isinstance(value, tuple):

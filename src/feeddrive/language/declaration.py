@@ -49,7 +49,7 @@ class Declaration:
     pattern: str = ""
 
     def of_axis(self, rotary: bool) -> Declaration:
-        """The same on an axis that turns: in rad, N m and kg m2."""
+        """Return the declaration for a rotary axis, in rad, N m and kg m2; unchanged for a linear one."""
         return replace(self, unit=units.turning(self.unit)) if rotary else self
 
     def bounds(self) -> Text:
@@ -60,7 +60,7 @@ class Declaration:
         )
 
     def conditions(self, value: Any) -> Iterator[Any]:
-        """What must be true of a number or a symbol: it is finite, unless declared otherwise, and keeps the bounds."""
+        """Yield the conditions on a number or symbol: it is finite, unless declared otherwise, and keeps the bounds."""
         yield value >= (-math.inf if self.infinite else -LARGEST)
         yield value <= (math.inf if self.infinite else LARGEST)
         if self.above is not None:
@@ -135,10 +135,10 @@ def declarations(kind: type[Declared]) -> dict[str, Declaration]:
 @cache
 def defaults(kind: type[Declared]) -> dict[str, Any]:
     """Return the defaults of the fields that have one; the result must not be changed."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for spec in dataclasses.fields(kind):  # type: ignore[arg-type]
         if spec.default is not dataclasses.MISSING:
-            found[spec.name] = spec.default
+            values[spec.name] = spec.default
         elif spec.default_factory is not dataclasses.MISSING:
-            found[spec.name] = spec.default_factory()
-    return found
+            values[spec.name] = spec.default_factory()
+    return values

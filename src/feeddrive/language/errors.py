@@ -12,7 +12,7 @@ from feeddrive.language.text import Text, capitalized, keeps_marks, marked, mark
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """`; did you mean a or b?`, or `; there are: ...` (at most 20) if no name is similar."""
     known = list(allowed)
-    near = get_close_matches(name, known, 3) or [each for each in known if each.lower() == name.lower()]
+    near = get_close_matches(name, known, 3) or [candidate for candidate in known if candidate.lower() == name.lower()]
     if near:
         return f"; did you mean {' or '.join(near)}?"
     if not known:

@@ -42,7 +42,7 @@ TRUTH = frozenset({"lt", "le", "eq", "and", "or", "not", "decays"})
 ELEMENTARY = frozenset({"exp", "expm1", "log", "sin", "cos", "tanh", "atan"})
 # may have a finite value and an infinite slope, or jump: the graph keeps their lines
 STEEP = frozenset({"sqrt", "log", "select"})
-# What other libraries have, and what stands for it in a law; functions of `ops` with the same name are not listed.
+# Functions of other libraries, and what a law writes instead; functions of `ops` with the same name are not listed.
 SPELLED = {
     "abs": "ops.absolute(x)",
     "absolute": "ops.absolute(x)",
@@ -131,7 +131,7 @@ class Graph:
         return Symbol(self, self._store(("ring", name, length)))
 
     def constant(self, value: float | bool) -> Symbol:
-        """A number that stands in the law's text."""
+        """A literal number of the law's text."""
         if isinstance(value, bool | np.bool_):
             return Symbol(self, self._store(("truth", bool(value))))
         number = float(value)
@@ -300,7 +300,7 @@ _OF_NUMPY = {
 
 
 def _refused(why: str) -> LanguageError:
-    """The error for what would mean something else on symbols, with the line of the law."""
+    """The error for an operation that would mean something else on symbols, with the line of the law."""
     frame = _frame()
     return LanguageError(why if frame is None else f"{_line(frame)}: {why}")
 
@@ -319,7 +319,7 @@ def _called() -> str:
 
 
 def _instead(name: str) -> str:
-    """What a law writes instead of a function of another library."""
+    """The remedy: what a law writes instead of a function of another library."""
     if name in SPELLED:
         return f"a law writes {SPELLED[name]}"
     if name in ARITY or name in _NAMED:
@@ -348,7 +348,7 @@ def arguments(node: Node) -> tuple[int, ...]:
 def rebuilt(
     graph: Graph, roots: Sequence[int], compose: Callable[[Graph, str, list[Symbol]], Any]
 ) -> tuple[Graph, dict[int, int]]:
-    """A new graph of what stands below the roots, and where each old node went.
+    """Copy the part of a graph below the roots; return it and the new index of each old node.
 
     Leaves are copied. `compose` receives the new graph, the name of an operation and its new arguments, and returns the
     replacement.

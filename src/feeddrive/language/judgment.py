@@ -16,7 +16,7 @@ class Judgment(Enum):
     """A judgment of a command on its own result.
 
     commands   the commands that pass it
-    says       what its sentence begins with, or how the command says it
+    says       the beginning of its sentence, or the words of the command
     exit_code  the code with which the command line ends: 1 if the judgment is bad
     """
 
@@ -82,7 +82,7 @@ class Judgment(Enum):
 
 
 class Advice(NamedTuple):
-    """A judgment, and the sentence that tells it with its reason."""
+    """A judgment, and the sentence that states it with its reason."""
 
     judgment: Judgment
     sentence: str

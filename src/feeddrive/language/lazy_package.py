@@ -30,7 +30,7 @@ def modules_below(package: str) -> Iterator[str]:
 
 
 class LazyPackage(ModuleType):
-    """A package that gives its public names; `dir` lists nothing else."""
+    """A package that imports its public names on first use; `dir` lists nothing else."""
 
     def __getattr__(self, name: str) -> Any:
         place = self.__dict__["_public"].get(name)

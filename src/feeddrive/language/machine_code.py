@@ -62,11 +62,11 @@ def machine_code(source: str, entries: Sequence[str], *, effort: int, passes: Se
     """
     key = _key(source, effort, passes)
 
-    def made() -> MachineCode:
+    def compiled() -> MachineCode:
         return _made(key, _stored(key), lambda: source, entries, effort, passes)
 
     with _lock:
-        return _kept.get(key, made)
+        return _kept.get(key, compiled)
 
 
 def linked_code(
@@ -82,9 +82,9 @@ def linked_code(
 ) -> MachineCode | None:
     """The functions `names` of an LLVM module that calls those of others, whose addresses are the `symbols`.
 
-    content  names all that its text depends on, so that it is written only if the code is not on the disk
-    below    is the code in which the others lie
-    stored   gives None where its own is not on the disk
+    content  all that the text depends on: the key, so that the text is printed only if the code is not on the disk
+    below    the code that holds the other functions
+    stored   return None if the code is not on the disk
     """
     import llvmlite.binding as binding
 
@@ -100,7 +100,7 @@ def linked_code(
 
 
 def _key(content: str, effort: int, passes: Sequence[str]) -> str:
-    """Under which machine code is kept."""
+    """The key of machine code in memory and on disk."""
     import llvmlite
 
     _, processor, features = target()
@@ -111,7 +111,7 @@ def _key(content: str, effort: int, passes: Sequence[str]) -> str:
 def _made(
     key: str, stored: bytes | None, source: Callable[[], str], names: Sequence[str], effort: int, passes: Sequence[str]
 ) -> MachineCode:
-    """Machine code, compiled and put on the disk if it is not stored."""
+    """Load machine code, or compile it and store it on the disk."""
     import llvmlite.binding as binding
 
     triple, processor, features = target()
@@ -128,7 +128,7 @@ def _made(
 
 
 def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
-    """Runs passes of LLVM over a module; none of them may change what an operation on floats gives."""
+    """Run passes of LLVM over a module; none of them may change the result of an operation on floats."""
     import llvmlite.binding as binding
 
     manager = binding.create_new_module_pass_manager()
@@ -138,12 +138,12 @@ def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
 
 
 def _stubs(triple: str, names: Sequence[str]) -> str:
-    """The module with nothing in its functions: enough when the code comes from the disk."""
+    """A module of empty functions, which is enough when the code comes from the disk."""
     return "\n".join([f'target triple = "{triple}"', *[f"define void @{name}() {{\n  ret void\n}}" for name in names]])
 
 
 def cache_directory() -> Path | None:
-    """Where machine code is kept: FEEDDRIVE_CACHE, else the user's cache folder; None if it is not safely the user's.
+    """The folder of machine code: FEEDDRIVE_CACHE, else the user's cache folder; None if it is not safely the user's.
 
     Machine code read from there is run, so a folder that others could write to is not used.
     """
@@ -167,7 +167,7 @@ def cache_directory() -> Path | None:
 
 
 def _stored(key: str) -> bytes | None:
-    """Machine code from the disk, if it is whole."""
+    """Read machine code from the disk; None if it is missing or damaged."""
     place = cache_directory()
     if place is None:
         return None
@@ -180,7 +180,7 @@ def _stored(key: str) -> bytes | None:
 
 
 def _store(key: str, code: bytes) -> None:
-    """Machine code to the disk, whole or not at all; a disk that refuses is no error."""
+    """Store machine code on the disk, whole or not at all; a disk that refuses is no error."""
     place = cache_directory()
     if place is None:
         return

@@ -19,7 +19,7 @@ Matrix: TypeAlias = tuple[Row, ...]
 
 ORDER = 16  # of the Taylor series; with a norm of at most 1/2 the first term left out is below 2⁻⁶⁵
 MOST_SQUARINGS = 10
-LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # of what `expm1` is given
+LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # of an argument of `expm1`
 
 
 def zeros(rows: int, columns: int) -> list[list[Any]]:
@@ -91,13 +91,13 @@ def solve(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
             ratio = left[j][i] / left[i][i]
             left[j] = [0.0 if k <= i else _minus(left[j][k], ratio, left[i][k]) for k in range(n)]
             right[j] = [_minus(right[j][k], ratio, right[i][k]) for k in range(len(right[j]))]
-    found: list[Row] = [()] * n
+    solution: list[Row] = [()] * n
     for i in reversed(range(n)):
         row = right[i]
         for k in range(i + 1, n):
-            row = [_minus(x, left[i][k], y) for x, y in zip(row, found[k], strict=True)]
-        found[i] = tuple(0.0 if is_zero(x) else x / left[i][i] for x in row)
-    return tuple(found)
+            row = [_minus(x, left[i][k], y) for x, y in zip(row, solution[k], strict=True)]
+        solution[i] = tuple(0.0 if is_zero(x) else x / left[i][i] for x in row)
+    return tuple(solution)
 
 
 def _minus(x: Any, ratio: Any, y: Any) -> Any:
@@ -128,7 +128,7 @@ def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[M
         squarings = ops.where(norm > 0.5 * 2.0**s, s + 1.0, squarings)
     small = scale(1.0 / ops.power_of_two(squarings), a)
     total = _series(small)
-    found = [total]
+    steps = [total]
     for s in range(_most(squarings)):
         squared = add(scale(2.0, total), multiply(total, total))
         if s >= at_least:
@@ -140,8 +140,8 @@ def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[M
                 for r, q in zip(squared, total, strict=True)
             )
         total = squared
-        found.append(total)
-    return found, squarings
+        steps.append(total)
+    return steps, squarings
 
 
 def _series(a: Matrix) -> Matrix:
@@ -191,7 +191,7 @@ def decays(a: Sequence[Sequence[Any]]) -> Any:
         return graph.apply("decays", *(x for row in a for x in row))
     power = _numbers(a)
     columns = range(len(power))
-    found, open_ = np.False_, np.True_
+    decayed, open_ = np.False_, np.True_
     with np.errstate(all="ignore"):
         for _ in range(SQUARINGS):
             sizes = np.abs(power)
@@ -199,7 +199,7 @@ def decays(a: Sequence[Sequence[Any]]) -> Any:
             for k in columns[1:]:
                 norm = norm + sizes[:, k]
             below = np.all(norm < 1.0, axis=0)
-            found = found | (open_ & below)
+            decayed = decayed | (open_ & below)
             open_ = open_ & ~below & np.all(norm < TOO_LARGE, axis=0)
             if not np.any(open_):
                 break
@@ -207,7 +207,7 @@ def decays(a: Sequence[Sequence[Any]]) -> Any:
             for k in columns[1:]:
                 squared = squared + power[:, k : k + 1] * power[k : k + 1, :]
             power = squared
-    return found
+    return decayed
 
 
 def _numbers(a: Sequence[Sequence[Any]]) -> np.ndarray:
@@ -225,17 +225,17 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
     Of numbers it is a float, of variants in lanes an array.  Infinite for a matrix with numbers that are not finite.
     """
     matrices = _numbers(a)
-    each = np.moveaxis(matrices.reshape(len(a), len(a), -1), 2, 0)
-    finite = np.all(np.isfinite(each), axis=(1, 2))
-    rates = np.full(len(each), math.inf)
-    rates[finite] = np.max(np.abs(np.linalg.eigvals(each[finite])), axis=1)
+    stack = np.moveaxis(matrices.reshape(len(a), len(a), -1), 2, 0)
+    finite = np.all(np.isfinite(stack), axis=(1, 2))
+    rates = np.full(len(stack), math.inf)
+    rates[finite] = np.max(np.abs(np.linalg.eigvals(stack[finite])), axis=1)
     return rates if matrices.ndim == 3 else float(rates[0])
 
 
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
-    """Where a condition changes first along positive values in order: the value there that holds, to 1e-5 of it.
+    """Find the first change of a condition along ordered positive values: the value there that holds, to 1e-5 of it.
 
-    `holds` is asked for many values at once, as lanes.  None if it does not change.
+    `holds` is called with many values at once, as lanes.  None if the condition does not change.
     """
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):

@@ -18,7 +18,7 @@ _OWN = __name__.rpartition(".")[0]  # the package `language`: its variable names
 
 
 class Name(NamedTuple):
-    """The dotted name of the block whose code first named a number, and that name."""
+    """The dotted name of the block whose code first named a number, and the name of the variable."""
 
     owner: str
     word: str
@@ -29,8 +29,8 @@ class Names:
 
     with Names(graph, {id(block): "control.law", ...}) as names:
         ...
-    names.found    node -> Name; the first name wins
-    names.makers   node -> dotted name of the block whose code computed it
+    names.by_node    node -> Name; the first name wins
+    names.makers    node -> dotted name of the block whose code computed it
 
     A part of a tuple is named after both: `middle.velocity` is `middle_velocity`, the first of `z` is `z_0`.
     Arithmetic is not touched.
@@ -39,7 +39,7 @@ class Names:
     def __init__(self, graph: Graph, owners: Mapping[int, str]) -> None:
         self.graph = graph
         self.owners = owners
-        self.found: dict[int, Name] = {}
+        self.by_node: dict[int, Name] = {}
         self.makers: dict[int, str] = {}
         self._seen = 0
         self._before: Any = None
@@ -55,7 +55,7 @@ class Names:
         sys.settrace(self._before)
 
     def _called(self, frame: FrameType, event: str, argument: Any) -> Any:
-        """The tracer of a function; functions of the language itself have none."""
+        """Return the tracer of a function that is called; functions of the language itself have none."""
         inside = str(frame.f_globals.get("__name__", "")).startswith(_OWN)
         return None if inside else self._line
 
@@ -71,7 +71,7 @@ class Names:
         return self._line
 
     def _owner(self, frame: FrameType | None) -> str | None:
-        """The block whose method runs, or calls the function that runs."""
+        """The dotted name of the block whose method runs, or calls the function that runs."""
         while frame is not None:
             owner = self.owners.get(id(frame.f_locals.get("self")))
             if owner is not None:
@@ -82,9 +82,9 @@ class Names:
     def _take(self, owner: str, word: str, value: Any) -> None:
         if isinstance(value, Symbol):
             if value.graph is self.graph:
-                self.found.setdefault(value.index, Name(owner, word.strip("_")))
+                self.by_node.setdefault(value.index, Name(owner, word.strip("_")))
         elif isinstance(value, tuple) and not isinstance(value, Block):
             fields = getattr(value, "_fields", None) or map(str, range(len(value)))
-            for field, each in zip(fields, value, strict=True):
-                if isinstance(each, Symbol) and each.graph is self.graph:
-                    self.found.setdefault(each.index, Name(owner, f"{word.strip('_')}_{field}"))
+            for field, part in zip(fields, value, strict=True):
+                if isinstance(part, Symbol) and part.graph is self.graph:
+                    self.by_node.setdefault(part.index, Name(owner, f"{word.strip('_')}_{field}"))

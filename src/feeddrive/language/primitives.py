@@ -32,7 +32,7 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 
 
 def zero(x: Any) -> Any:
-    """0 of the kind of x: a number, one for each lane, or the constant of a trace."""
+    """Zero in the type of x: a number, an array over lanes, or the constant of a trace."""
     if isinstance(x, Symbol):
         return x.graph.constant(0.0)
     return np.zeros_like(x)[()] if isinstance(x, np.ndarray | np.floating) else np.float64(0.0)

@@ -1,4 +1,4 @@
-"""Processes of one's own, begun so that they neither stand in each other's way nor outlive their work."""
+"""Child processes that do not compete for cores, and end with their parent."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _THREADS = "OPENBLAS_NUM_THREADS"
 
 @contextlib.contextmanager
 def one_thread() -> Generator[None]:
-    """Processes that begin here leave small matrices to one thread: several of them stand in each other's way."""
+    """Let processes that start in this context use one thread for matrices: otherwise they compete for cores."""
     before = os.environ.get(_THREADS)
     os.environ[_THREADS] = "1"
     try:
@@ -26,7 +26,7 @@ def one_thread() -> Generator[None]:
 
 
 def follow_parent() -> None:
-    """To be called in a process: Ctrl-C is for the one that began it, and it ends with that one, however that ended."""
+    """Call this in a child process: it then ignores Ctrl-C, which is for its parent, and ends when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None

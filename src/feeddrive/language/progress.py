@@ -1,8 +1,8 @@
 """Progress: one protocol by which long computations report steps and remarks and can be canceled.
 
     def long_work(..., progress: Progress) -> ...:
-        for k, each in enumerate(pieces):
-            progress.step(each.name, k, len(pieces))  # raises CancelledError after a cancel
+        for k, piece in enumerate(pieces):
+            progress.step(piece.name, k, len(pieces))  # raises CancelledError after a cancel
 
 The base class `Progress` shows nothing.  Subclasses override `show_step`, `show_remark` and `confirm`: the command line
 shows a bar, a page sends a message to the browser.  Canceled work writes no files: all files of a result are written
@@ -18,7 +18,7 @@ from feeddrive.language.errors import CancelledError
 from feeddrive.language.table import Table
 
 ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals of a keyboard, a service manager, a terminal that closes: work ends in order for each of them."""
+"""Signals of Ctrl-C, of a service manager and of a closing terminal: work is canceled in order on all of them."""
 
 
 class Progress:
@@ -37,7 +37,7 @@ class Progress:
         self._cancelled.set()
 
     def step(self, what: str, done: int | None = None, of: int | None = None, part: str = "") -> None:
-        """Report the step that begins, and how many of how many are done; `part` names one of several parallel works.
+        """Report the step that begins, and how many of how many are done; `part` names one of several parallel jobs.
 
         Raises CancelledError if the work was cancelled.
         """
@@ -49,33 +49,33 @@ class Progress:
         if self.cancelled:
             raise CancelledError("stopped; nothing was written")
 
-    def remark(self, said: str | Table) -> None:
+    def remark(self, message: str | Table) -> None:
         """Report a remark before the end of the work, such as an assumption that it depends on."""
-        self.show_remark(said)
+        self.show_remark(message)
 
     def counted(self, of: int) -> Progress:
-        """The progress for work that reports only the names of its steps: it counts them up to `of`.
+        """Return the progress for work that reports only the names of its steps: it counts them up to `of`.
 
-        A step that has a count of its own is a part of the one before, and is shown with that.
+        A step that reports its own count is passed on as it is, and does not add to this one.
         """
         return _Forwarded(self, of=of)
 
     def named(self, part: str) -> Progress:
-        """The progress of one of several parallel works: its steps carry the name."""
+        """Return the progress of one of several parallel jobs: its steps carry the name."""
         return _Forwarded(self, part=part)
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
         """Show a step; silent unless overridden. It never raises."""
 
-    def show_remark(self, said: str | Table) -> None:
+    def show_remark(self, message: str | Table) -> None:
         """Show a remark; silent unless overridden."""
 
-    def better(self, cost: float, found: object) -> None:
-        """Report the best that a search has found so far, and what it costs: less is better."""
-        self.show_better(cost, found)
+    def better(self, cost: float, best: object) -> None:
+        """Report the best result of a search so far, and its cost: lower is better."""
+        self.show_better(cost, best)
 
-    def show_better(self, cost: float, found: object) -> None:
-        """Show what is best so far; silent unless overridden."""
+    def show_better(self, cost: float, best: object) -> None:
+        """Show the best result so far; silent unless overridden."""
 
     def confirm(self, question: str) -> bool:
         """Ask the user for a confirmation; False without a user."""
@@ -102,11 +102,11 @@ class _Forwarded(Progress):
             self._begun += 1
         self._whole.show_step(what, done, of, part or self._part)
 
-    def show_remark(self, said: str | Table) -> None:
-        self._whole.show_remark(said)
+    def show_remark(self, message: str | Table) -> None:
+        self._whole.show_remark(message)
 
-    def show_better(self, cost: float, found: object) -> None:
-        self._whole.show_better(cost, found)
+    def show_better(self, cost: float, best: object) -> None:
+        self._whole.show_better(cost, best)
 
     def confirm(self, question: str) -> bool:
         return self._whole.confirm(question)

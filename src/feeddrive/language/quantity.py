@@ -1,4 +1,4 @@
-"""Numbers with their units until the edge: quantities, and the units in which a person reads them.
+"""Quantities, numbers that keep their SI unit and error until they are shown, and the units of a reader.
 
     rms = Quantity(5.88e-6, "m")
     str(rms)                                         # 5.88 um
@@ -34,7 +34,7 @@ _USUAL = {
     "m √s/N": "nm √s/N",
     "share": "%",
 }
-# a recorded angle or torque of an axis that turns is read as the length or force of one that does not
+# a recorded angle or torque of a rotary axis is read as the length or force of a linear one
 _OF_SIGNALS = _USUAL | {turning(unit): turning(name) for unit, name in _USUAL.items()}
 _SHARES = {"%": 100.0, "ppm": 1e6, "": 1.0}
 _DIGITS = 4
@@ -113,7 +113,7 @@ class Units:
         """Return the name of the unit in which a quantity of an SI unit is read, and the factor to it from SI.
 
         shown  the unit that people of the field use for this quantity; empty: the usual one of its SI unit
-        stays  on an axis that turns, too: the quantity is not one of the axis
+        stays  the unit is the same for a rotary axis, since the quantity is not one of the axis
         """
         wanted = unit if shown == "SI" else self._chosen(unit, shown or _USUAL.get(unit, unit))
         size = _factor(unit, wanted)
@@ -142,25 +142,25 @@ class Units:
         name, size = self.of(quantity.unit, shown, stays=quantity.stays)
         value, error = size * float(quantity.value), quantity.error
         if error is None or not 0.0 < (error := size * float(error)) < math.inf or digits:
-            said = _numeral(value, digits)
+            numeral = _numeral(value, digits)
         else:
             decimals = max(0, 2 - _places(error, 2))
-            if error < abs(value) * 10.0**-_READABLE:  # of data without noise
+            if error < abs(value) * 10.0**-_READABLE:  # data without noise: fixed decimals would be far too many
                 shares = number(value, _READABLE), number(error, 2)
             else:
                 shares = f"{value:.{decimals}f}", f"{error:.{decimals}f}"
-            said = f" {'±' if self.typographic else '+-'} ".join(shares)
-        return said if quantity.bare or not name else f"{said}{'' if name == '°' else ' '}{name}"
+            numeral = f" {'±' if self.typographic else '+-'} ".join(shares)
+        return numeral if quantity.bare or not name else f"{numeral}{'' if name == '°' else ' '}{name}"
 
     def read(self, mark: Mark) -> str:
-        """Return what the mark of a quantity, or of the name of a unit, reads as."""
+        """Return the text of a mark: a quantity, or the name of a unit."""
         if mark.value:
             return self.text(_quantity(mark))
         if not mark.unit:
             return "–" if self.typographic and mark == ABSENT else mark.plain
         return self.name(mark.unit, mark.form, stays="s" in mark.flags)
 
-    def said(self, value: float, unit: str, digits: int = _DIGITS) -> str:
+    def value_text(self, value: float, unit: str, digits: int = _DIGITS) -> str:
         """Return a number given in SI as a person reads it."""
         return self.text(Quantity(value, unit), str(digits))
 
@@ -181,7 +181,7 @@ class Units:
             raise ParameterError(f"a gain must be > 0, not {number(gain, 6)}")
         return 20.0 * math.log10(gain)
 
-    def gain_said(self, level: float, digits: int = 1) -> str:
+    def gain_text(self, level: float, digits: int = 1) -> str:
         """Return a gain given in dB as a person reads it."""
         return f"{level:.{digits}f} dB" if self.decibel else f"a factor of {number(10.0 ** (level / 20.0), 3)}"
 
@@ -198,7 +198,7 @@ def _factor(unit: str, shown: str) -> float:
         return 1.0
     if unit in ("", "share", "1") and shown in _SHARES:
         return _SHARES[shown]
-    plain, other = (each.replace("√s", "1") for each in (unit, shown))
+    plain, other = (word.replace("√s", "1") for word in (unit, shown))
     return factor(plain, other)
 
 
@@ -268,7 +268,7 @@ def form_unit(form: str) -> str:
 
 
 ABSENT = Mark("", "", "", "", "", "-")
-"""What is read where there is no number."""
+"""The mark that is shown where there is no number."""
 
 
 def unit_name(si: str, shown: str = "", *, stays: bool = False) -> str:

@@ -32,8 +32,8 @@ class Recent(Generic[Value]):
                 return self._held[key]
         value = make()
         with self._lock:
-            found = self._held.setdefault(key, value)
+            kept = self._held.setdefault(key, value)
             self._held.move_to_end(key)
             while len(self._held) > self.size:
                 self._held.popitem(last=False)
-            return found
+            return kept

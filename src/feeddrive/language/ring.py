@@ -44,7 +44,7 @@ class Ring:
             first, *others = self.cells
             cells = (where(equal(place, float(i)), value, cell) for i, cell in enumerate(others, 1))
             return Ring(self.length, (where(place > 0.5, first, value), *cells))
-        symbol = next((each for each in (self.cells, place, value) if isinstance(each, Symbol)), None)
+        symbol = next((operand for operand in (self.cells, place, value) if isinstance(operand, Symbol)), None)
         if symbol is not None:
             graph = symbol.graph
             cells = graph.ring(f"ring.{len(graph.nodes)}", self.length) if self.cells is None else self.cells
@@ -55,11 +55,11 @@ class Ring:
         """The number in a cell. Its derivative to the index is 0: interpolation is written around it."""
         place = self._place(index)
         if isinstance(self.cells, tuple):
-            found, *others = self.cells
+            chosen, *others = self.cells
             for i, cell in enumerate(others, 1):
-                found = where(equal(place, float(i)), cell, found)
-            return found
-        symbol = next((each for each in (self.cells, place) if isinstance(each, Symbol)), None)
+                chosen = where(equal(place, float(i)), cell, chosen)
+            return chosen
+        symbol = next((operand for operand in (self.cells, place) if isinstance(operand, Symbol)), None)
         if symbol is not None and self.cells is None:
             return symbol.graph.constant(0.0)
         if symbol is not None:
@@ -67,7 +67,7 @@ class Ring:
         return read(self._numbers(), place)
 
     def interpolate(self, place: Any) -> Any:
-        """Linear interpolation at a real place, around the end to the beginning."""
+        """Linear interpolation at a real place; the last cell is followed by the first."""
         below = floor(place)
         left = self.get(below)
         return left + (place - below) * (self.get(below + 1.0) - left)
@@ -76,7 +76,7 @@ class Ring:
         return np.zeros(self.length) if self.cells is None else self.cells
 
     def _place(self, index: Any) -> Any:
-        """The index counted around into 0 .. length - 1."""
+        """The index modulo the length, in 0 .. length - 1."""
         return index - float(self.length) * floor(index / float(self.length))
 
 
@@ -85,8 +85,8 @@ def read(cells: np.ndarray, place: Any) -> Any:
     at = _inside(cells, place)
     if at.ndim and cells.ndim == 2:
         return cells[at, np.arange(cells.shape[1])]
-    found: Any = cells[at]
-    return found if isinstance(found, np.ndarray) else np.float64(found)
+    number: Any = cells[at]
+    return number if isinstance(number, np.ndarray) else np.float64(number)
 
 
 def written(cells: np.ndarray, place: Any, value: Any) -> np.ndarray:
@@ -112,8 +112,8 @@ def spread(state: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
         yield from ((f"{prefix}.{i}", cell) for i, cell in enumerate(cells))
     elif isinstance(state, tuple):
         names = getattr(state, "_fields", None) or map(str, range(len(state)))
-        for name, each in zip(names, state, strict=True):
-            yield from spread(each, f"{prefix}.{name}" if prefix else name)
+        for name, part in zip(names, state, strict=True):
+            yield from spread(part, f"{prefix}.{name}" if prefix else name)
     elif state is not None:
         yield prefix, state
 
@@ -123,7 +123,7 @@ def gathered(state: Any, values: Iterator[Any]) -> Any:
     if isinstance(state, Ring):
         return Ring(state.length, tuple(next(values) for _ in range(state.length)))
     if isinstance(state, tuple):
-        parts = [gathered(each, values) for each in state]
+        parts = [gathered(part, values) for part in state]
         return type(state)(*parts) if hasattr(state, "_fields") else tuple(parts)
     return None if state is None else next(values)
 
@@ -143,7 +143,7 @@ class History(NamedTuple):
         return cls(Ring(length), nothing, nothing, initial)
 
     def settled(self) -> History:
-        """The same after a long time: every cell holds the initial value."""
+        """Return the history after a long time: every cell holds the initial value."""
         return History(
             Ring(self.ring.length, np.full(self.ring.length, float(self.initial))),
             self.head,
@@ -152,7 +152,7 @@ class History(NamedTuple):
         )
 
     def push(self, value: Any) -> History:
-        """With a newest value."""
+        """Return the history with a new newest value."""
         last = float(self.ring.length - 1)
         head = where(self.head >= last, 0.0, self.head + 1.0)
         filled = minimum(self.filled + 1.0, last + 1.0)
@@ -191,14 +191,14 @@ class Track(NamedTuple):
         return cls(empty, tuple(Ring(length) for _ in initial), nothing, nothing, tuple(initial))
 
     def settled(self) -> Track:
-        """The same after a long time: every cell holds the initial value."""
+        """Return the track after a long time: every cell holds the initial value."""
         length = self.values[0].length
         held = tuple(Ring(length, np.full(length, float(x))) for x in self.initial)
         still = tuple(Ring(length, np.zeros(length)) for _ in self.initial)
         return Track(held, still, self.head, zero(self.initial[0]) + float(length), self.initial)
 
     def push(self, values: Sequence[Any], rates: Sequence[Any]) -> Track:
-        """With newest values and rates."""
+        """Return the track with new newest values and rates."""
         last = float(self.values[0].length - 1)
         head = where(self.head >= last, 0.0, self.head + 1.0)
         return Track(
@@ -227,15 +227,15 @@ class Track(NamedTuple):
         from_new = h * (ahead * (s * (3.0 * s - 2.0)) - s * s * rest)
         known = newer < self.filled, older < self.filled
         places = self.head - 1.0 - newer, self.head - 1.0 - older
-        found: list[Any] = []
+        results: list[Any] = []
         for value, rate, initial in zip(self.values, self.rates, self.initial, strict=True):
             new, old = (where(is_, value.get(at), initial) for is_, at in zip(known, places, strict=True))
             fast, slow = (where(is_, rate.get(at), 0.0) for is_, at in zip(known, places, strict=True))
-            found.append(old + gained * (new - old) + (from_new * fast + from_old * slow))
-        return tuple(found)
+            results.append(old + gained * (new - old) + (from_new * fast + from_old * slow))
+        return tuple(results)
 
     def rates_ago(self, count: Any) -> tuple[Any, ...]:
-        """The rates that were given with the values before there; 0 before the first ones."""
+        """The rates `count` values before the newest ones, of the older neighbor; 0 before the first ones."""
         older = minimum(
             floor(clip(count, 0.0, float(self.values[0].length - 1))) + 1.0, float(self.values[0].length - 1)
         )
@@ -247,6 +247,6 @@ def settled(state: Any) -> Any:
     if isinstance(state, History | Track):
         return state.settled()
     if isinstance(state, tuple):
-        parts = [settled(each) for each in state]
+        parts = [settled(part) for part in state]
         return type(state)(*parts) if hasattr(state, "_fields") else tuple(parts)
     return state

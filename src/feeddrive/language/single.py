@@ -43,7 +43,7 @@ from feeddrive.language.primitives import (
 
 
 def held(value: float) -> float:
-    """The float nearest to a double."""
+    """Round a double to the nearest float."""
     return float(np.float32(value))
 
 
@@ -188,10 +188,10 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
 
 
 def single_lowered(graph: Graph, roots: Sequence[int]) -> tuple[Graph, dict[int, int]]:
-    """The graph below the roots with the functions of this module for `exp`, `sin` ..., and where nodes went."""
+    """Rebuild a graph with this module's `exp`, `sin` ...; return it and the new index of each old node."""
 
-    def compose(made: Graph, name: str, values: list[Symbol]) -> Symbol:
-        return FUNCTIONS[name](*values) if name in ELEMENTARY else made.apply(name, *values)
+    def compose(target: Graph, name: str, values: list[Symbol]) -> Symbol:
+        return FUNCTIONS[name](*values) if name in ELEMENTARY else target.apply(name, *values)
 
     return rebuilt(graph, roots, compose)
 

@@ -25,11 +25,11 @@ def visible(text: str) -> str:
     r"""The text with control characters as `\x1b`, so that no name from a file obeys a terminal; line ends stay."""
     if text.isprintable():
         return text
-    return "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
+    return "".join(letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in text)
 
 
 class UnitOfRow(Enum):
-    """A cell that shows the unit of the quantities of its row, which then go without."""
+    """A cell that shows the unit of the quantities of its row, which are then shown without theirs."""
 
     UNIT = "unit"
 
@@ -91,13 +91,13 @@ class Grid(NamedTuple):
     sentences: int | None = None
 
     def shown(self, units: Units) -> Grid:
-        """It in the units of a reader."""
+        """Return the grid in the units of a reader."""
 
-        def said(text: str) -> str:
+        def reading(text: str) -> str:
             return visible(resolve(text, units))
 
-        rows = [[said(cell) for cell in row] for row in self.rows]
-        return Grid(said(self.title), [said(head) for head in self.heads], rows, self.sentences)
+        rows = [[reading(cell) for cell in row] for row in self.rows]
+        return Grid(reading(self.title), [reading(head) for head in self.heads], rows, self.sentences)
 
     def __str__(self) -> str:
         widths = [max(len(row[i]) for row in (self.heads, *self.rows)) for i in range(len(self.heads))]
@@ -120,7 +120,7 @@ class Grid(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under column heads, with numbers in SI: `grid` is what a person reads, `record` what a program does.
+    """Rows under column heads, with numbers in SI: `grid` is for people, `record` for programs.
 
         Table("Errors", [Column("law"), Column("RMS", "m"), Column("Ms", "1")], [["P-PI", 5.88e-6, 1.9]])
 
@@ -161,7 +161,7 @@ class Table:
 
     @property
     def made_columns(self) -> list[Column]:
-        """The columns, none of them a mere head."""
+        """The columns, with plain heads turned into `Column`."""
         return [Column(column) if isinstance(column, str) else column for column in self.columns]
 
     def _row(self, columns: Sequence[Column], row: Sequence[Cell]) -> list[str]:
@@ -265,7 +265,7 @@ class Result(ABC):
 
     @property
     def rotary(self) -> bool:
-        """Whether it is about an axis that turns: table and picture then name rad, N m and kg m2."""
+        """True for a rotary axis: table and picture then name rad, N m and kg m2."""
         return False
 
     @property
@@ -280,7 +280,7 @@ class Result(ABC):
         return self.table().grid(self.reader).html()
 
     def chart(self) -> Any:
-        """What the picture of this type of result shows, a `plot.chart.Chart`. Raises ParameterError if it has none."""
+        """The chart of this type of result, a `plot.chart.Chart`. Raises ParameterError if it has none."""
         for load in _load_views:
             load(type(self))
         return chart_of(self)

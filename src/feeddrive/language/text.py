@@ -35,10 +35,10 @@ _NUMBER = re.compile(r"-?(\d+(\.\d*)?(e[+-]?\d+)?|inf)|nan")  # as repr writes i
 
 
 class Mark(NamedTuple):
-    """What a quantity leaves in an f-string: numbers by repr, empty if there is none.
+    """The mark of a quantity in an f-string: numbers by repr, empty if there is none.
 
-    flags  s: it stays as it is on an axis that turns; b: it is read without its unit
-    plain  what it reads as in the usual units
+    flags  s: its unit is the same on a rotary axis; b: it is shown without its unit
+    plain  its text in the usual units
     """
 
     value: str
@@ -56,13 +56,13 @@ class Reader(Protocol):
     """The units of a reader, see `quantity.Units`."""
 
     def read(self, mark: Mark) -> str:
-        """Return what a mark reads as."""
+        """Return the text of a mark."""
         ...
 
 
 def marks(text: str) -> list[Mark]:
     """Return the marks in a text, in order."""
-    return [each for mark in _MARK.finditer(marked(text)) if (each := _mark(mark[1]))]
+    return [parsed for mark in _MARK.finditer(marked(text)) if (parsed := _mark(mark[1]))]
 
 
 def _mark(content: str) -> Mark | None:
@@ -82,22 +82,22 @@ def split(text: str) -> list[tuple[str, bool]]:
 def plain(text: str) -> str:
     """Return a text with each mark as it reads in the usual units."""
 
-    def said(found: re.Match[str]) -> str:
-        mark = _mark(found[1])
-        return ascii(found[0])[1:-1] if mark is None else mark.plain
+    def reading(match: re.Match[str]) -> str:
+        mark = _mark(match[1])
+        return ascii(match[0])[1:-1] if mark is None else mark.plain
 
-    return text if _BEGIN not in text else _MARK.sub(said, text)
+    return text if _BEGIN not in text else _MARK.sub(reading, text)
 
 
 def resolve(text: str, units: Reader) -> str:
     """Return a text as it reads in the units of a reader."""
 
-    def said(found: re.Match[str]) -> str:
-        mark = _mark(found[1])
-        return ascii(found[0])[1:-1] if mark is None else units.read(mark)
+    def reading(match: re.Match[str]) -> str:
+        mark = _mark(match[1])
+        return ascii(match[0])[1:-1] if mark is None else units.read(mark)
 
     text = marked(text)
-    return _MARK.sub(said, text) if _BEGIN in text else text
+    return _MARK.sub(reading, text) if _BEGIN in text else text
 
 
 def marked(text: str) -> str:
@@ -116,9 +116,9 @@ class Text(str):
     def __new__(cls, text: str = "") -> Text:
         """Make a text of an f-string or of a text."""
         source = marked(text)
-        made = super().__new__(cls, plain(source))
-        made.marked = source
-        return made
+        instance = super().__new__(cls, plain(source))
+        instance.marked = source
+        return instance
 
     def __reduce__(self) -> tuple[type[Text], tuple[str]]:
         return Text, (self.marked,)

@@ -28,14 +28,14 @@ Tree = TypeVar("Tree")
 @cache
 def _walked(block: type[Block]) -> tuple[tuple[str, bool], ...]:
     """The fields of a block that a walk visits, and whether they are inline."""
-    held = {name: each for name, each in declarations(block).items() if each.role in ("parameter", "part")}
-    return tuple((name, each.inline) for name, each in held.items())
+    held = {name: declared for name, declared in declarations(block).items() if declared.role in ("parameter", "part")}
+    return tuple((name, declared.inline) for name, declared in held.items())
 
 
 @cache
 def _fields(block: type[Block]) -> tuple[tuple[str, str], ...]:
     """All fields of a block and their roles."""
-    return tuple((name, each.role) for name, each in declarations(block).items())
+    return tuple((name, declared.role) for name, declared in declarations(block).items())
 
 
 def _children(tree: Any) -> Iterator[tuple[str, Any]]:
@@ -62,24 +62,24 @@ def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     return iter(leaves_)
 
 
-def _collect(tree: Any, prefix: str, found: list[tuple[str, Any]]) -> None:
-    """Append the leaves of a tree to a list: one list is much quicker than a generator for each block."""
+def _collect(tree: Any, prefix: str, collected: list[tuple[str, Any]]) -> None:
+    """Append the leaves of a tree to a list, which is much quicker than a generator for each block."""
     if isinstance(tree, Block):
         for name, inline in _walked(type(tree)):
             child = getattr(tree, name)
             if child is not None:
                 path = prefix if inline else f"{prefix}.{name}" if prefix else name
                 if isinstance(child, (Block, tuple)):
-                    _collect(child, path, found)
+                    _collect(child, path, collected)
                 else:
-                    found.append((path, child))
+                    collected.append((path, child))
     elif isinstance(tree, tuple):
         names = getattr(tree, "_fields", None) or range(len(tree))
         for name, child in zip(names, tree, strict=True):
             if child is not None:
-                _collect(child, f"{prefix}.{name}" if prefix else str(name), found)
+                _collect(child, f"{prefix}.{name}" if prefix else str(name), collected)
     elif tree is not None:
-        found.append((prefix, tree))
+        collected.append((prefix, tree))
 
 
 def rebuild(tree: Tree, values: Iterator[Any]) -> Tree:
@@ -106,13 +106,13 @@ def _replaced(block: Any, changed: Mapping[str, Any]) -> Any:
 
 
 def select(condition: Any, a: Tree, b: Tree) -> Tree:
-    """Whole states at once: every leaf of `a` where the condition is true, else that of `b`."""
+    """Select between two states: every leaf of `a` where the condition is true, else that of `b`."""
     left, right = [value for _, value in leaves(a)], [value for _, value in leaves(b)]
     return rebuild(a, (_either(condition, x, y) for x, y in zip(left, right, strict=True)))
 
 
 def _either(condition: Any, a: Any, b: Any) -> Any:
-    """A leaf of one tree or of the other. Between a ring and a new one it is the ring, which a reset does not clear."""
+    """Select a leaf of one of two trees. Between a ring and a new one take the ring, which a reset does not clear."""
     if isinstance(a, Ring) and isinstance(b, Ring):
         if a.cells is not None and b.cells is not None and a is not b:
             raise StructureError("a choice between two rings: write to one ring and choose the value")
@@ -122,7 +122,7 @@ def _either(condition: Any, a: Any, b: Any) -> Any:
 
 def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
     """The tree of the first pair (condition, tree) whose condition is true; all have the same leaves."""
-    rows = [[value for _, value in leaves(given)] for _, given in pairs]
+    rows = [[value for _, value in leaves(choice)] for _, choice in pairs]
     chosen = [value for _, value in leaves(otherwise)]
     for (condition, _), row in zip(reversed(pairs), reversed(rows), strict=True):
         chosen = [_either(condition, x, y) for x, y in zip(row, chosen, strict=True)]
@@ -151,7 +151,7 @@ def in_paths(block: Block, text: str) -> str:
 
 def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> str:
     """The name by fields of the leaf with a path, in `names` of all leaves. Raises ParameterError if there is none."""
-    names = names or {each: name for each, name, _ in _placed(block, "", "")}
+    names = names or {place: name for place, name, _ in _placed(block, "", "")}
     if path not in names:
         raise _unknown(block, path, list(names))
     return names[path]
@@ -191,7 +191,7 @@ def _holder(owner: Any, name: str) -> Any:
     """The block that has a field: the owner, or an inline part of it."""
     if not isinstance(owner, Block) or name in declarations(type(owner)):
         return owner
-    inline = (getattr(owner, each) for each, found in declarations(type(owner)).items() if found.inline)
+    inline = (getattr(owner, field) for field, declared in declarations(type(owner)).items() if declared.inline)
     return next(part for part in inline if name in declarations(type(part)))
 
 
@@ -216,15 +216,15 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
     check_tree(block)
     placed = list(_placed(block, "", ""))
     names = {path: name for path, name, _ in placed}
-    given: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name, value in changes.items():
         value = np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else value
-        given[name] = checked("", name, declaration(block, name, names), value)  # type: ignore[arg-type]
-    lengths = {name: value.size for name, value in given.items() if isinstance(value, np.ndarray)}
+        values[name] = checked("", name, declaration(block, name, names), value)  # type: ignore[arg-type]
+    lengths = {name: value.size for name, value in values.items() if isinstance(value, np.ndarray)}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name}: {length}" for name, length in lengths.items())
         raise ParameterError(f"arrays of variants must have one length, not {shown}")
-    varied = rebuild(block, (given.get(path, value) for path, _, value in placed))
+    varied = rebuild(block, (values.get(path, value) for path, _, value in placed))
     _require(varied)
     return varied
 
@@ -275,20 +275,20 @@ def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
     return iter(rows)
 
 
-def _collect_tables(tree: Any, prefix: str, found: list[tuple[str, np.ndarray]]) -> None:
+def _collect_tables(tree: Any, prefix: str, collected: list[tuple[str, np.ndarray]]) -> None:
     """Append the tables of a tree to a list."""
     if isinstance(tree, Block):
         fields = _fields(type(tree))
         for name, role in fields:
             if role == "table" and getattr(tree, name) is not None:
-                found.append((_path(tree, prefix, name), getattr(tree, name)))
+                collected.append((_path(tree, prefix, name), getattr(tree, name)))
         for name, role in fields:
             if role == "part" and getattr(tree, name) is not None:
-                _collect_tables(getattr(tree, name), _path(tree, prefix, name), found)
+                _collect_tables(getattr(tree, name), _path(tree, prefix, name), collected)
     elif isinstance(tree, tuple):
         for name, child in _children(tree):
             if isinstance(child, (Block, tuple)):
-                _collect_tables(child, _path(tree, prefix, name), found)
+                _collect_tables(child, _path(tree, prefix, name), collected)
 
 
 def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -> Tree:
@@ -309,7 +309,7 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
 
 
 def structure(tree: Any) -> Any:
-    """All that determines the graph of a tree, as a hashable key: types, choices, leaves present, table lengths."""
+    """Return a hashable key of what determines the graph of a tree: types, choices, present leaves, table lengths."""
     return structure_and_values(tree)[0]
 
 
@@ -342,7 +342,7 @@ class Shape(tuple[Any, ...]):
 _shapes: Recent[Shape] = Recent(256)
 
 
-def _shape(tree: Any, found: list[Any]) -> Any:
+def _shape(tree: Any, values: list[Any]) -> Any:
     """The structure of a tree; its leaves and tables are appended to a list."""
     if isinstance(tree, Block):
         shape: list[Any] = [type(tree)]
@@ -351,33 +351,33 @@ def _shape(tree: Any, found: list[Any]) -> Any:
             if role == "parameter":
                 shape.append(value is None)
                 if value is not None:
-                    found.append(value)
+                    values.append(value)
             elif role == "part":
-                shape.append(True if value is None else _shape(value, found))
+                shape.append(True if value is None else _shape(value, values))
             elif role == "choice":
                 shape.append(value)
             elif role == "table":
                 shape.append(None if value is None else len(value))
                 if value is not None:
-                    found.append(value)
+                    values.append(value)
         return tuple(shape)
     if isinstance(tree, tuple):
-        return (type(tree), *[_shape(child, found) for child in tree])  # type: ignore[reportUnknownVariableType]
+        return (type(tree), *[_shape(child, values) for child in tree])  # type: ignore[reportUnknownVariableType]
     if tree is not None:
-        found.append(tree)
+        values.append(tree)
     return tree is None
 
 
 def difference(a: Any, b: Any, prefix: str = "") -> str | None:
-    """Where two trees first differ in structure, in words; None where they differ in numbers at most."""
+    """Return the first difference in structure of two trees, in words; None if only numbers differ."""
     if isinstance(a, Block) and type(a) is type(b):
         for name, declared in declarations(type(a)).items():
             path = _path(a, prefix, name)
             old, new = getattr(a, name), getattr(b, name)
             if declared.role == "part":
-                found = difference(old, new, path)
-                if found is not None:
-                    return found
+                place = difference(old, new, path)
+                if place is not None:
+                    return place
             elif declared.role == "choice" and old != new:
                 return f"{path} would go from {old!r} to {new!r}"
             elif (old is None) != (new is None):
@@ -387,7 +387,7 @@ def difference(a: Any, b: Any, prefix: str = "") -> str | None:
         return None
     if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
         pairs = (difference(x, y, f"{prefix}.{i}") for i, (x, y) in enumerate(zip(a, b, strict=True)))
-        return next((found for found in pairs if found is not None), None)
+        return next((place for place in pairs if place is not None), None)
     return None if a is None and b is None else f"{prefix} would go from {_kind(a)} to {_kind(b)}"
 
 

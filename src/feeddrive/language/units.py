@@ -24,13 +24,13 @@ class Unit(NamedTuple):
 
 @cache
 def units_of(fields: type) -> dict[str, str]:
-    """The unit that each field of a class declares in its annotation; fields without one are left out."""
-    found: dict[str, str] = {}
+    """Return the units that the fields of a class declare in their annotations, by field."""
+    by_field: dict[str, str] = {}
     for name, hint in get_type_hints(fields, include_extras=True).items():
-        units = [each.name for each in _metadata(hint) if isinstance(each, Unit)]
+        units = [entry.name for entry in _metadata(hint) if isinstance(entry, Unit)]
         if units:
-            found[name] = units[0]
-    return found
+            by_field[name] = units[0]
+    return by_field
 
 
 def _metadata(hint: Any) -> tuple[Any, ...]:
@@ -146,7 +146,7 @@ _OUTPUTS = ("m", "rad", "m/s", "rad/s", "m/s2", "rad/s2")
 
 @lru_cache(maxsize=256)
 def response(unit: str) -> tuple[str, float] | None:
-    """The one SI spelling of a unit of motion over force, current or voltage, and the factor to it.
+    """Return the canonical SI spelling of a unit of motion over force, current or voltage, and the factor to it.
 
     `um/N` is m/N times 1e-6, `rad/(s N m)` and `rad/(N m s)` are (rad/s)/(N m), `mm/s/A` is (m/s)/A times 1e-3; None
     for the unit of another quantity. Raises ParameterError for a text that is not a unit.
@@ -163,24 +163,24 @@ def response(unit: str) -> tuple[str, float] | None:
     return None
 
 
-# of an axis that turns each length is an angle, each force a torque and each mass an inertia; all numbers are the same
+# on a rotary axis lengths are angles, forces torques and masses inertias; all numbers are the same
 _LENGTH, _FORCE = r"[kmunµ]?m", r"[kmun]?N"
 _WORD = rf"(?:{_LENGTH}|{_FORCE}|kg|[munµ]?rad|deg|rev|[munµ]?s(?:\^½|\^1/2)?|√s|min|Hz|A|V|1)[2-9²³⁴]?(?![\w^])"
 _JOINED = r"(?: |·|/(?:\u2060|&#8288;)?)"  # a page keeps N/µm on one line
 _PRODUCT = rf"(?:\({_WORD}(?:{_JOINED}{_WORD})*\)|{_WORD})"
 _UNIT = re.compile(rf"(?<![\w./^√-]){_PRODUCT}(?:{_JOINED}{_PRODUCT})*(?![\w/^]|\.\w| =)")
-# already of an axis that turns, or no quantity of an axis, as N/m2
+# units that are rotary already, or of no quantity of an axis, as N/m2
 _OTHERS = re.compile(r"rad|deg|rev|N[ ·]m(?!\w)|m[2-9²³⁴]")
 
 
 @lru_cache(maxsize=1024)
 def turning(unit: str) -> str:
-    """The unit of a quantity on a rotary axis that has `unit` on a linear one: N s/m is N m s/rad there."""
+    """Return the rotary counterpart of a unit of a linear axis: N m s/rad for N s/m."""
     if _OTHERS.search(unit):
         return unit
-    turned = re.sub(rf"(?<!\w){_LENGTH}(?!\w)", lambda found: f"{found[0][:-1]}rad", unit)
-    turned = re.sub(rf"(?<![\w/;\u2060])({_FORCE}|kg)(?!\w)", lambda found: _torque(found[1]), turned)
-    return re.sub(rf"(?<=[/;\u2060]){_FORCE}(?!\w)", lambda found: f"({_torque(found[0])})", turned)
+    turned = re.sub(rf"(?<!\w){_LENGTH}(?!\w)", lambda match: f"{match[0][:-1]}rad", unit)
+    turned = re.sub(rf"(?<![\w/;\u2060])({_FORCE}|kg)(?!\w)", lambda match: _torque(match[1]), turned)
+    return re.sub(rf"(?<=[/;\u2060]){_FORCE}(?!\w)", lambda match: f"({_torque(match[0])})", turned)
 
 
 def _torque(unit: str) -> str:
@@ -188,28 +188,28 @@ def _torque(unit: str) -> str:
 
 
 def turning_docstring(text: str) -> str:
-    """Return the docstring of a state or of a prepared value with the units of an axis that turns, for an export.
+    """Return the docstring of a state or of a prepared value with the units of a rotary axis, for an export.
 
     It is a text of the source, which holds no quantities.
     """
-    return _UNIT.sub(lambda found: turning(found[0]), text)
+    return _UNIT.sub(lambda match: turning(match[0]), text)
 
 
-def factor(given: str, declared: str) -> float:
-    """Number by which a value in the unit `given` is multiplied to stand in the unit `declared`.
+def factor(unit: str, declared: str) -> float:
+    """Return the factor from a unit to the unit `declared`.
 
-    Raises ParameterError if `given` is not a unit or has another dimension.
+    Raises ParameterError if `unit` is not a unit or has another dimension.
     """
-    size, dimension = measure(given)
+    size, dimension = measure(unit)
     declared_size, declared_dimension = measure(declared)
     if dimension != declared_dimension:
-        raise ParameterError(f"unit '{given}' does not measure the same thing as '{declared or 'a plain number'}'")
+        raise ParameterError(f"unit '{unit}' does not measure the same thing as '{declared or 'a plain number'}'")
     # kHz to Hz is 1000, not the 999.9999999999999 that the conversion over rad/s gives
     return decimal(size / declared_size)
 
 
 def scaled(value: Any, factor: float) -> Any:
-    """value · factor, for a number or an array; by 1e-6, 1/60 and the like it is the quotient by 1e6, by 60.
+    """Return value · factor, for a number or an array; for 1e-6, 1/60 and the like as the quotient by 1e6, by 60.
 
     A division by a whole number is rounded once: 100 us are 1e-4 s, and not 9.999999999999999e-05.
     """
@@ -218,17 +218,18 @@ def scaled(value: Any, factor: float) -> Any:
 
 
 def shortest(value: float, factor: float) -> str:
-    """The fewest digits that `scaled` turns into a value: 2e-7 by 1e-6 is 0.2.
+    """Return the shortest decimal that `scaled` turns into a value: 0.2 for 2e-7 and the factor 1e-6.
 
-    A value that no number is scaled to, which lies within one rounding of one that is, gets the digits of that one.
+    Some values are not the scaled value of any number; then the decimal of the quotient is returned, which is scaled
+    to within one rounding of the value.
     """
     near = value / factor
     texts = [f"{near:.{digits}g}" for digits in range(1, 17)]
-    texts += [repr(each) for each in (near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf))]
-    return next((each for each in texts if scaled(float(each), factor) == value), repr(near))
+    texts += [repr(number) for number in (near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf))]
+    return next((text for text in texts if scaled(float(text), factor) == value), repr(near))
 
 
 def decimal(value: float) -> float:
-    """The number of twelve digits that differs from `value` by rounding only, if any: 50 times 1e-6 is 5e-05."""
+    """Round to twelve digits if that changes rounding errors only, else return `value`: 50 times 1e-6 is 5e-05."""
     near = float(f"{value:.12g}")
     return near if abs(near - value) <= 4 * math.ulp(value) else value

@@ -250,7 +250,7 @@ class _Traced:
         values = dict(tree.leaves(self.block))
         node = self.graph.symbol
         for signal, (_, _, value) in outputs.items():
-            self.words.found.setdefault(node(value).index, Name("", signal))
+            self.words.by_node.setdefault(node(value).index, Name("", signal))
         after_nodes = [node(value).index for _, value in spread(after)]
         before_nodes = [self.graph.input(f"state.{state}").index for state in states]
         begun_nodes = [node(value).index for _, value in spread(begun)]
@@ -303,7 +303,7 @@ class _Traced:
             retune=retune,
             conditions=tuple(self._conditions({self.parameters[i][0] for i in used}, conditions)),
             tables=self.tables,
-            names=self.words.found,
+            names=self.words.by_node,
             makers=self.words.makers,
             memory="controller" if isinstance(self.block, Controller | Controllers) else "plant",
             meanings={
@@ -404,7 +404,7 @@ def _retune(block: Controller | Controllers, prepared: Any, begun: Any) -> Retun
     states = tuple(graph.symbol(value).index for _, value in spread(after))
     read = set(reachable(graph, states))
     leaves = {node: leaf for node, leaf in leaves.items() if node in read}
-    return Retune(graph, leaves, states, names.found, names.makers)
+    return Retune(graph, leaves, states, names.by_node, names.makers)
 
 
 def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:

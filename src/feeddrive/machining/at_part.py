@@ -1,4 +1,4 @@
-"""Which samples of a cut lie on the finished part: the tool's motion beside it leaves nothing that is measured.
+"""The samples of a cut that lie on the finished part: the tool's motion beside it leaves nothing that is measured.
 
 A tool that cuts with its side leaves the wall that it touches at its radius R beside the path p:
 

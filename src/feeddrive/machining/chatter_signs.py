@@ -1,4 +1,4 @@
-"""How chatter shows in a force or a motion: lines beside the harmonics of the teeth, and samples once per tooth."""
+"""Signs of chatter in a force or a motion: lines beside the harmonics of the teeth, and samples once per tooth."""
 
 from __future__ import annotations
 

@@ -272,7 +272,7 @@ class Cause(NamedTuple):
     unit    SI
     effect  the largest radial deviation that it draws on one of the circles, m
     share   of G: the peak-to-peak of what it draws, by the peak-to-peak of all, on the circle where it is largest
-    note    what it cannot be told apart from, and what to run; else empty
+    note    the causes that it cannot be separated from, and the test to run; else empty
     """
 
     name: str
@@ -382,7 +382,7 @@ def circle_causes(
     ±B/2 along each axis, turning over at the reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y,
     with Δτ of the pass before.  Standard errors hold for residuals that are alike over 10°.
 
-    What the circles cannot tell apart is named, with the circle that would; its sum stands at the first of them.
+    Causes that the circles cannot separate are named, with the circle that would; their sum stands at the first one.
     Raises ParameterError as `circle_test`, and for another spike and a pitch that is not > 0.
     """
     figures = circle_test(circles)

@@ -1,6 +1,6 @@
-"""The circular test of ISO 230-4: full circles at constant feed, and what their radial deviations say of a machine.
+"""The circular test of ISO 230-4: full circles at constant feed, and the figures of their radial deviations.
 
-A quadrant peak is how far a circle springs outward after an axis has reversed.
+A quadrant peak is the outward jump of a circle after an axis has reversed.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Figures(NamedTuple):
     F_max, F_min  radial deviations from the nominal radius, about `center`
     D         mean radius of the least-squares circle less the nominal one; of both directions ISO's D
     center    of the radial deviations
-    both      whether it is of both directions
+    both      True for the figures of both directions
     """
 
     name: str

@@ -117,7 +117,7 @@ class Feet(NamedTuple):
     along   its path length, m, shape (n,)
     vector  from it to the position, m, shape (n, N)
     tangent of the curve there, length 1, shape (n, N)
-    corner  whether it is a corner or an end of the path, which has no normal, shape (n,)
+    corner  True for a corner or an end of the path, which has no normal, shape (n,)
     """
 
     along: np.ndarray
@@ -330,12 +330,12 @@ class ContourError(Result):
                  more axes it is unsigned
     vector       from the path to the tool, m, shape (n, N)
     along        path length of the nearest point, m, shape (n,)
-    at_corner    whether the nearest point is a corner or an end, shape (n,)
+    at_corner    True where the nearest point is a corner or an end, shape (n,)
     estimate     of the error from the tracking error alone, right to second order, m, shape (n,); None without
                  velocities
     lag          of the tool behind its set position along the path, m, shape (n,)
     line         of the part program, shape (n,), or None
-    counted      which samples the figures and the worst places count, shape (n,)
+    counted      True for samples that the figures and the worst places include, shape (n,)
     curve        the path
     """
 
@@ -502,7 +502,7 @@ def contour_error(
     signal        of the run that is the position: `tool`, the tool point of a machine with geometry errors and else the
                   table, `position_load`, the table, or `reading_load`, the table as the control sees it
     line          of the part program for each row
-    counted       whether each row counts in the figures, shape (n,); default: all do
+    counted       True for rows that count in the figures, shape (n,); default: all
     sample_time   s, for arrays
     window        path length around the set position in which the nearest point is looked for, m; default: twice the
                   largest tracking error, which is at least 2 V (lag + dead time).  A path that comes near itself within

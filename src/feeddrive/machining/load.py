@@ -1,4 +1,4 @@
-"""What a motion asks of motors and spindle: RMS and peak force, heat, losses, energy and power."""
+"""The load of motors and spindle by a motion: RMS and peak force, heat, losses, energy and power."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class AxisLoad(Result):
     heat            share of the continuous heat, shape (n + 1,), from cold; None without the two
     heat_repeated   the largest share when the motion repeats for ever
     copper_loss     mean power lost in the winding, W; None without the motor constant
-    work            mechanical energy given to the axis, J: what friction, cut and height take
+    work            mechanical energy given to the axis, J: for friction, cut and height
     drawn           mechanical energy drawn where braking gives nothing back, J
-    turning         whether the axis turns
+    turning         True for a rotary axis
     """
 
     axis: str

@@ -237,7 +237,7 @@ class Lobes(Result):
     islands     stable ranges above the limit: speed in rpm, from and to in m; scanned for if asked
     natural     own frequencies of the tool point that answer along the cut, Hz
     own         the cut that the machine has, if it was named
-    missed      how far the linear model is off, over its largest compliance (see `ToolPoint`)
+    missed      error of the linear model, over its largest compliance (see `ToolPoint`)
     """
 
     spindle_speed: np.ndarray
@@ -338,7 +338,7 @@ def stability_lobes(
     tool      modes (`tool_modes`), or a loop, machine or sampled model, of which `tool_point` makes one
     cutter    a tool of `feeddrive.blocks`, or a `Regeneration`; `changes` as process_damping = 2e4 replace its fields
     deepest   axial depth in m up to which a limit is looked for; default: 12 times the least zero-order limit
-    islands   whether to look for stable ranges above the limit as well, up to `deepest`
+    islands   look for stable ranges above the limit as well, up to `deepest`
     speed, depth   of the cut that the machine has, in rpm and m, whose |µ| is stated
 
     The first depth with |µ| = 1 is bracketed by a scan from below in steps of 15 % and found to 1e-10.

@@ -190,8 +190,8 @@ def part_run(
     machine    that ran
     axes       that the program moves
     line       of the program by sample, shape (n,); the run may be longer
-    counted    which samples count for the contour, shape (n,); default: all
-    cuts       whether the machine has a cut, whose force is then `load_force`
+    counted    True for samples that count for the contour, shape (n,); default: all
+    cuts       True if the machine has a cut, whose force is then `load_force`
     turn       s, of the spindle at its slowest; None without one
     spindle    power of the spindle, if it is known
     observers  that listen, by name and axis: `observe` of the readings and forces of the run

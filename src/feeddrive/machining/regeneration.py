@@ -35,7 +35,7 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class Regeneration:
-    """What a tool with equally spaced teeth answers to a motion r = (feed t, normal n) of tool against work.
+    """The force of a tool with equally spaced teeth under a motion r = (feed t, normal n) of tool against work.
 
         F     = -a H(φ) (r(t) - r(t - τ)) - a P(φ) r'(t),   τ = 60/(teeth · rpm)
         H(φ)  = Σ over engaged edges of [[s (Kt c + Kn s), c (Kt c + Kn s)], [s (Kn c - Kt s), c (Kn c - Kt s)]]

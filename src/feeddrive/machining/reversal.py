@@ -1,4 +1,4 @@
-"""Quadrant glitches: what dry friction makes of a path where an axis reverses, seen in zooms of each reversal."""
+"""Quadrant glitches: the contour errors by dry friction at the reversals of an axis, reversal by reversal."""
 
 from __future__ import annotations
 

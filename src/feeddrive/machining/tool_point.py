@@ -1,4 +1,4 @@
-"""How a tool gives way to the work: modes and closed loops as one linear system, seen from the cut."""
+"""The compliance of a tool against the work: modes and closed loops as one linear system, seen from the cut."""
 
 from __future__ import annotations
 

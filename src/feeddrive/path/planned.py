@@ -1,4 +1,4 @@
-"""What a plan came to: cycle time, largest use of each limit, stops, and the course of the motion for pictures."""
+"""The result of a plan: cycle time, largest use of each limit, stops, and the course of the motion for pictures."""
 
 from __future__ import annotations
 
@@ -112,10 +112,10 @@ def _limit(limit: float, unit: str, per: str) -> Quantity:
 class Planned(Result):
     """A part program as a motion.
 
-    program, machine  what they are called
+    program, machine  their names
     limits            of the axes
     sample_time       of the setpoints, s
-    samples           how many
+    samples           number of setpoints
     cycle_time        s, dwells included
     blocks            of the program that move
     runs              from rest to rest

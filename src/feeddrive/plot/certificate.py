@@ -21,24 +21,24 @@ _DISCS = 500  # drawn in the complex plane
 _REACH = (-2.4, 1.2, -1.9, 1.7)  # of the discs: left, right, low, high
 
 
-def certificate_chart(found: Certificate) -> Chart:
+def certificate_chart(certificate: Certificate) -> Chart:
     """|1 + L|/|L| of each plant over the certified radius, the plants with the smallest reserve first.
 
     With two rates 1/Σ|H| instead, over the force at a frequency and its images that a sine of 1 N there adds to.
     """
-    plants = sorted(found.document["plants"], key=lambda each: each["reserve"] or np.inf)[:_MOST]
-    nyquist = 0.5 / found.sample_time
-    low = min(max(each["reserve_at_Hz"] * 10.0**-_DECADES, 1e-4 * nyquist) for each in plants)
-    panels = tuple(_room(found, each, low, named=len(plants) > 1, first=each is plants[0]) for each in plants)
+    plants = sorted(certificate.document["plants"], key=lambda plant: plant["reserve"] or np.inf)[:_MOST]
+    nyquist = 0.5 / certificate.sample_time
+    low = min(max(plant["reserve_at_Hz"] * 10.0**-_DECADES, 1e-4 * nyquist) for plant in plants)
+    panels = tuple(_room(certificate, plant, low, named=len(plants) > 1, first=plant is plants[0]) for plant in plants)
     return Chart(f"frequency ({unit_name('Hz')})", panels, FREQUENCY, low, nyquist, height=1.0 + 2.2 * len(plants))
 
 
 certificate = figure_of(certificate_chart)
 
 
-def _room(found: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
-    """The room around one plant, what the discs take of it, and where it was measured."""
-    loop = found.loops[plant["name"]]
+def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
+    """The panel of one plant: its distance from -1, the part of it that the discs take, and the measured bands."""
+    loop = certificate.loops[plant["name"]]
     f = loop.lines()
     f = f[f >= low]
     distance, taken = loop.room(f)
@@ -46,14 +46,14 @@ def _room(found: Certificate, plant: Any, low: float, *, named: bool, first: boo
     near, radius = distance / size, taken / size
     least = float(np.min(near))
     floor = max(0.5 * min(least, float(np.min(radius)) or 1.0), 1e-3 * least)
-    names = ("1/Σ|H|" if found.two_rates else "|1 + L|/|L|", "radius r of the discs") if first else ("", "")
+    names = ("1/Σ|H|" if certificate.two_rates else "|1 + L|/|L|", "radius r of the discs") if first else ("", "")
     curves = [Curve(f, near, names[0], 0), Curve(f, radius, names[1], 1)]
     curves += [Curve(np.array(band), np.full(2, 1.08 * floor), number=2, look=BAR) for band in _measured(plant)]
-    marks, said = list[Mark](), "no disc"
+    marks, caption = list[Mark](), "no disc"
     if plant["reserve"] is not None:
         place = np.array([plant["reserve_at_Hz"]])
         marks.append(Mark(float(place[0]), float((loop.room(place)[0] / loop.size(place))[0]), 0))
-        said = Text(
+        caption = Text(
             f"discs could be {Quantity(plant['reserve']):3} times as wide, at {Quantity(plant['reserve_at_Hz'], 'Hz')}"
         )
     return Panel(
@@ -64,7 +64,7 @@ def _room(found: Certificate, plant: Any, low: float, *, named: bool, first: boo
         scale=LOG,
         low=floor,
         high=30.0 * max(1.0, least),
-        said=Text(f"{plant['name']}: {said}") if named else said,
+        caption=Text(f"{plant['name']}: {caption}") if named else caption,
     )
 
 
@@ -73,10 +73,10 @@ def _measured(plant: Any) -> list[tuple[float, float]]:
     return [(lines[0][0], lines[-1][0]) for lines in plant["lines"] if lines]
 
 
-def certificate_discs_chart(found: Certificate) -> Chart:
+def certificate_discs_chart(certificate: Certificate) -> Chart:
     """L of the plant with the smallest reserve near -1, with the disc in which it may lie at each frequency."""
-    plant = min(found.document["plants"], key=lambda each: each["reserve"] or np.inf)
-    loop: LoopResponse = found.loops[plant["name"]]
+    plant = min(certificate.document["plants"], key=lambda candidate: candidate["reserve"] or np.inf)
+    loop: LoopResponse = certificate.loops[plant["name"]]
     f = loop.lines()
     L = loop.gains(f).sum(axis=0)
     taken = loop.room(f)[1]
@@ -92,7 +92,7 @@ def certificate_discs_chart(found: Certificate) -> Chart:
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
     left, right, low, high = _REACH
     note = Note(-1.0, 0.0, "-1", ALERT)
-    panel = Panel("imaginary part of L", curves, levels=axes, notes=(note,), low=low, high=high, said=plant["name"])
+    panel = Panel("imaginary part of L", curves, levels=axes, notes=(note,), low=low, high=high, caption=plant["name"])
     return Chart("real part of L", (panel,), low=left, high=right, square=True, height=5.2, width=5.8)
 
 

@@ -1,8 +1,8 @@
-"""What a picture shows, without how it is drawn: panels of curves, marks and limits, with names and units.
+"""Charts: the content of a picture as a value, apart from its drawing: panels of curves, marks and limits, with units.
 
 A chart is drawn by matplotlib (`plot.drawing`), and may be drawn by anything else, with the same curves, limits and
-words.  Numbers are in the units that the labels state.  `name` is what a person called a thing and is never looked
-at; every other text may hold quantities, which `Chart.shown` reads in the units of a reader.
+words.  Numbers are in the units that the labels state.  `name` is the user's name of a thing and is never parsed;
+every other text may hold quantities, which `Chart.shown` writes in the units of a reader.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ levels above all."""
 class Curve:
     """A line or points through (x, y), both of shape (n,); NaN interrupts a line.
 
-    name    of what it is of, as a person called it; empty if it needs no entry in the legend
-    number  decides color, dashes and marker
-    said    its figures, beside the name in the legend; of a bar, beside it
-    heat    a value for each point, shown as color and width by the scale of the panel
-    reach   radius of a disc around each point, in place of the line: all discs are one pale area
-    size    of the width of the line and of markers, in relation to the usual ones
+    name     the user's name of what is drawn; empty if it needs no entry in the legend
+    number   decides color, dashes and marker
+    caption  its figures, next to the name in the legend; of a bar, next to the bar
+    heat     a value for each point, shown as color and width by the scale of the panel
+    reach    radius of a disc around each point, in place of the line: all discs are one pale area
+    size     factor on the usual width of the line and size of the markers
     """
 
     x: np.ndarray
@@ -56,7 +56,7 @@ class Curve:
     name: str = ""
     number: int = 0
     look: str = LINE
-    said: str = ""
+    caption: str = ""
     heat: np.ndarray | None = None
     reach: np.ndarray | None = None
     size: float = 1.0
@@ -81,9 +81,9 @@ class Band:
 class Mark:
     """A point on a curve; `hollow` tells two kinds of them apart.
 
-    name  written beside it, where it covers neither a point nor another name
-    said  its figures, for who points at it
-    key   what a click on it means; empty: nothing
+    name     written next to it, where it covers neither a point nor another name
+    caption  its figures, shown when the pointer is on it
+    key      what a click on it selects; empty: nothing
     """
 
     x: float
@@ -91,7 +91,7 @@ class Mark:
     number: int = 0
     hollow: bool = False
     name: str = ""
-    said: str = ""
+    caption: str = ""
     key: str = ""
 
 
@@ -99,9 +99,9 @@ class Mark:
 class Level:
     """A straight line over the whole panel at a value of y, or with `upright` of x: dashed a limit, faint an axis.
 
-    text    beside the line
-    number  of the curve whose color it has; NEUTRAL is that of axes
-    said    in the legend; dashed lines with different texts there differ in their dashes
+    text     next to the line
+    number   of the curve whose color it has; NEUTRAL is that of axes
+    caption  its entry in the legend; dashed lines with different captions differ in their dashes
     """
 
     value: float
@@ -110,7 +110,7 @@ class Level:
     dashed: bool = False
     faint: bool = False
     number: int = NEUTRAL
-    said: str = ""
+    caption: str = ""
 
 
 @dataclass(frozen=True)
@@ -184,13 +184,13 @@ class Heat:
 class Tick:
     """A place on an axis with a text in place of its number.
 
-    name  of a thing, as a person called it: such a place has no line of the grid
-    said  its figures, beside the name; alone, a number
+    name     the user's name of a thing: such a place has no grid line
+    caption  its figures, next to the name; alone, a number
     """
 
     value: float
     name: str = ""
-    said: str = ""
+    caption: str = ""
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class Panel:
     label      of y, with its unit
     low, high  range of y; None: what the curves need
     share      of the height, in relation to the other panels
-    said       a line above it
+    caption    a line above the panel
     heat       scale of the curves or the field that have values
     ticks      places of y that have a text; None: round numbers
     abscissa   its own axis of x; None: that of the chart, which these panels share
@@ -237,7 +237,7 @@ class Panel:
     low: float | None = None
     high: float | None = None
     share: float = 1.0
-    said: str = ""
+    caption: str = ""
     heat: Heat | None = None
     boxes: tuple[Box, ...] = ()
     field: Field | None = None
@@ -263,7 +263,7 @@ class Chart:
     side       label of y of all panels together, with its unit
     legend     where it stands: ABOVE, RIGHT or PANELS
     beside     lines at the right of the panels
-    said       a warning above them
+    caption    a warning above the panels
     """
 
     label: str
@@ -282,7 +282,7 @@ class Chart:
     side: str = ""
     legend: str = ABOVE
     beside: str = ""
-    said: str = ""
+    caption: str = ""
 
     @property
     def abscissa(self) -> Abscissa:
@@ -291,14 +291,16 @@ class Chart:
 
     def shown(self, units: Units) -> Chart:
         """The chart with all its texts in the units of a reader; the numbers stay."""
-        label, side, beside, said = (resolve(text, units) for text in (self.label, self.side, self.beside, self.said))
+        label, side, beside, caption = (
+            resolve(text, units) for text in (self.label, self.side, self.beside, self.caption)
+        )
         panels = tuple(_shown(panel, units) for panel in self.panels)
         return replace(
             self,
             label=label,
             side=side,
             beside=beside,
-            said=said,
+            caption=caption,
             ticks=_shown_ticks(self.ticks, units),
             panels=panels,
         )
@@ -317,11 +319,11 @@ def _shown(panel: Panel, units: Units) -> Panel:
     return replace(
         panel,
         label=resolve(panel.label, units),
-        said=resolve(panel.said, units),
-        marks=texts(panel.marks, "said"),
+        caption=resolve(panel.caption, units),
+        marks=texts(panel.marks, "caption"),
         heat=panel.heat and replace(panel.heat, label=resolve(panel.heat.label, units)),
-        curves=texts(panel.curves, "said"),
-        levels=texts(panel.levels, "text", "said"),
+        curves=texts(panel.curves, "caption"),
+        levels=texts(panel.levels, "text", "caption"),
         notes=texts(panel.notes, "text"),
         bands=texts(panel.bands, "name"),
         boxes=texts(panel.boxes, "text"),
@@ -332,12 +334,12 @@ def _shown(panel: Panel, units: Units) -> Panel:
 
 
 def _shown_ticks(ticks: tuple[Tick, ...] | None, units: Units) -> tuple[Tick, ...] | None:
-    return ticks and tuple(replace(tick, said=resolve(tick.said, units)) for tick in ticks)
+    return ticks and tuple(replace(tick, caption=resolve(tick.caption, units)) for tick in ticks)
 
 
 def numbered(values: Iterable[float]) -> tuple[Tick, ...]:
     """Ticks at round numbers."""
-    return tuple(Tick(float(value), said=f"{value:g}") for value in values)
+    return tuple(Tick(float(value), caption=f"{value:g}") for value in values)
 
 
 def listed(names: Sequence[str]) -> tuple[Tick, ...]:

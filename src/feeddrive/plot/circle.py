@@ -49,48 +49,48 @@ _HEAD = (0.45, 0.22)  # of an arrow: length and half of its width, divisions
 def _rows(test: CircleTest) -> list[tuple[CirclePath, np.ndarray, np.ndarray]]:
     """Circles with the polar angle in degrees, 0 to 360, and the radial deviation in µm, in the order of the motion."""
     rows = zip(test.circles, deviations(test), strict=True)
-    return [(each, np.degrees(angle), 1e6 * r) for each, (angle, r) in rows]
+    return [(circle, np.degrees(angle), 1e6 * r) for circle, (angle, r) in rows]
 
 
 def _like(circle: CirclePath, test: CircleTest) -> int:
-    """The place of the circle of a test that has the direction and the feed of another one; behind all if none has."""
+    """Index of the circle of a test with the direction and feed of another one; the number of circles if none has."""
     there = (i for i, e in enumerate(test.circles) if e.direction == circle.direction and same_feed(e, circle))
     return next(there, len(test.circles))
 
 
-def circle_test_chart(test: CircleTest, division: float | None = None, said: str = "") -> Chart:
+def circle_test_chart(test: CircleTest, division: float | None = None, remark: str = "") -> Chart:
     """The circle plot: radial deviations enlarged on the nominal circle, both directions, with a box of figures.
 
-    division  µm of a division; default: the smallest of 1, 2, 5, 10 ... with which all is seen.  Give the same for all
-              plots that are to be compared
-    said      date, place, state of compensation: a line for the box
+    division  µm of a division; default: the smallest of 1, 2, 5, 10 ... that shows all deviations.  Give the same for
+              all plots that are compared
+    remark    date, place, state of compensation: a line for the box
     """
     size = _scale([test]) if division is None else division
-    return replace(circle_chart(test, division=size), beside=_box(test, size, said))
+    return replace(circle_chart(test, division=size), beside=_box(test, size, remark))
 
 
 circle_test = figure_of(circle_test_chart)
 
 
 def circle_chart(test: CircleTest, before: CircleTest | None = None, division: float | None = None) -> Chart:
-    """The circle of `circle_test`: x and y in µm, a point as far from the drawn nominal circle as the machine deviates.
+    """The circle plot without its box: each point is as far from the drawn nominal circle as the machine deviates, µm.
 
-    before  the same circles as they were, which are drawn thin
+    before  an earlier test of the same circles, drawn thin
     """
     rows, old = _rows(test), [] if before is None else _rows(before)
-    each = _scale([test] if before is None else [test, before]) if division is None else division
-    ring, edge = _RING * each, (_RING + _DIVISIONS + 0.5) * each
+    per_division = _scale([test] if before is None else [test, before]) if division is None else division
+    ring, edge = _RING * per_division, (_RING + _DIVISIONS + 0.5) * per_division
     curves, marks = list[Curve](), list[Mark]()
     for circle, angle, r in old:
         curves.append(Curve(*_closed(ring + r, angle), number=_like(circle, test), look=THIN))
     for i, (circle, angle, r) in enumerate(rows):
         x, y = _closed(ring + r, angle)
-        curves.append(Curve(x, y, circle.name, i, said=_gap(circle, test, before)))
-        marks.append(Mark(float(x[0]), float(y[0]), i, said=f"{circle.name} begins"))
+        curves.append(Curve(x, y, circle.name, i, caption=_gap(circle, test, before)))
+        marks.append(Mark(float(x[0]), float(y[0]), i, caption=f"{circle.name} begins"))
         k = len(r) // 8 + (0 if circle.direction > 0 else 3)
-        curves.append(_arrow(float(ring + r[k]), float(np.radians(angle[k])), circle.direction, each, i))
-    marks += [_peak(each, ring) for each in quadrant_peaks(test)]
-    rings = tuple(Disc(0.0, 0.0, ring + k * each, faint=k != 0) for k in range(-_DIVISIONS, _DIVISIONS + 1))
+        curves.append(_arrow(float(ring + r[k]), float(np.radians(angle[k])), circle.direction, per_division, i))
+    marks += [_peak(peak, ring) for peak in quadrant_peaks(test)]
+    rings = tuple(Disc(0.0, 0.0, ring + k * per_division, faint=k != 0) for k in range(-_DIVISIONS, _DIVISIONS + 1))
     at = [np.radians(angle) for angle, _ in _QUADRANTS]
     axes = [text.format(test.circles[0].axes[k % 2].upper()) for k, (_, text) in enumerate(_QUADRANTS)]
     notes = [
@@ -102,11 +102,14 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
         Note(
             0.0,
             0.0,
-            Text(f"rings: {Quantity(1e-6 * each, 'm'):6}\ndeviation × {Quantity(1e6 * test.radius / ring):.0f}{thin}"),
+            Text(
+                f"rings: {Quantity(1e-6 * per_division, 'm'):6}\n"
+                f"deviation × {Quantity(1e6 * test.radius / ring):.0f}{thin}"
+            ),
             middle=True,
         )
     )
-    side = edge + 0.6 * each
+    side = edge + 0.6 * per_division
     panel = Panel(
         f"y ({unit_name('um')})", tuple(curves), tuple(marks), discs=rings, notes=tuple(notes), low=-side, high=side
     )
@@ -116,7 +119,7 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
 
 
 def _scale(tests: Sequence[CircleTest]) -> float:
-    """The division with which all deviations of some tests are seen, µm."""
+    """Return the division in µm that shows all deviations of the tests."""
     return _division(max(float(np.max(np.abs(r))) for test in tests for _, _, r in _rows(test)) / _DIVISIONS)
 
 
@@ -126,19 +129,19 @@ def _closed(place: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _peak(peak: QuadrantPeak, ring: float) -> Mark:
-    """On the drawn circle."""
+    """The mark of a quadrant peak on the drawn circle."""
     r = ring + 1e6 * peak.deviation
-    said = Text(f"peak {Quantity(peak.height, 'm'):3} behind {peak.side}{peak.axis}")
-    return Mark(float(r * np.cos(peak.angle)), float(r * np.sin(peak.angle)), peak.circle, True, said=said)
+    caption = Text(f"peak {Quantity(peak.height, 'm'):3} behind {peak.side}{peak.axis}")
+    return Mark(float(r * np.cos(peak.angle)), float(r * np.sin(peak.angle)), peak.circle, True, caption=caption)
 
 
 def _gap(circle: CirclePath, test: CircleTest, before: CircleTest | None) -> str:
-    """G of a circle, and as it was."""
-    own = [each for each in test.figures if not each.both]
-    said = Text(f"G {Quantity(own[test.circles.index(circle)].G, 'm')}")
+    """G of a circle, and its earlier value, as text."""
+    own = [figure for figure in test.figures if not figure.both]
+    caption = Text(f"G {Quantity(own[test.circles.index(circle)].G, 'm')}")
     if before is None or (i := _like(circle, before)) == len(before.circles):
-        return said
-    return Text(f"{said}, before {Quantity([each for each in before.figures if not each.both][i].G, 'm')}")
+        return caption
+    return Text(f"{caption}, before {Quantity([figure for figure in before.figures if not figure.both][i].G, 'm')}")
 
 
 def _arrow(radius: float, angle: float, direction: int, division: float, number: int) -> Curve:
@@ -152,25 +155,25 @@ def _arrow(radius: float, angle: float, direction: int, division: float, number:
     return Curve(corners[:, 0], corners[:, 1], number=number, look=SOLID)
 
 
-def _box(test: CircleTest, division: float, said: str) -> str:
+def _box(test: CircleTest, division: float, remark: str) -> str:
     first = test.circles[0]
     lines = [
         f"{Quantity(1e-6 * division, 'm'):6} per division",
         f"R {Quantity(test.radius, 'm'):5 mm}, {''.join(first.axes)} plane",
     ]
     lines += [
-        f"{'both ' if each.both else ''}{each.name}: {'G(b)' if each.both else 'G'} {Quantity(each.G, 'm')}"
-        for each in test.figures
+        f"{'both ' if figure.both else ''}{figure.name}: {'G(b)' if figure.both else 'G'} {Quantity(figure.G, 'm')}"
+        for figure in test.figures
     ]
     most = test.largest
     low, high = Quantity(most.F_min, "m", bare=True), Quantity(most.F_max, "m")
     lines += [f"F {low:+.4g} … {high:+.4g} ({test.about})", f"D {Quantity(most.D, 'm'):+.4g}"]
     lines += ["readings of encoders"] if first.source == "encoder" else []
-    return joined("\n", [*lines, *([style.shortened(said)] if said else [])])
+    return joined("\n", [*lines, *([style.shortened(remark)] if remark else [])])
 
 
 def _division(wanted: float) -> float:
-    """1, 2, 5 times a power of ten µm, the smallest that is not below; 0.01 at least."""
+    """Round a division in µm up to 1, 2 or 5 times a power of ten; at least 0.01."""
     power = 10.0 ** np.floor(np.log10(max(wanted, 0.01)))
     return float(power * next(step for step in _STEPS if step * power >= max(wanted, 0.01) * (1.0 - 1e-9)))
 
@@ -189,10 +192,10 @@ def circle_unrolled_chart(test: CircleTest) -> Chart:
             near = near[np.argsort(off[near])]
             curves.append(Curve(off[near], r[near], number=i))
         label = f"deviation ({unit_name('um')})" if k == 0 else ""
-        said = f"{text.format(names[k % 2])}, {names[k % 2]} reverses"
+        caption = f"{text.format(names[k % 2])}, {names[k % 2]} reverses"
         zero = Level(0.0, upright=True, dashed=True)
         around = Abscissa("angle (deg)", low=-_NEAR, high=_NEAR)
-        panels.append(Panel(label, tuple(curves), levels=(zero,), said=said, abscissa=around))
+        panels.append(Panel(label, tuple(curves), levels=(zero,), caption=caption, abscissa=around))
     return Chart("", tuple(panels), across=4, height=5.6)
 
 
@@ -202,7 +205,7 @@ circle_unrolled = figure_of(circle_unrolled_chart)
 def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     """The radial deviation in µm over the polar angle in degrees, with the reversals and the peaks after them.
 
-    before  the same circles as they were, which are drawn thin
+    before  an earlier test of the same circles, drawn thin
     """
     curves, rows = list[Curve](), _rows(test)
     for circle, angle, r in [] if before is None else _rows(before):
@@ -216,16 +219,16 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     levels = tuple(
         Level(angle, text.format(axes[k % 2]), upright=True, dashed=True) for k, (angle, text) in enumerate(_QUADRANTS)
     )
-    rate = max(each.feed / each.radius for each in test.circles)
+    rate = max(circle.feed / circle.radius for circle in test.circles)
     thin = "" if before is None else "; thin: before"
-    said = Text(f"10 deg are {Quantity(np.radians(10.0) / rate, 's'):3} at the highest feed{thin}")
-    panel = Panel(f"radial deviation ({unit_name('um')})", tuple(curves), tuple(marks), levels, said=said)
+    caption = Text(f"10 deg are {Quantity(np.radians(10.0) / rate, 's'):3} at the highest feed{thin}")
+    panel = Panel(f"radial deviation ({unit_name('um')})", tuple(curves), tuple(marks), levels, caption=caption)
     return Chart("angle (deg)", (panel,), low=0.0, high=360.0, height=3.4)
 
 
-def circle_causes_chart(found: CircleCauses, most: int = 12) -> Chart:
-    """What each cause draws at most, the largest first, with its standard error, and what cannot be told apart."""
-    shown = [cause for cause in found.ranked if cause.effect > 0.0][:most]
+def circle_causes_chart(causes: CircleCauses, most: int = 12) -> Chart:
+    """The largest radial deviation of each cause, ranked, with its standard error; hatched where it has none."""
+    shown = [cause for cause in causes.ranked if cause.effect > 0.0][:most]
     widest = max((1e6 * cause.effect for cause in shown), default=1.0)
     bars, errors = list[Box](), list[Curve]()
     for row, cause in enumerate(shown):
@@ -238,7 +241,7 @@ def circle_causes_chart(found: CircleCauses, most: int = 12) -> Chart:
         if known and cause.value:
             error = size * cause.error / abs(cause.value)
             errors.append(Curve(np.array([size - error, size + error]), np.full(2, -float(row)), number=NEUTRAL))
-    said = Text(f"not explained: {Quantity(found.residual, 'm'):3} RMS; bars: standard error; {_runs(found)}")
+    caption = Text(f"not explained: {Quantity(causes.residual, 'm'):3} RMS; bars: standard error; {_runs(causes)}")
     rows = max(len(shown), 1)
     panel = Panel(
         "",
@@ -247,7 +250,7 @@ def circle_causes_chart(found: CircleCauses, most: int = 12) -> Chart:
         ticks=listed([cause.name for cause in shown]),
         low=0.5 - rows,
         high=0.6,
-        said=said,
+        caption=caption,
     )
     label = f"largest radial deviation ({unit_name('um')})"
     return Chart(label, (panel,), low=0.0, high=1.75 * widest, height=1.0 + 0.34 * rows)
@@ -256,13 +259,13 @@ def circle_causes_chart(found: CircleCauses, most: int = 12) -> Chart:
 circle_causes = figure_of(circle_causes_chart)
 
 
-def _runs(found: CircleCauses) -> str:
-    return f"{len(found.left)} circle{'s' if len(found.left) > 1 else ''}"
+def _runs(causes: CircleCauses) -> str:
+    return f"{len(causes.left)} circle{'s' if len(causes.left) > 1 else ''}"
 
 
-def reversals_chart(found: Reversals) -> Chart:
+def reversals_chart(reversals: Reversals) -> Chart:
     """The outward error after each of the last four reversals, over the time since it; gray: where the axis stands."""
-    panels = tuple(_reversal(found, reversal) for reversal in found.reversals[-4:])
+    panels = tuple(_reversal(reversals, reversal) for reversal in reversals.reversals[-4:])
     lows, highs = ([float(end(curve.y)) for panel in panels for curve in panel.curves] for end in (np.min, np.max))
     low, high = style.padded(min(lows), max(highs))
     panels = tuple(replace(panel, low=low, high=high) for panel in panels)
@@ -272,22 +275,22 @@ def reversals_chart(found: Reversals) -> Chart:
 reversals = figure_of(reversals_chart)
 
 
-def _reversal(found: Reversals, reversal: Reversal) -> Panel:
+def _reversal(reversals: Reversals, reversal: Reversal) -> Panel:
     length = reversal.rows.stop - reversal.rows.start
     rows = slice(max(0, reversal.rows.start - length // 5), reversal.rows.start + max(2, (3 * length) // 4))
-    time = 1e3 * (found.time[rows] - reversal.time)
+    time = 1e3 * (reversals.time[rows] - reversal.time)
     stands = Box(
         1e3 * reversal.stick_begin, 1e3 * (reversal.stick_begin + reversal.stick_time), number=NEUTRAL, pale=True
     )
-    said = Text(
+    caption = Text(
         f"{reversal.axis} at {reversal.side}: {Quantity(reversal.height, 'm'):3} at "
         f"{Quantity(reversal.peak_time, 's'):3}, stands {Quantity(reversal.stick_time, 's'):3}"
     )
     return Panel(
         f"outward ({unit_name('um')})",
-        (Curve(time, 1e6 * found.outward[rows]),),
+        (Curve(time, 1e6 * reversals.outward[rows]),),
         boxes=(stands,),
-        said=said,
+        caption=caption,
         levels=(Level(1e6 * reversal.base, dashed=True),),
         abscissa=Abscissa("since the reversal (ms)", low=float(time[0]), high=float(time[-1])),
     )
@@ -305,8 +308,8 @@ def axis_load_chart(load: AxisLoad) -> Chart:
     for size, name in ((load.continuous_force, "continuous"), (load.peak_force, "peak")):
         if size is not None and size < 2.0 * top:
             top = max(top, 1.1 * size)
-            said = Text(f"{name} {Quantity(size, 'N')}")
-            limits += [Level(sign * size, dashed=True, number=ALERT, said=said) for sign in (1.0, -1.0)]
+            caption = Text(f"{name} {Quantity(size, 'N')}")
+            limits += [Level(sign * size, dashed=True, number=ALERT, caption=caption) for sign in (1.0, -1.0)]
     panels = [Panel(f"force ({unit_name('N')})", curves, levels=tuple(limits), low=-top, high=top)]
     if load.heat is not None:
         heat = Curve(load.sample_time * np.arange(len(load.heat)), 100.0 * load.heat, number=2)
@@ -316,8 +319,8 @@ def axis_load_chart(load: AxisLoad) -> Chart:
             if level < 3.0 * 100.0 * float(np.max(load.heat))
         )
         repeated = Quantity((load.heat_repeated or 0.0), "share")
-        said = Text(f"repeated for ever at most {repeated:3} of the continuous heat")
-        panels.append(Panel("heat (%)", (heat,), levels=warns, said=said))
+        caption = Text(f"repeated for ever at most {repeated:3} of the continuous heat")
+        panels.append(Panel("heat (%)", (heat,), levels=warns, caption=caption))
     return Chart("time (s)", tuple(panels), height=3.0 if load.heat is None else 4.6)
 
 

@@ -43,15 +43,17 @@ REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: the critical point is -1
 def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     """Loop gains near -1, with the unit circle and for each loop the circle of radius 1/Ms that it touches.
 
-    Of a measured loop gain the area that holds it with 95 %, line by line.
+    A measured loop gain also has its 95 % discs, which hold line by line.
     """
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
     for i, (name, margins) in enumerate(chosen.items()):
         L = margins.loop_gain
-        said = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(margins.modulus_frequency, 'Hz')}")
+        figures = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(margins.modulus_frequency, 'Hz')}")
         x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
-        caption = (name[:40], i, LINE, joined("", ["\n", said])) if len(chosen) > 1 else (name[:40], i, LINE, said)
+        caption = (
+            (name[:40], i, LINE, joined("", ["\n", figures])) if len(chosen) > 1 else (name[:40], i, LINE, figures)
+        )
         curves += [Curve(x, y, *caption), Curve(x, -y, number=i, look=THIN)]
         discs.append(Disc(-1.0, 0.0, margins.modulus_margin, i, filled=True))
         touch = _at(margins, margins.modulus_frequency)
@@ -90,7 +92,7 @@ nyquist = figure_of(nyquist_chart)
 
 
 def _spread(L: FRF, number: int) -> list[Curve]:
-    """The discs that hold a measured loop gain with 95 %, along the straight lines between its own; none of a model."""
+    """The 95 % discs of a measured loop gain, interpolated along the lines between its points; none of a model."""
     if L.radius is None:
         return []
     low, high, bottom, top = REACH
@@ -102,7 +104,7 @@ def _spread(L: FRF, number: int) -> list[Curve]:
     center, radius = L.response[near], L.radius[near]
     walked = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(center)))])
     along = np.linspace(0.0, walked[-1], DISCS)
-    x, y, reach = (np.interp(along, walked, each) for each in (np.real(center), np.imag(center), radius))
+    x, y, reach = (np.interp(along, walked, values) for values in (np.real(center), np.imag(center), radius))
     return [Curve(x, y, "95 % of the measurement", number, reach=reach)]
 
 
@@ -139,6 +141,6 @@ def _at(margins: Margins, frequency: float) -> complex:
     )
 
 
-def encirclement_chart(found: Encirclement) -> Chart:
+def encirclement_chart(encirclement: Encirclement) -> Chart:
     """Nyquist plot of the measured or modelled loop gain."""
-    return nyquist_chart(margins_of(found.loop_gain))
+    return nyquist_chart(margins_of(encirclement.loop_gain))

@@ -50,7 +50,7 @@ def curves_chart(
 curves = figure_of(curves_chart)
 
 
-def pole_sweep_chart(sweeps: Mapping[str, Sequence[np.ndarray]], said: str = "") -> Chart:
+def pole_sweep_chart(sweeps: Mapping[str, Sequence[np.ndarray]], caption: str = "") -> Chart:
     """Poles in the s plane (rad/s) of several systems along a sweep: the marks grow from point to point."""
     marks = tuple(
         Curve(np.real(poles), np.imag(poles), "" if k else name, i, HOLLOW, size=0.7 + 0.3 * k)
@@ -60,7 +60,7 @@ def pole_sweep_chart(sweeps: Mapping[str, Sequence[np.ndarray]], said: str = "")
     x, y = (np.concatenate([[0.0], *(getattr(curve, axis) for curve in marks)]) for axis in ("x", "y"))
     (left, right), (low, high) = (style.padded(float(np.min(row)), float(np.max(row)), 0.08) for row in (x, y))
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
-    panel = Panel("imaginary part of s (rad/s)", marks, levels=axes, low=low, high=high, said=said)
+    panel = Panel("imaginary part of s (rad/s)", marks, levels=axes, low=low, high=high, caption=caption)
     return Chart("real part of s (rad/s)", (panel,), low=left, high=right, height=4.2)
 
 
@@ -72,7 +72,7 @@ def turn_chart(angle: np.ndarray, forces: Mapping[str, np.ndarray]) -> Chart:
     lines, means = list[Curve](), list[Level]()
     for i, (name, force) in enumerate(forces.items()):
         mean = float(np.mean(force))
-        lines.append(Curve(np.degrees(angle), force, name, i, said=Text(f"mean {Quantity(mean, 'N')}")))
+        lines.append(Curve(np.degrees(angle), force, name, i, caption=Text(f"mean {Quantity(mean, 'N')}")))
         means.append(Level(mean, faint=True, number=i))
     panel = Panel(f"force on the tool ({unit_name('N')})", tuple(lines), levels=tuple(means))
     ticks = numbered(np.arange(0.0, 361.0, 45.0))
@@ -89,7 +89,7 @@ def by_axis_chart(time: np.ndarray, rows: Mapping[str, Mapping[str, np.ndarray]]
         Panel(
             "",
             tuple(Curve(*envelope(time, v), name if several else "", i) for i, (name, v) in enumerate(lines.items())),
-            said=axis,
+            caption=axis,
         )
         for axis, lines in rows.items()
     )

@@ -27,8 +27,8 @@ def batch_chart(batch: Batch) -> Chart:
     panels = [_variants(name, rms[inside], i) for i, (name, rms) in enumerate(batch.rms.items())]
     across = min(2, len(panels))
     lost = int(np.sum(~inside))
-    said = f"{lost} of {inside.size} variants left their bounds and are not shown" if lost else ""
-    return Chart("", tuple(panels), across=across, height=0.5 + 2.0 * -(-len(panels) // across), said=said)
+    caption = f"{lost} of {inside.size} variants left their bounds and are not shown" if lost else ""
+    return Chart("", tuple(panels), across=across, height=0.5 + 2.0 * -(-len(panels) // across), caption=caption)
 
 
 batch = figure_of(batch_chart)
@@ -43,8 +43,8 @@ def _variants(name: str, rms: np.ndarray, number: int) -> Panel:
         return Panel("variants", abscissa=Abscissa(abscissa))
     median, least = (Quantity(size / factor, unit, bare=True) for size in (np.median(values), values.min()))
     middle = Level(float(np.median(values)), upright=True)
-    said = Text(f"median {median}, least {least}")
-    return replace(histogram(values, abscissa, "variants", values.size // 5, number), levels=(middle,), said=said)
+    caption = Text(f"median {median}, least {least}")
+    return replace(histogram(values, abscissa, "variants", values.size // 5, number), levels=(middle,), caption=caption)
 
 
 def histogram(values: np.ndarray, abscissa: str, ordinate: str, more: int, number: int = 0) -> Panel:
@@ -63,11 +63,11 @@ def histogram(values: np.ndarray, abscissa: str, ordinate: str, more: int, numbe
     return Panel(ordinate, boxes=bars, low=0.0, high=top, abscissa=Abscissa(abscissa, low=left, high=right))
 
 
-def gradient_chart(found: Gradient) -> Chart:
+def gradient_chart(gradient: Gradient) -> Chart:
     """By how many percent the cost changes for +1 % of each parameter: falls to the left, rises to the right."""
-    names = list(found.gradient)
-    scale = found.cost or 1.0
-    share = {name: found.gradient[name] * found.values[name] / scale for name in names}
+    names = list(gradient.gradient)
+    scale = gradient.cost or 1.0
+    share = {name: gradient.gradient[name] * gradient.values[name] / scale for name in names}
     names.sort(key=lambda name: -abs(share[name]))
     texts = [Text(f"{Quantity(0.01 * share[name], 'share'):+.3f}") for name in names]
     panel = bars(names, [share[name] for name in names], texts, [int(share[name] >= 0.0) for name in names])
@@ -85,12 +85,12 @@ def gradient_chart(found: Gradient) -> Chart:
 gradient = figure_of(gradient_chart)
 
 
-def effort_chart(found: Effort) -> Chart:
+def effort_chart(effort: Effort) -> Chart:
     """Operations of one sample by kind."""
-    names = sorted(found.operations, key=lambda name: -found.operations[name])
-    sizes = [float(found.operations[name]) for name in names]
+    names = sorted(effort.operations, key=lambda name: -effort.operations[name])
+    sizes = [float(effort.operations[name]) for name in names]
     panel = bars(names, sizes, [f"{size:g}" for size in sizes])
-    label = f"operations a sample, {found.total} in all"
+    label = f"operations a sample, {effort.total} in all"
     return Chart(label, (panel,), low=0.0, high=1.1 * max(sizes, default=1.0), height=1.0 + 0.3 * len(names))
 
 

@@ -164,7 +164,7 @@ def _square(ax: Axes, abscissa: Abscissa) -> None:
 
 
 def _ticks(axis: Axis, ticks: Sequence[Tick]) -> None:
-    texts = [style.caption(tick.name, tick.said) or "" for tick in ticks]
+    texts = [style.caption(tick.name, tick.caption) or "" for tick in ticks]
     axis.set_ticks([tick.value for tick in ticks], labels=texts)
     axis.set_ticks([], minor=True)
     if any(tick.name for tick in ticks):
@@ -185,7 +185,7 @@ def _table(ax: Axes) -> None:
 
 
 def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
-    limits = {style.caption("", level.said) for panel in chart.panels for level in panel.levels}
+    limits = {style.caption("", level.caption) for panel in chart.panels for level in panel.levels}
     curves, levels = dict[str, Any](), dict[str, Any]()
     for ax in axes:
         entries = dict[str, Any]() if chart.legend == looks.PANELS else curves
@@ -209,8 +209,8 @@ def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
         style.figure_legend(figure, entries, chart.columns)
     if chart.side:
         figure.supylabel(chart.side, fontsize=style.TEXT, color=style.INK)
-    if chart.said:
-        figure.suptitle(style.caption(chart.said, most=120) or "", fontsize=style.TEXT, color=style.ALERT)
+    if chart.caption:
+        figure.suptitle(style.caption(chart.caption, most=120) or "", fontsize=style.TEXT, color=style.ALERT)
     if chart.beside:
         axes[0].set_anchor("W")
         axes[0].annotate(
@@ -226,9 +226,9 @@ def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
 
 
 def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
-    kinds = list(dict.fromkeys(level.said for level in panel.levels if level.said))
+    kinds = list(dict.fromkeys(level.caption for level in panel.levels if level.caption))
     for level in panel.levels:
-        _level(ax, level, kinds.index(level.said) if level.said else 0)
+        _level(ax, level, kinds.index(level.caption) if level.caption else 0)
     for disc in panel.discs:
         _disc(ax, disc)
     if panel.field is not None and panel.heat is not None:
@@ -271,8 +271,8 @@ def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
     if panel.ticks is not None:
         _ticks(ax.yaxis, panel.ticks)
     ax.set_ylabel(panel.label, fontsize=style.TEXT)
-    if panel.said:
-        style.note(ax, style.caption(panel.said, most=120) or "")
+    if panel.caption:
+        style.note(ax, style.caption(panel.caption, most=120) or "")
 
 
 def _level(ax: Axes, level: Level, kind: int) -> None:
@@ -282,7 +282,7 @@ def _level(ax: Axes, level: Level, kind: int) -> None:
         level.value,
         color=tint,
         linewidth=0.8 if level.faint else 1.0,
-        label=style.caption("", level.said),
+        label=style.caption("", level.caption),
         linestyle=_LIMITS[kind % len(_LIMITS)] if level.dashed else "-",
     )
     if not level.text:
@@ -377,7 +377,7 @@ def _note(ax: Axes, note: Note) -> None:
 
 
 def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
-    """A curve in steps of color and width, and the bar that says which value is which."""
+    """Draw a curve in steps of color and width, and its color bar."""
     from matplotlib.colors import LinearSegmentedColormap
 
     n = style.HEAT_STEPS
@@ -393,7 +393,7 @@ def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
 
 
 def _scale(ax: Axes, scale: Heat, colors: Any) -> None:
-    """The bar that tells the value of each color."""
+    """Draw the color bar."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -404,15 +404,15 @@ def _scale(ax: Axes, scale: Heat, colors: Any) -> None:
 
 
 def _stretches(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The lines from some points to their next ones, with NaN where one does not go on."""
+    """Line segments from the chosen points to their successors, with NaN between the runs."""
     ends = np.append(np.diff(rows) > 1, True)
     count = np.where(ends, 3, 1)
     last = np.cumsum(count)[ends] - 1
     taken = np.repeat(rows, count)
     taken[last - 1] += 1
-    found = values[taken].astype(np.float64)
-    found[last] = np.nan
-    return found
+    joined = values[taken].astype(np.float64)
+    joined[last] = np.nan
+    return joined
 
 
 def _band(ax: Axes, band: Band) -> None:
@@ -431,7 +431,7 @@ def _curve(ax: Axes, curve: Curve) -> None:
     if curve.reach is not None:
         _discs(ax, curve, curve.reach)
         return
-    name = style.caption(curve.name, curve.said)
+    name = style.caption(curve.name, curve.caption)
     tint = _color(curve.number)
     if curve.look == looks.SOLID:
         ax.fill(*_shapes(curve), color=tint, linewidth=0.0, label=name)
@@ -445,8 +445,8 @@ def _curve(ax: Axes, curve: Curve) -> None:
             solid_capstyle="butt",
             label=style.caption(curve.name),
         )
-        if curve.said:
-            _beside(ax, float(curve.x[0]), float(np.mean(curve.y)), curve.said)
+        if curve.caption:
+            _beside(ax, float(curve.x[0]), float(np.mean(curve.y)), curve.caption)
     else:
         ax.plot(curve.x, curve.y, label=name, **_look(curve, tint))
 
@@ -491,7 +491,7 @@ def _look(curve: Curve, tint: str) -> dict[str, Any]:
 
 
 def _discs(ax: Axes, curve: Curve, reach: np.ndarray) -> None:
-    """One light color without transparency: where discs overlap nothing is more likely."""
+    """Draw discs in one pale opaque color: an overlap must not look like a higher probability."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
 
@@ -499,7 +499,7 @@ def _discs(ax: Axes, curve: Curve, reach: np.ndarray) -> None:
     circles = [Circle((x, y), r) for x, y, r in zip(curve.x, curve.y, reach, strict=True)]
     ax.add_collection(PatchCollection(circles, facecolor=pale, edgecolor="none", zorder=0.5))
     if curve.name:
-        ax.plot([], [], color=pale, linewidth=6, label=style.caption(curve.name, curve.said))
+        ax.plot([], [], color=pale, linewidth=6, label=style.caption(curve.name, curve.caption))
 
 
 def _color(number: int, neutral: str = style.INK) -> str:

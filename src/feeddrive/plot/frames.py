@@ -87,15 +87,15 @@ def state_space(model: StateSpace) -> Any:
     return frame(np.arange(poles.size), {"real": np.real(poles), "imaginary": np.imag(poles)}, "pole")
 
 
-def step_response(found: StepResponse) -> Any:
+def step_response(response: StepResponse) -> Any:
     """The position over time in s."""
-    return frame(found.time, {"position": found.position}, "time")
+    return frame(response.time, {"position": response.position}, "time")
 
 
-def gradient(found: Gradient) -> Any:
+def gradient(gradient: Gradient) -> Any:
     """One row a parameter."""
-    columns = {"value": np.array(list(found.values.values())), "slope": np.array(list(found.gradient.values()))}
-    return frame(np.array(list(found.gradient)), columns, "parameter")
+    columns = {"value": np.array(list(gradient.values.values())), "slope": np.array(list(gradient.gradient.values()))}
+    return frame(np.array(list(gradient.gradient)), columns, "parameter")
 
 
 def frf(frf: FRF) -> Any:
@@ -111,10 +111,10 @@ def effort(effort: Effort) -> Any:
     return frame(list(effort.operations), {"number": list(effort.operations.values())}, "operation")
 
 
-def friction_map(found: FrictionMap) -> Any:
+def friction_map(friction_map: FrictionMap) -> Any:
     """One row a velocity."""
-    columns = {"force": found.force, "deviation": found.deviation, "count": found.count}
-    return frame(found.velocity, columns, "velocity")
+    columns = {"force": friction_map.force, "deviation": friction_map.deviation, "count": friction_map.count}
+    return frame(friction_map.velocity, columns, "velocity")
 
 
 def margins(margins: Margins) -> Any:
@@ -130,22 +130,26 @@ def margins(margins: Margins) -> Any:
     return frame([c.frequency for c in (*gain, *phase)], columns, "frequency")
 
 
-def margin_intervals(found: MarginIntervals) -> Any:
+def margin_intervals(intervals: MarginIntervals) -> Any:
     """One row a figure."""
-    every = list(found.intervals.values())
+    every = list(intervals.intervals.values())
     columns = {"value": [e.value for e in every], "low": [e.low for e in every], "high": [e.high for e in every]}
-    return frame(list(found.intervals), columns, "figure")
+    return frame(list(intervals.intervals), columns, "figure")
 
 
-def loop_gain(found: Encirclement | MeasuredLoop) -> Any:
+def loop_gain(loop: Encirclement | MeasuredLoop) -> Any:
     """Real and imaginary part of L over frequency in Hz."""
-    return found.loop_gain.to_pandas()
+    return loop.loop_gain.to_pandas()
 
 
-def observation(found: Observation) -> Any:
+def observation(observation: Observation) -> Any:
     """Position, velocity and disturbance over time in s."""
-    columns = {"position": found.position, "velocity": found.velocity, "disturbance": found.disturbance}
-    return frame(found.time, columns, "time")
+    columns = {
+        "position": observation.position,
+        "velocity": observation.velocity,
+        "disturbance": observation.disturbance,
+    }
+    return frame(observation.time, columns, "time")
 
 
 def replay(replay: Replay) -> Any:
@@ -155,26 +159,26 @@ def replay(replay: Replay) -> Any:
     return frame(replay.run.time, columns, "time")
 
 
-def spectrum(found: Spectrum) -> Any:
+def spectrum(spectrum: Spectrum) -> Any:
     """Amplitude and cumulative RMS over frequency in Hz."""
-    columns = {"amplitude": found.amplitude, "cumulative_rms": found.cumulative_rms}
-    return frame(found.frequency, columns, "frequency")
+    columns = {"amplitude": spectrum.amplitude, "cumulative_rms": spectrum.cumulative_rms}
+    return frame(spectrum.frequency, columns, "frequency")
 
 
-def stability(found: Stability) -> Any:
+def stability(stability: Stability) -> Any:
     """One row a pole."""
-    return found.model.to_pandas()
+    return stability.model.to_pandas()
 
 
-def stiffness(found: Stiffness) -> Any:
+def stiffness(stiffness: Stiffness) -> Any:
     """The stiffness in N/m over frequency in Hz."""
-    return frame(found.frequency, {"stiffness": found.magnitude}, "frequency")
+    return frame(stiffness.frequency, {"stiffness": stiffness.magnitude}, "frequency")
 
 
-def lobes(found: Lobes) -> Any:
-    """Limit in m, chatter frequency in Hz and whether the border is a flip, over the spindle speed in rpm."""
-    columns = {"depth": found.depth, "chatter_frequency": found.frequency, "flip": found.flip}
-    return frame(found.spindle_speed, columns, "spindle_speed")
+def lobes(lobes: Lobes) -> Any:
+    """Limit in m, chatter frequency in Hz, and True where the limit is a flip, over the spindle speed in rpm."""
+    columns = {"depth": lobes.depth, "chatter_frequency": lobes.frequency, "flip": lobes.flip}
+    return frame(lobes.spindle_speed, columns, "spindle_speed")
 
 
 def log(log: Log) -> Any:
@@ -182,64 +186,64 @@ def log(log: Log) -> Any:
     return frame(log.time, log.channels, "time")
 
 
-def cutting_forces(found: CuttingForces) -> Any:
+def cutting_forces(forces: CuttingForces) -> Any:
     """Forces, torque, power and angle of the spindle over time in s."""
     names = ("angle", "spindle_speed", "feed", "normal", "axial", "torque", "power")
-    return frame(found.time, {name: getattr(found, name) for name in names}, "time")
+    return frame(forces.time, {name: getattr(forces, name) for name in names}, "time")
 
 
-def agreement(found: Agreement) -> Any:
+def agreement(agreement: Agreement) -> Any:
     """Measured and fitted response over frequency in Hz, one response below the other."""
     columns = {
-        "response": np.concatenate([np.full(m.frequency.size, i) for i, m in enumerate(found.measured)]),
-        "measured_real": np.concatenate([np.real(m.response) for m in found.measured]),
-        "measured_imaginary": np.concatenate([np.imag(m.response) for m in found.measured]),
-        "fitted_real": np.concatenate([np.real(m.response) for m in found.fitted]),
-        "fitted_imaginary": np.concatenate([np.imag(m.response) for m in found.fitted]),
+        "response": np.concatenate([np.full(m.frequency.size, i) for i, m in enumerate(agreement.measured)]),
+        "measured_real": np.concatenate([np.real(m.response) for m in agreement.measured]),
+        "measured_imaginary": np.concatenate([np.imag(m.response) for m in agreement.measured]),
+        "fitted_real": np.concatenate([np.real(m.response) for m in agreement.fitted]),
+        "fitted_imaginary": np.concatenate([np.imag(m.response) for m in agreement.fitted]),
     }
-    return frame(np.concatenate([m.frequency for m in found.measured]), columns, "frequency")
+    return frame(np.concatenate([m.frequency for m in agreement.measured]), columns, "frequency")
 
 
 def cogging(fit: CoggingFit) -> Any:
     """One row an order."""
-    rows = sorted(fit.orders, key=lambda each: each.order)
+    rows = sorted(fit.orders, key=lambda order: order.order)
     pick = {"forward": "forward", "backward": "backward", "cogging": "even", "friction_like": "odd"}
     columns = {
-        name: np.array([np.nan if (e := getattr(each, field)) is None else e.value for each in rows])
+        name: np.array([np.nan if (e := getattr(order, field)) is None else e.value for order in rows])
         for name, field in pick.items()
     }
-    return frame(np.array([each.order for each in rows]), columns, "order")
+    return frame(np.array([order.order for order in rows]), columns, "order")
 
 
-def control_fit(found: ControlFit) -> Any:
+def control_fit(fit: ControlFit) -> Any:
     """One row for each law that was tried."""
     columns = {
-        "velocity_samples": np.array([n for n, _ in found.tried]),
-        "delay": np.array([d for _, d in found.tried]),
-        "residual": np.array(list(found.tried.values())),
+        "velocity_samples": np.array([n for n, _ in fit.tried]),
+        "delay": np.array([d for _, d in fit.tried]),
+        "residual": np.array(list(fit.tried.values())),
     }
-    return frame(np.arange(len(found.tried)), columns, "law")
+    return frame(np.arange(len(fit.tried)), columns, "law")
 
 
-def delay_fit(found: DelayFit) -> Any:
+def delay_fit(fit: DelayFit) -> Any:
     """One row a delay."""
-    return frame(found.delays, {"residual": found.residual}, "samples")
+    return frame(fit.delays, {"residual": fit.residual}, "samples")
 
 
-def excitation(found: Excitation) -> Any:
+def excitation(excitation: Excitation) -> Any:
     """The first realization over time in s."""
-    drawn = found.drawings[0]
+    drawn = excitation.drawings[0]
     return frame(drawn.time, {"excitation": drawn.excitation, **drawn.signals}, "time")
 
 
-def axis_fits(found: AxisFits) -> Any:
+def axis_fits(fits: AxisFits) -> Any:
     """The parameters of the chosen fit."""
-    return found.fit.to_pandas()
+    return fits.fit.to_pandas()
 
 
-def frequency_estimate(found: FrequencyEstimate) -> Any:
+def frequency_estimate(estimate: FrequencyEstimate) -> Any:
     """Response, coherence, variance and noise variance over frequency in Hz."""
-    return found.frf.to_pandas().assign(noise_variance=found.noise, freedom=found.freedom)
+    return estimate.frf.to_pandas().assign(noise_variance=estimate.noise, freedom=estimate.freedom)
 
 
 def friction_curve(curve: FrictionCurve) -> Any:
@@ -248,9 +252,9 @@ def friction_curve(curve: FrictionCurve) -> Any:
     return frame(curve.runs.velocity, columns, "velocity")
 
 
-def identified(found: Identified) -> Any:
+def identified(identified: Identified) -> Any:
     """Measured and fitted force over time in s."""
-    return found.rigid.to_pandas()
+    return identified.rigid.to_pandas()
 
 
 def modal_fit(fit: ModalFit) -> Any:
@@ -266,14 +270,16 @@ def plant_fit(fit: PlantFit) -> Any:
     return frame([e.name for e in every], columns, "parameter")
 
 
-def refinement(found: Refinement) -> Any:
+def refinement(refinement: Refinement) -> Any:
     """Predicted and measured columns over time in s."""
-    return found.replay.to_pandas()
+    return refinement.replay.to_pandas()
 
 
-def residuals(found: Residuals) -> Any:
+def residuals(residuals: Residuals) -> Any:
     """Measured value and residual by row."""
-    return frame(np.arange(found.values.size), {"measured": found.measured, "residual": found.values}, "row")
+    return frame(
+        np.arange(residuals.values.size), {"measured": residuals.measured, "residual": residuals.values}, "row"
+    )
 
 
 def rigid_fit(fit: RigidFit) -> Any:
@@ -287,39 +293,39 @@ def steady_runs(runs: SteadyRuns) -> Any:
     return frame(runs.velocity, {"force": runs.force, "error": runs.error, "rows": runs.rows}, "velocity")
 
 
-def validation(found: Validation) -> Any:
+def validation(validation: Validation) -> Any:
     """One row a stretch."""
-    return frame(np.arange(1, found.errors.size + 1), {"error": found.errors}, "stretch")
+    return frame(np.arange(1, validation.errors.size + 1), {"error": validation.errors}, "stretch")
 
 
-def delay_map(found: DelayMap) -> Any:
+def delay_map(delay_map: DelayMap) -> Any:
     """Both factors over the dead time in s."""
-    return frame(found.dead_time, {"edge": found.edge, "robust": found.robust}, "dead_time")
+    return frame(delay_map.dead_time, {"edge": delay_map.edge, "robust": delay_map.robust}, "dead_time")
 
 
-def iteration(found: Iteration) -> Any:
+def iteration(iteration: Iteration) -> Any:
     """The error and the predicted one over time in s."""
-    columns = {"following_error": found.trial.following_error, "predicted": found.predicted}
-    return frame(found.trial.time, columns, "time")
+    columns = {"following_error": iteration.trial.following_error, "predicted": iteration.predicted}
+    return frame(iteration.trial.time, columns, "time")
 
 
-def placement(found: Placement) -> Any:
+def placement(placement: Placement) -> Any:
     """One row a pole of the sampled loop."""
-    return found.stability.to_pandas()
+    return placement.stability.to_pandas()
 
 
-def recipe(found: Recipe) -> Any:
+def recipe(recipe: Recipe) -> Any:
     """One row a gain."""
-    law = found.law
+    law = recipe.law
     return frame(["Kv", "Kp", "Tn"], {"value": np.array([law.Kv, law.Kp, law.Tn or np.nan])}, "gain")
 
 
-def tuned(found: Tuned) -> Any:
+def tuned(tuned: Tuned) -> Any:
     """One row a tunable."""
-    names = list(found.tunables)
+    names = list(tuned.tunables)
     columns = {
-        "today": np.array([found.started[name] for name in names]),
-        "new": np.array([found.tunables[name] for name in names]),
+        "today": np.array([tuned.started[name] for name in names]),
+        "new": np.array([tuned.tunables[name] for name in names]),
     }
     return frame(names, columns, "tunable")
 
@@ -341,36 +347,36 @@ def trials(trials: Trials) -> Any:
     return frame(np.arange(1, len(trials.trials) + 1), {"rms": trials.rms, **trials.parameters(), **errors}, "trial")
 
 
-def certificate(found: Certificate) -> Any:
+def certificate(certificate: Certificate) -> Any:
     """One row a plant: reserve, its frequency, largest pole."""
-    plants = found.document["plants"]
+    plants = certificate.document["plants"]
     columns = {
-        "reserve": [np.nan if each["reserve"] is None else each["reserve"] for each in plants],
-        "frequency": [each["reserve_at_Hz"] for each in plants],
-        "largest_pole": [found.loops[each["name"]].growth for each in plants],
+        "reserve": [np.nan if plant["reserve"] is None else plant["reserve"] for plant in plants],
+        "frequency": [plant["reserve_at_Hz"] for plant in plants],
+        "largest_pole": [certificate.loops[plant["name"]].growth for plant in plants],
     }
-    return frame([each["name"] for each in plants], columns, "plant")
+    return frame([plant["name"] for plant in plants], columns, "plant")
 
 
-def cosimulation(found: Cosimulation) -> Any:
+def cosimulation(cosimulation: Cosimulation) -> Any:
     """One row a law."""
-    figures = [row.figures() for row in found.rows]
-    names = np.array([row.name for row in found.rows])
-    return frame(names, {key: np.array([each[key] for each in figures]) for key in figures[0]}, "law")
+    figures = [row.figures() for row in cosimulation.rows]
+    names = np.array([row.name for row in cosimulation.rows])
+    return frame(names, {key: np.array([row[key] for row in figures]) for key in figures[0]}, "law")
 
 
-def contour(found: ContourError) -> Any:
+def contour(contour: ContourError) -> Any:
     """A row for each sample: path length, error, lag, and the actual position of each axis."""
-    columns = {"along_m": found.along, "error_m": found.error, "lag_m": found.lag, "at_corner": found.at_corner}
-    columns |= {f"{axis}_m": found.position[:, i] for i, axis in enumerate(found.axes)}
-    lines = {} if found.line is None else {"line": found.line}
-    return frame(found.time, {**columns, **lines}, "time_s")
+    columns = {"along_m": contour.along, "error_m": contour.error, "lag_m": contour.lag, "at_corner": contour.at_corner}
+    columns |= {f"{axis}_m": contour.position[:, i] for i, axis in enumerate(contour.axes)}
+    lines = {} if contour.line is None else {"line": contour.line}
+    return frame(contour.time, {**columns, **lines}, "time_s")
 
 
-def circle_causes(found: CircleCauses) -> Any:
+def circle_causes(causes: CircleCauses) -> Any:
     """A row for each cause; the unit of the value stands beside it."""
-    rows = found.causes
+    rows = causes.causes
     columns = {
-        name: [getattr(each, name) for each in rows] for name in ("value", "error", "unit", "effect", "share", "note")
+        name: [getattr(cause, name) for cause in rows] for name in ("value", "error", "unit", "effect", "share", "note")
     }
-    return frame([each.name for each in rows], columns, "cause")
+    return frame([cause.name for cause in rows], columns, "cause")

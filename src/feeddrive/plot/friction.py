@@ -1,4 +1,4 @@
-"""Friction over velocity: of a model, as met in a run, as measured, and what the model leaves of it."""
+"""Friction over velocity: modeled, simulated, measured, and the residual of the model."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def friction_chart(
     measured: FrictionMap | None = None,
     units: Units = DRAWN,
 ) -> Chart:
-    """Force against the motion over velocity, both directions; what was measured, and what the model leaves of it.
+    """Friction force over velocity in both directions, with a measured map and the residual of the model.
 
-    Of loops with the same friction one curve is drawn.  `run` adds the friction in a run of the first loop.
+    Loops with equal friction share one curve.  `run` adds the friction in a run of the first loop.
     """
     chosen = style.named(loops)
     reach, newton = _reach(run, measured), units.of("N")[1]
@@ -67,11 +67,11 @@ friction = figure_of(friction_chart)
 
 
 def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
-    return np.array([sum(float(each.steady(np.float64(v))) for each in blocks) for v in velocity])
+    return np.array([sum(float(block.steady(np.float64(v))) for block in blocks) for v in velocity])
 
 
 def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities of both directions with a gap at standstill, and the force there."""
+    """Velocities of both directions with a gap at standstill, and the force at each of them."""
     ahead = reach * np.concatenate([[1e-4 * _SLOWEST], np.geomspace(_SLOWEST, 1.0, 400)])
     return (
         np.concatenate([-ahead[::-1], [np.nan], ahead]),
@@ -88,8 +88,8 @@ def _of(loop: Loop, velocity: np.ndarray) -> np.ndarray:
 
 
 def _whole(loop: Loop, reach: float, newton: float, number: int) -> list[Curve]:
-    """The curve of all friction, where it is more than that of one block."""
-    blocks = [each for each in (loop.axis.friction_motor, loop.axis.friction_load) if each is not None]
+    """The curve of the total friction, if it differs from that of a single block."""
+    blocks = [block for block in (loop.axis.friction_motor, loop.axis.friction_load) if block is not None]
     v, force = _both(lambda v: _of(loop, v), reach)
     alone = _both(lambda v: _steady(blocks, v), reach)[1] if len(blocks) == 1 else None
     if alone is not None and np.allclose(alone, force, rtol=1e-9, equal_nan=True):
@@ -110,22 +110,22 @@ def _measured(
 
 
 def has_friction(loop: Loop) -> bool:
-    """Whether there is a curve to draw."""
+    """Return True if the axis of a loop has friction."""
     return loop.axis.friction_load is not None or loop.axis.friction_motor is not None
 
 
 def _reach(run: Run | None, measured: FrictionMap | None) -> float:
-    found = [0.0]
+    speeds = [0.0]
     if run is not None:
-        found.append(float(np.max(np.abs(run["velocity_load"]), initial=0.0)))
+        speeds.append(float(np.max(np.abs(run["velocity_load"]), initial=0.0)))
     if measured is not None:
-        found.append(float(np.max(np.abs(measured.velocity), initial=0.0)))
-    return max(found) or 0.1
+        speeds.append(float(np.max(np.abs(measured.velocity), initial=0.0)))
+    return max(speeds) or 0.1
 
 
 def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
-    """The different frictions, by name."""
-    found: dict[str, Friction] = {}
+    """The distinct friction models of the loops, by label."""
+    frictions: dict[str, Friction] = {}
     seen: set[str] = set()
     places = {"friction_load": "guideway", "friction_motor": "screw and bearings"}
     several = any(loop.axis.friction_motor is not None for loop in loops.values())
@@ -136,13 +136,13 @@ def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
                 continue
             seen.add(f"{field} {block!r}")
             label = f"model, {place}" if several else "model"
-            found[label if label not in found else f"{label}, {name}"] = block
-    return found
+            frictions[label if label not in frictions else f"{label}, {name}"] = block
+    return frictions
 
 
 def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
     """Friction in the run: the force of a row belongs to the velocity at the end of its sample."""
-    found = list[Curve]()
+    curves = list[Curve]()
     for place in ("load", "motor"):
         block = getattr(loop.axis, f"friction_{place}")
         if block is None or run.time.size < 3:
@@ -151,14 +151,14 @@ def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
         force = -run[f"friction_{place}"][:-1] + float(block.linear()) * velocity
         cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
         _, kept = np.unique(cells, axis=0, return_index=True)
-        name = "" if found else "met in the run"
-        found.append(Curve(1e3 * velocity[kept], newton * force[kept], name, _MET, DOTS))
-    return found
+        name = "" if curves else "met in the run"
+        curves.append(Curve(1e3 * velocity[kept], newton * force[kept], name, _MET, DOTS))
+    return curves
 
 
-def friction_map_chart(found: FrictionMap) -> Chart:
+def friction_map_chart(friction_map: FrictionMap) -> Chart:
     """Measured friction over velocity."""
-    return friction_chart({}, measured=found)
+    return friction_chart({}, measured=friction_map)
 
 
 def steady_runs_chart(runs: SteadyRuns) -> Chart:

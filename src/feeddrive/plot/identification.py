@@ -51,8 +51,8 @@ def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
         Curve(*envelope(fit.time, measured), "measured", NEUTRAL, DOTS),
         Curve(*envelope(fit.time, measured - off), "fitted", 0),
     )
-    said = Text(f"{Quantity(fit.residuals.relative, 'share'):3} of the force's RMS")
-    left = Curve(*envelope(fit.time, off), "residual", 1, THIN, said=said)
+    caption = Text(f"{Quantity(fit.residuals.relative, 'share'):3} of the force's RMS")
+    left = Curve(*envelope(fit.time, off), "residual", 1, THIN, caption=caption)
     panels = Panel(f"force ({unit})", forces, share=2.0), Panel(f"residual ({unit})", (left,))
     return Chart("time (s)", panels, low=float(fit.time[0]), high=float(fit.time[-1]), height=3.8)
 
@@ -60,11 +60,11 @@ def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
 rigid_fit = figure_of(rigid_fit_chart)
 
 
-def identified_chart(found: Identified, units: Units = DRAWN) -> Chart:
+def identified_chart(identified: Identified, units: Units = DRAWN) -> Chart:
     """The model over the log: the loop in a simulation of the same reference if its law is known, else the force."""
-    if found.refinement is None:
-        return rigid_fit_chart(found.rigid, units)
-    replay = found.refinement.replay
+    if identified.refinement is None:
+        return rigid_fit_chart(identified.rigid, units)
+    replay = identified.refinement.replay
     time, after = replay.run.time, replay.run.time[replay.skipped :]
     panels = list[Panel]()
     for name, words, unit in (("following_error", "following error", "m"), ("force", "force", "N")):
@@ -72,33 +72,33 @@ def identified_chart(found: Identified, units: Units = DRAWN) -> Chart:
             continue
         off, factor = replay.residual(name), units.of(unit)[1]
         rms, peak = (Quantity(size, unit) for size in (np.sqrt(np.mean(off**2)), np.max(np.abs(off))))
-        said = Text(f"RMS {rms}, peak {peak}")
+        caption = Text(f"RMS {rms}, peak {peak}")
         both = (
             Curve(*envelope(time, factor * replay.measured[name]), "" if panels else "measured", NEUTRAL, DOTS),
             Curve(*envelope(time, factor * replay.run[name]), "" if panels else "model", 0),
         )
-        left = Curve(*envelope(after, factor * off), f"residual of the {words}", 1, THIN, said=said)
+        left = Curve(*envelope(after, factor * off), f"residual of the {words}", 1, THIN, caption=caption)
         label = unit_name(unit)
         panels += [Panel(f"{words} ({label})", both, share=2.0), Panel(f"residual ({label})", (left,), share=1.2)]
     return Chart("time (s)", tuple(panels), low=float(time[0]), high=float(time[-1]), height=5.4)
 
 
-def residuals_chart(found: Residuals) -> Chart:
+def residuals_chart(residuals: Residuals) -> Chart:
     """Residual by row, and its autocorrelation with the bounds of a white one."""
-    off = Curve(*envelope(np.arange(found.values.size, dtype=np.float64), found.values), number=1, look=PLAIN)
-    lags = np.arange(1, min(_LAGS, found.values.size // 4) + 1)
-    rho = [found.autocorrelation(int(lag)) for lag in lags]
-    bound = 1.96 / np.sqrt(found.values.size)
+    off = Curve(*envelope(np.arange(residuals.values.size, dtype=np.float64), residuals.values), number=1, look=PLAIN)
+    lags = np.arange(1, min(_LAGS, residuals.values.size // 4) + 1)
+    rho = [residuals.autocorrelation(int(lag)) for lag in lags]
+    bound = 1.96 / np.sqrt(residuals.values.size)
     boxes = tuple(
         Box(float(lag) - 0.3, float(lag) + 0.3, min(0.0, r), max(0.0, r)) for lag, r in zip(lags, rho, strict=True)
     )
     panels = (
-        Panel(f"residual ({unit_name(found.unit, 'SI')})", (off,), abscissa=Abscissa("row")),
+        Panel(f"residual ({unit_name(residuals.unit, 'SI')})", (off,), abscissa=Abscissa("row")),
         Panel(
             "autocorrelation",
             boxes=boxes,
             levels=(Level(-bound, dashed=True), Level(bound, dashed=True)),
-            said="dashed: 95 % of white residuals",
+            caption="dashed: 95 % of white residuals",
             abscissa=Abscissa("lag (rows)", low=0.0, high=float(lags[-1]) + 1.0 if lags.size else 1.0),
         ),
     )
@@ -108,16 +108,18 @@ def residuals_chart(found: Residuals) -> Chart:
 residuals = figure_of(residuals_chart)
 
 
-def validation_chart(found: Validation) -> Chart:
+def validation_chart(validation: Validation) -> Chart:
     """Error of each stretch with a fit to the others."""
-    numbers = range(1, found.errors.size + 1)
-    boxes = tuple(Box(n - 0.25, n + 0.25, 0.0, 100.0 * float(e)) for n, e in zip(numbers, found.errors, strict=True))
+    numbers = range(1, validation.errors.size + 1)
+    boxes = tuple(
+        Box(n - 0.25, n + 0.25, 0.0, 100.0 * float(e)) for n, e in zip(numbers, validation.errors, strict=True)
+    )
     panel = Panel("error (%)", boxes=boxes, low=0.0)
     return Chart(
         "stretch that was left out",
         (panel,),
         low=0.4,
-        high=found.errors.size + 0.6,
+        high=validation.errors.size + 0.6,
         ticks=numbered(numbers),
         height=2.6,
     )
@@ -126,15 +128,15 @@ def validation_chart(found: Validation) -> Chart:
 validation = figure_of(validation_chart)
 
 
-def delay_fit_chart(found: DelayFit) -> Chart:
+def delay_fit_chart(fit: DelayFit) -> Chart:
     """Residual over the delay that was tried."""
-    near = np.abs(found.delays - found.nearest) <= 6
-    delays = found.delays[near]
+    near = np.abs(fit.delays - fit.nearest) <= 6
+    delays = fit.delays[near]
     panel = Panel(
         "residual (%)",
-        (Curve(delays, 100.0 * found.residual[near], look=MARKED, size=0.9),),
-        levels=(Level(found.dead_time, upright=True, number=1),),
-        said=Text(f"{Quantity(found.dead_time):.2f} ± {Quantity(found.error):.2f} samples"),
+        (Curve(delays, 100.0 * fit.residual[near], look=MARKED, size=0.9),),
+        levels=(Level(fit.dead_time, upright=True, number=1),),
+        caption=Text(f"{Quantity(fit.dead_time):.2f} ± {Quantity(fit.error):.2f} samples"),
     )
     low, high = style.padded(float(np.min(delays)), float(np.max(delays)), 0.03)
     return Chart("dead time (samples, besides the hold)", (panel,), low=low, high=high, height=2.8)
@@ -143,12 +145,12 @@ def delay_fit_chart(found: DelayFit) -> Chart:
 delay_fit = figure_of(delay_fit_chart)
 
 
-def control_fit_chart(found: ControlFit) -> Chart:
+def control_fit_chart(fit: ControlFit) -> Chart:
     """Unexplained share of the force, for each law that was tried, by its delay."""
     curves = list[Curve]()
-    for i, delay in enumerate(sorted({d for _, d in found.tried})):
-        samples = [n for n, d in found.tried if d == delay]
-        left = [100.0 * found.tried[n, delay] for n in samples]
+    for i, delay in enumerate(sorted({d for _, d in fit.tried})):
+        samples = [n for n, d in fit.tried if d == delay]
+        left = [100.0 * fit.tried[n, delay] for n in samples]
         curves.append(Curve(np.array(samples, float), np.array(left), f"delay {delay}", i, MARKED, size=0.9))
     panel = Panel("unexplained share of the force (%)", tuple(curves), scale=LOG)
     return Chart("samples over which the velocity is differenced", (panel,), height=2.8)
@@ -197,9 +199,9 @@ def cogging_over_turn_chart(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Char
     x = np.linspace(0.0, 1.0, 2001)
     y = np.full(x.size, fit.offset.value)
     for order in fit.significant:
-        found = order.even if order.even is not None else order.forward or order.backward
-        assert found is not None
-        y += found.value * np.sin(2.0 * np.pi * order.order * x + (order.even_phase if both else order.phase))
+        estimate = order.even if order.even is not None else order.forward or order.backward
+        assert estimate is not None
+        y += estimate.value * np.sin(2.0 * np.pi * order.order * x + (order.even_phase if both else order.phase))
     curves.append(Curve(x, y, "cogging and offset" if both else "significant orders"))
     panel = Panel(f"force ({unit_name(fit.unit, 'SI')})", tuple(curves))
     return Chart("position (periods)", (panel,), height=3.4)

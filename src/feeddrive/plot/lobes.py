@@ -34,35 +34,33 @@ if TYPE_CHECKING:
     from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import CutStability, Lobes
 
-_CROWDED = (
-    12  # speeds at which a tooth passes a whole number of swings; with more of them only the upper ones are named
-)
+_CROWDED = 12  # tooth-passing lines that are labeled; of more of them only the upper ones are
 
 
-def lobes_chart(found: Lobes) -> Chart:
+def lobes_chart(lobes: Lobes) -> Chart:
     """Limits over the spindle speed, the stable side shaded, Hopf and flip apart; below it the chatter frequency."""
-    speed, there = found.spindle_speed, np.isfinite(found.depth)
-    top = 1e3 * (1.15 * np.max(found.depth[there]) if np.any(there) else found.deepest)
-    if found.own is not None:
-        top = max(top, 1.15e3 * found.own.depth)
-    shaded = np.minimum(np.where(there, 1e3 * found.depth, top), top)
+    speed, there = lobes.spindle_speed, np.isfinite(lobes.depth)
+    top = 1e3 * (1.15 * np.max(lobes.depth[there]) if np.any(there) else lobes.deepest)
+    if lobes.own is not None:
+        top = max(top, 1.15e3 * lobes.own.depth)
+    shaded = np.minimum(np.where(there, 1e3 * lobes.depth, top), top)
     stable = Band(speed, np.zeros(speed.size), shaded, 2, "stable")
     borders, frequencies = list[Curve](), list[Curve]()
     for i, (flip, name) in enumerate(((False, "Hopf border"), (True, "flip border"))):
-        borders += _border(speed, 1e3 * found.depth, there, found.flip == flip, i, name)
-        chosen = there & (found.flip == flip)
-        frequencies.append(Curve(speed[chosen], found.frequency[chosen], number=i, look=MARKERS, size=0.55))
-    for rpm, low, high in found.islands:
+        borders += _border(speed, 1e3 * lobes.depth, there, lobes.flip == flip, i, name)
+        chosen = there & (lobes.flip == flip)
+        frequencies.append(Curve(speed[chosen], lobes.frequency[chosen], number=i, look=MARKERS, size=0.55))
+    for rpm, low, high in lobes.islands:
         height = np.array([1e3 * low, min(1e3 * high, top)])
         borders.append(Curve(np.array([rpm, rpm]), height, "stable again above the border", 2, BAR))
-    said = "tooth passes every k swings of a mode"
+    caption = "tooth passes every k swings of a mode"
     passing = tuple(
-        Level(rpm, f"{k}" if n < _CROWDED else "", upright=True, dashed=True, faint=True, said=said)
-        for n, (rpm, _, k) in enumerate(reversed(found.passing()))
+        Level(rpm, f"{k}" if n < _CROWDED else "", upright=True, dashed=True, faint=True, caption=caption)
+        for n, (rpm, _, k) in enumerate(reversed(lobes.passing()))
     )
-    marks, notes = ((), ()) if found.own is None else _own(found.own, speed)
-    low = float(np.nanmin(found.frequency)) if np.any(there) else 0.0
-    high = float(np.nanmax(found.frequency)) if np.any(there) else 1.0
+    marks, notes = ((), ()) if lobes.own is None else _own(lobes.own, speed)
+    low = float(np.nanmin(lobes.frequency)) if np.any(there) else 0.0
+    high = float(np.nanmax(lobes.frequency)) if np.any(there) else 1.0
     low, high = style.padded(low, high, 0.12)
     panels = (
         Panel(
@@ -79,10 +77,10 @@ def lobes_chart(found: Lobes) -> Chart:
         Panel(
             "chatter (Hz)",
             tuple(frequencies),
-            levels=tuple(Level(float(f), dashed=True) for f in found.natural),
+            levels=tuple(Level(float(f), dashed=True) for f in lobes.natural),
             low=low,
             high=high,
-            said="dashed: own frequencies" if found.natural.size else "",
+            caption="dashed: own frequencies" if lobes.natural.size else "",
         ),
     )
     ends = float(speed[0]), float(speed[-1])
@@ -114,48 +112,50 @@ def _own(own: CutStability, speed: np.ndarray) -> tuple[tuple[Mark, ...], tuple[
     return (Mark(*at, number),), (Note(*at, text, number, right=not left),)
 
 
-def cutting_forces_chart(found: CuttingForces) -> Chart:
+def cutting_forces_chart(cutting: CuttingForces) -> Chart:
     """Forces over the angle of the spindle in the last turn that cuts; force across the spindle and power over time."""
-    turns = found.angle / (2.0 * np.pi)
-    cuts = np.flatnonzero(found.torque != 0.0)
-    forces, said = tuple[Curve, ...](), ""
+    turns = cutting.angle / (2.0 * np.pi)
+    cuts = np.flatnonzero(cutting.torque != 0.0)
+    forces, caption = tuple[Curve, ...](), ""
     if cuts.size:
         last = np.floor(turns[cuts[-1]])
         turn = (turns >= last - 1.0) & (turns < last) if last >= 1.0 else np.ones(turns.size, dtype=bool)
         degrees = 360.0 * (turns[turn] - np.floor(turns[turn][0]))
         names = ("feed", "normal", "axial")
-        forces = tuple(Curve(degrees, getattr(found, name)[turn], name, i) for i, name in enumerate(names))
-        said = Text(f"the turn from {Quantity(found.time[turn][0], 's'):SI} on")
+        forces = tuple(Curve(degrees, getattr(cutting, name)[turn], name, i) for i, name in enumerate(names))
+        caption = Text(f"the turn from {Quantity(cutting.time[turn][0], 's'):SI} on")
     angle = Abscissa("angle of the spindle (°)", low=0.0, high=360.0, ticks=numbered(range(0, 361, 60)))
-    panels = [Panel(f"force on the\ntool ({unit_name('N')})", forces, said=said, abscissa=angle)]
+    panels = [Panel(f"force on the\ntool ({unit_name('N')})", forces, caption=caption, abscissa=angle)]
     for name, words, unit in (("resultant", "force across\nthe spindle", "N"), ("power", "power", "W")):
-        values = getattr(found, name)
+        values = getattr(cutting, name)
         mean = float(np.mean(values[cuts])) if cuts.size else 0.0
         mean, peak = (Quantity(size, unit, bare=True) for size in (mean, np.max(np.abs(values))))
-        said = Text(f"mean {mean} while it cuts, peak {peak}")
-        panels.append(Panel(f"{words} ({unit_name(unit)})", (Curve(*style.envelope(found.time, values)),), said=said))
-    ends = float(found.time[0]), float(found.time[-1])
+        caption = Text(f"mean {mean} while it cuts, peak {peak}")
+        panels.append(
+            Panel(f"{words} ({unit_name(unit)})", (Curve(*style.envelope(cutting.time, values)),), caption=caption)
+        )
+    ends = float(cutting.time[0]), float(cutting.time[-1])
     return Chart("time (s)", tuple(panels), low=ends[0], high=ends[1], height=6.0, legend=PANELS)
 
 
 cutting_forces = figure_of(cutting_forces_chart)
 
 
-def chatter_signs_chart(found: ChatterSigns) -> Chart:
+def chatter_signs_chart(signs: ChatterSigns) -> Chart:
     """Spectrum with the harmonics of the teeth apart from the rest; each sample once per tooth over the one before."""
-    lines = found.spectrum
+    lines = signs.spectrum
     unit, factor = USUAL.of(lines.unit, signal_unit(lines.unit))
     name = unit_name(style.written(unit))
-    top = min(float(lines.frequency[-1]), 8.0 * max(found.passing, found.chatter if found.dots != 1 else 0.0))
+    top = min(float(lines.frequency[-1]), 8.0 * max(signs.passing, signs.chatter if signs.dots != 1 else 0.0))
     chosen = (lines.frequency > 0.0) & (lines.frequency <= top)
     stems = tuple(
         Curve(*rods(lines.frequency, 0.0, np.where(kind & chosen, factor * lines.amplitude, np.nan)), text, i, PLAIN)
-        for i, (kind, text) in enumerate(((found.harmonic, "harmonics of the teeth"), (~found.harmonic, "all else")))
+        for i, (kind, text) in enumerate(((signs.harmonic, "harmonics of the teeth"), (~signs.harmonic, "all else")))
     )
     notes = tuple[Note, ...]()
-    if found.dots != 1:
-        peak = factor * float(lines.amplitude[np.searchsorted(lines.frequency, found.chatter)])
-        notes = (Note(found.chatter, peak, Text(f"{Quantity(found.chatter, 'Hz')}"), 1, right=True),)
+    if signs.dots != 1:
+        peak = factor * float(lines.amplitude[np.searchsorted(lines.frequency, signs.chatter)])
+        notes = (Note(signs.chatter, peak, Text(f"{Quantity(signs.chatter, 'Hz')}"), 1, right=True),)
     spectrum = Panel(
         f"{lines.name.replace('_', ' ')} ({name})",
         stems,
@@ -165,17 +165,17 @@ def chatter_signs_chart(found: ChatterSigns) -> Chart:
         high=1.12 * factor * float(np.max(lines.amplitude[chosen])),
         abscissa=Abscissa("frequency (Hz)", low=0.0, high=top),
     )
-    values = factor * found.samples
+    values = factor * signs.samples
     middle, spread = float(np.mean(values)), 1.3 * float(np.ptp(values))
-    room = max(0.5 * spread, 0.5 * factor * found.swing if found.dots == 1 else 0.0) or 1.0
+    room = max(0.5 * spread, 0.5 * factor * signs.swing if signs.dots == 1 else 0.0) or 1.0
     low, high = middle - room, middle + room
-    once = Curve(values[:-1], values[1:], number=0 if found.dots == 1 else 1, look=DOTS, size=2.0)
+    once = Curve(values[:-1], values[1:], number=0 if signs.dots == 1 else 1, look=DOTS, size=2.0)
     sections = Panel(
         f"a tooth later ({name})",
         (once,),
         low=low,
         high=high,
-        said={1: "one dot: stable", 2: "two dots: flip", 0: "a ring: Hopf chatter"}[found.dots],
+        caption={1: "one dot: stable", 2: "two dots: flip", 0: "a ring: Hopf chatter"}[signs.dots],
         abscissa=Abscissa(f"once per tooth ({name})", low=low, high=high, square=True),
     )
     return Chart("", (spectrum, sections), across=2, height=3.6)

@@ -24,17 +24,17 @@ _STEP, _WIDE, _TALL = 9.0, 4.2, 10.5  # points: of a spot; width of a letter; he
 
 
 def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> None:
-    """The names of marks; marks at one place share a text. The axes have their final size and ranges."""
+    """Write the names of marks; marks at one place share a text. The axes must have their final size and ranges."""
     at: dict[tuple[float, float], list[Mark]] = {}
     scale = 72.0 / ax.figure.dpi
-    for mark in (each for each in marks if each.name):
+    for mark in (mark for mark in marks if mark.name):
         place = scale * ax.transData.transform((mark.x, mark.y))
         near = next((known for known in at if np.hypot(known[0] - place[0], known[1] - place[1]) < 2.0), None)
         at.setdefault((float(place[0]), float(place[1])) if near is None else near, []).append(mark)
     taken = [(px - 4.0, py - 4.0, px + 4.0, py + 4.0) for px, py in at]
     edge = scale * ax.bbox.extents
     for (px, py), there in at.items():
-        text = ", ".join(str(style.caption(each.name)) for each in there)
+        text = ", ".join(str(style.caption(mark.name)) for mark in there)
         box = _free(px, py, _WIDE * len(text), taken, edge)
         taken.append(box)
         middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
@@ -61,7 +61,7 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
 
 
 def _free(px: float, py: float, wide: float, taken: Sequence[Box], edge: np.ndarray) -> Box:
-    """The spot around a place that covers least of what is taken and of what lies outside, the nearest first."""
+    """Return the spot around a place that overlaps least with the taken boxes and the outside, the nearest first."""
     best: tuple[float, Box] | None = None
     for i, (dx, dy) in enumerate(_SPOTS):
         left = px + _STEP * dx - wide * (0.0 if dx > 0 else 1.0 if dx < 0 else 0.5)

@@ -35,19 +35,23 @@ def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
     """Magnitude in dB and phase in degrees over Hz; with a third row if a response has a coherence."""
     chosen = style.named(responses)
     numbered = list(enumerate(chosen.items()))
-    unit = next((each.unit for each in chosen.values() if each.unit), "")
+    unit = next((response.unit for response in chosen.values() if response.unit), "")
     label = f"magnitude (dB re 1 {unit_name(unit, 'SI')})" if unit not in ("", "N/N", "m/m") else "magnitude (dB)"
-    levels = [Curve(each.frequency, style.decibel(each.magnitude), name, i) for i, (name, each) in numbered]
-    phases = [Curve(each.frequency, each.phase_deg, number=i) for i, (_, each) in numbered]
-    known = [Curve(each.frequency, each.coherence, number=i) for i, (_, each) in numbered if each.coherence is not None]
-    low, high = (float(end(np.concatenate([each.y for each in phases]))) for end in (np.min, np.max))
+    levels = [Curve(response.frequency, style.decibel(response.magnitude), name, i) for i, (name, response) in numbered]
+    phases = [Curve(response.frequency, response.phase_deg, number=i) for i, (_, response) in numbered]
+    known = [
+        Curve(response.frequency, response.coherence, number=i)
+        for i, (_, response) in numbered
+        if response.coherence is not None
+    ]
+    low, high = (float(end(np.concatenate([curve.y for curve in phases]))) for end in (np.min, np.max))
     panels = [
         Panel(label, tuple(levels), share=3.0),
         Panel("phase (deg)", tuple(phases), scale=DEGREES, low=low, high=high, share=2.0),
     ]
     if known:
         panels.append(Panel("coherence", tuple(known), low=0.0, high=1.05))
-    span = _span(each.frequency for each in chosen.values())
+    span = _span(response.frequency for response in chosen.values())
     return Chart("frequency (Hz)", tuple(panels), FREQUENCY, *span, height=4.6 + bool(known))
 
 
@@ -55,21 +59,21 @@ bode = figure_of(bode_chart)
 
 
 def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
-    """Magnitude of the response to the setpoint in dB, with the -3 dB line, and each one's bandwidth and peak."""
+    """Magnitude of the response to the setpoint in dB, with the -3 dB line, bandwidths and peaks."""
     chosen = style.named(responses)
     curves, marks = list[Curve](), list[Mark]()
     for i, (name, response) in enumerate(chosen.items()):
         level = style.decibel(response.magnitude)
         width = tracking_bandwidth(response)
-        said = [Text(f"peak {Quantity(level.max(), 'dB'):.2f}")] + (
+        caption = [Text(f"peak {Quantity(level.max(), 'dB'):.2f}")] + (
             [Text(f"-3 dB at {Quantity(width, 'Hz')}")] if width is not None else []
         )
-        curves.append(Curve(response.frequency, level, name, i, said=joined(", ", said)))
+        curves.append(Curve(response.frequency, level, name, i, caption=joined(", ", caption)))
         marks += [] if width is None else [Mark(width, _MINUS_3_DB, i)]
     line = Level(_MINUS_3_DB, text="-3 dB", dashed=True)
-    bottom = max(-40.0, min(float(np.min(each.y)) for each in curves) - 2.0)
+    bottom = max(-40.0, min(float(np.min(curve.y)) for curve in curves) - 2.0)
     panel = Panel("position / set position (dB)", tuple(curves), marks=tuple(marks), levels=(line,), low=bottom)
-    span = _span(each.frequency for each in chosen.values())
+    span = _span(response.frequency for response in chosen.values())
     return Chart("frequency (Hz)", (panel,), FREQUENCY, *span, columns=style.narrow(chosen))
 
 
@@ -86,11 +90,11 @@ def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRA
     marks, least = list[Mark](), [0.0, 0.0]
     for i, (name, margins) in enumerate(chosen.items()):
         L, at = margins.loop_gain, margins.modulus_frequency
-        said = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(at, 'Hz')}")
-        levels = [style.decibel(each.magnitude) for each in (sensitivity_of(L), complementary_sensitivity(L))]
-        least = [min(before, float(np.min(each))) for before, each in zip(least, levels, strict=True)]
-        S, T = (np.asarray(units.from_decibel(each)) for each in levels)
-        rows.append((Curve(hertz * L.frequency, S, name, i, said=said), Curve(hertz * L.frequency, T, number=i)))
+        caption = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(at, 'Hz')}")
+        levels = [style.decibel(ratio.magnitude) for ratio in (sensitivity_of(L), complementary_sensitivity(L))]
+        least = [min(before, float(np.min(level))) for before, level in zip(least, levels, strict=True)]
+        S, T = (np.asarray(units.from_decibel(level)) for level in levels)
+        rows.append((Curve(hertz * L.frequency, S, name, i, caption=caption), Curve(hertz * L.frequency, T, number=i)))
         marks.append(Mark(hertz * at, float(units.from_decibel(_decibel(margins.sensitivity_peak))), i))
     panels = tuple(
         Panel(
@@ -114,17 +118,17 @@ def _decibel(ratio: float) -> float:
 
 
 def _floor(least: float, units: Units) -> float | None:
-    """Where a panel of gains ends below what matters."""
+    """Return the lower end of a panel of gains: -60 dB if the curves fall below it, else None."""
     return float(units.from_decibel(-60.0)) if least < -60.0 else None
 
 
 def _scale(units: Units) -> str:
-    """Of a panel of gains."""
+    """Return the scale of a panel of gains."""
     return LINEAR if units.decibel else LOG
 
 
 def _ratio(what: str, units: Units) -> str:
-    """Label of a panel of gains."""
+    """Return the label of a panel of gains."""
     return f"{what} (dB)" if units.decibel else what
 
 
@@ -137,14 +141,17 @@ def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Uni
     chosen = style.named(stiffnesses)
     hertz, factor = (units.of(unit)[1] for unit in ("Hz", "N/m"))
     curves, marks, tops = list[Curve](), list[Mark](), list[float]()
-    for i, (name, found) in enumerate(chosen.items()):
-        least, where = factor * found.minimum, found.minimum_frequency
-        said = Text(f"least {Quantity(found.minimum, 'N/m'):3} at {Quantity(where, 'Hz'):3}")
-        curves.append(Curve(hertz * found.frequency, factor * found.magnitude, name, i, said=said))
+    for i, (name, stiffness) in enumerate(chosen.items()):
+        least, where = factor * stiffness.minimum, stiffness.minimum_frequency
+        caption = Text(f"least {Quantity(stiffness.minimum, 'N/m'):3} at {Quantity(where, 'Hz'):3}")
+        curves.append(Curve(hertz * stiffness.frequency, factor * stiffness.magnitude, name, i, caption=caption))
         marks.append(Mark(hertz * where, least, i))
         # a sampled axis is infinitely stiff at Nyquist, where the sampled position cannot show the motion
-        tops.append(factor * float(np.max(found.magnitude[found.frequency <= 0.8 * found.frequency[-1]], initial=0.0)))
-    lows = [each.y for each in marks]
+        tops.append(
+            factor
+            * float(np.max(stiffness.magnitude[stiffness.frequency <= 0.8 * stiffness.frequency[-1]], initial=0.0))
+        )
+    lows = [mark.y for mark in marks]
     panel = Panel(
         f"dynamic stiffness ({unit_name('N/m')})",
         tuple(curves),
@@ -153,7 +160,7 @@ def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Uni
         low=0.5 * min(lows),
         high=3.0 * max(*tops, *lows),
     )
-    span = _span((found.frequency for found in chosen.values()), units)
+    span = _span((stiffness.frequency for stiffness in chosen.values()), units)
     return Chart(_hertz(), (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen), factor=hertz)
 
 
@@ -165,17 +172,17 @@ def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
     chosen = style.named(spectra)
     first = next(iter(chosen.values()))
     unit, factor = USUAL.of(first.unit, signal_unit(first.unit))
-    lowest = min(float(found.frequency[1]) for found in chosen.values())
-    highest = max(float(found.frequency[-1]) for found in chosen.values())
+    lowest = min(float(spectrum.frequency[1]) for spectrum in chosen.values())
+    highest = max(float(spectrum.frequency[-1]) for spectrum in chosen.values())
     amplitudes, sums = list[Curve](), list[Curve]()
     tops, bottoms = list[float](), list[float]()
-    for i, (name, found) in enumerate(chosen.items()):
-        frequency, amplitude, cumulative = _banded(found, lowest, highest)
+    for i, (name, spectrum) in enumerate(chosen.items()):
+        frequency, amplitude, cumulative = _banded(spectrum, lowest, highest)
         amplitudes.append(Curve(frequency, factor * amplitude, name, i, PLAIN, size=0.7))
         sums.append(Curve(frequency, factor * cumulative, number=i))
         tops.append(factor * float(np.max(amplitude)))
         bottoms.append(factor * float(np.quantile(amplitude, 0.02)))
-    whole, top = [factor * found.rms for found in chosen.values()], max(tops)
+    whole, top = [factor * spectrum.rms for spectrum in chosen.values()], max(tops)
     quantity = first.name.replace("_", " ") if len(chosen) == 1 or first.name else "amplitude"
     label = unit_name(style.written(unit))
     above = Panel(f"{quantity}\namplitude ({label})", tuple(amplitudes), share=3.0)
@@ -190,15 +197,15 @@ def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
 spectrum = figure_of(spectrum_chart)
 
 
-def _banded(found: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _banded(spectrum: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frequency, largest amplitude and last cumulative RMS of each band that has lines, without the line at 0."""
-    frequency = found.frequency[1:]
+    frequency = spectrum.frequency[1:]
     bands = np.floor(BANDS * np.log(frequency / low) / np.log(high / low)).astype(int)
     begins = np.flatnonzero(np.diff(bands, prepend=-1))
     ends = np.append(begins[1:], frequency.size) - 1
-    amplitude = np.maximum.reduceat(found.amplitude[1:], begins)
+    amplitude = np.maximum.reduceat(spectrum.amplitude[1:], begins)
     centre = np.sqrt(frequency[begins] * frequency[ends])
-    return centre, amplitude, found.cumulative_rms[1:][ends]
+    return centre, amplitude, spectrum.cumulative_rms[1:][ends]
 
 
 def _span(frequencies: Any, units: Units = DRAWN) -> tuple[float, float]:
@@ -207,14 +214,14 @@ def _span(frequencies: Any, units: Units = DRAWN) -> tuple[float, float]:
     return hertz * min(low for low, _ in ends), hertz * max(high for _, high in ends)
 
 
-def tuned_chart(found: Tuned) -> Chart:
+def tuned_chart(tuned: Tuned) -> Chart:
     """Dynamic stiffness before and after at each point."""
-    many = len(found.after) > 1
+    many = len(tuned.after) > 1
     curves = {
-        f"{name}, {each.point}" if many else name: each.stiffness
-        for name, row in (("today", found.before), ("new", found.after))
-        for each in row
-        if each.stable
+        f"{name}, {proof.point}" if many else name: proof.stiffness
+        for name, row in (("today", tuned.before), ("new", tuned.after))
+        for proof in row
+        if proof.stable
     }
     return stiffness_chart(curves)
 
@@ -226,8 +233,8 @@ WRITTEN = 3  # crossovers of a kind with their number, in a picture of one loop
 def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
     """Magnitude in dB and phase in degrees of loop gains, with every gain and phase crossover.
 
-    A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.  Of a measured loop gain the
-    bands of 95 %, its coherence in a third row, and shaded where it is 0.9 or less.
+    A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.  A measured loop gain also
+    has its 95 % bands, its coherence in a third row, and shading where the coherence is 0.9 or less.
     """
     chosen = style.named(loops)
     hertz, gains = units.of("Hz")[1], [margins.loop_gain for margins in chosen.values()]
@@ -239,16 +246,16 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
         L, phase = margins.loop_gain, _phase(margins)
         levels_dB.append(style.decibel(L.magnitude))
         level = np.asarray(units.from_decibel(levels_dB[-1]))
-        levels.append(Curve(hertz * L.frequency, level, name, i, said=_said(margins, units)))
+        levels.append(Curve(hertz * L.frequency, level, name, i, caption=_caption(margins, units)))
         phases.append(Curve(hertz * L.frequency, phase, number=i))
         _margins(margins, phase, i, len(chosen) == 1, bars, marks, units)
         if i == len(chosen) - 1:  # the axis is the same for all, and so is its uncertainty
             shaded[0].extend(magnitude_band(L, i, units, "95 % of the measurement"))
             shaded[1].extend(phase_band(L, phase, i, units))
-    low, high = min(*(float(each.y.min()) for each in phases), -180.0), max(float(each.y.max()) for each in phases)
+    low, high = min(*(float(curve.y.min()) for curve in phases), -180.0), max(float(curve.y.max()) for curve in phases)
     turns = range(int(np.ceil((low + 180.0) / 360.0)), int(np.floor((high + 180.0) / 360.0)) + 1)
-    bottom, top = min(float(np.min(each)) for each in levels_dB), max(float(np.max(each)) for each in levels_dB)
-    ends = [float(units.from_decibel(each)) for each in (max(bottom, -FAR) - 5.0, min(top, 80.0) + 5.0)]
+    bottom, top = min(float(np.min(level)) for level in levels_dB), max(float(np.max(level)) for level in levels_dB)
+    ends = [float(units.from_decibel(end)) for end in (max(bottom, -FAR) - 5.0, min(top, 80.0) + 5.0)]
     panels = (
         Panel(
             _ratio("open loop |L|", units),
@@ -274,21 +281,21 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
         ),
         *coherence_panels(list(enumerate(gains))[-1:], units),
     )
-    span = _span((each.frequency for each in gains), units)
+    span = _span((gain.frequency for gain in gains), units)
     return Chart(_hertz(), panels, FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
 
 
 open_loop = figure_of(open_loop_chart)
 
 
-def _said(margins: Margins, units: Units) -> str:
-    said = list[str]()
+def _caption(margins: Margins, units: Units) -> str:
+    captions = list[str]()
     if margins.crossover is not None:
         phase = Quantity(margins.phase_margin_deg or 0.0, "deg")
-        said.append(f"crossover {Quantity(margins.crossover, 'Hz'):3}, phase margin {phase:.1f}")
+        captions.append(f"crossover {Quantity(margins.crossover, 'Hz'):3}, phase margin {phase:.1f}")
     if margins.gain_increase_dB is not None:
-        said.append(f"gain margin {units.gain_said(margins.gain_increase_dB)}")
-    return joined(", ", said)
+        captions.append(f"gain margin {units.gain_text(margins.gain_increase_dB)}")
+    return joined(", ", captions)
 
 
 def _phase(margins: Margins) -> np.ndarray:
@@ -322,24 +329,24 @@ def _margins(
             continue
         at = float(np.interp(np.log(crossing.frequency), x, phase))
         level = float(units.from_decibel(-crossing.gain_margin_dB))
-        text = units.gain_said(crossing.gain_margin_dB) if alone and k < WRITTEN else ""
+        text = units.gain_text(crossing.gain_margin_dB) if alone and k < WRITTEN else ""
         marks[1].append(Mark(hertz * crossing.frequency, at, i, hollow=True))
         marks[0].append(Mark(hertz * crossing.frequency, level, i, hollow=True))
         bars[0].append(_bar(hertz * crossing.frequency, level, one, i, text))
 
 
 def _bar(x: float, low: float, high: float, i: int, text: str) -> Curve:
-    return Curve(np.array([x, x]), np.array([low, high]), number=i, look=BAR, said=text)
+    return Curve(np.array([x, x]), np.array([low, high]), number=i, look=BAR, caption=text)
 
 
-def measured_loop_chart(found: MarginIntervals | MeasuredLoop) -> Chart:
+def measured_loop_chart(loop: MarginIntervals | MeasuredLoop) -> Chart:
     """Loop gain with its crossovers."""
-    return open_loop_chart(found.margins)
+    return open_loop_chart(loop.margins)
 
 
-def cascade_loops_chart(found: CascadeLoops) -> Chart:
+def cascade_loops_chart(loops: CascadeLoops) -> Chart:
     """Loop gains of both loops of a cascade."""
-    return open_loop_chart({"velocity loop": found.velocity, "position loop": found.position})
+    return open_loop_chart({"velocity loop": loops.velocity, "position loop": loops.position})
 
 
 def recipe_chart(_found: Recipe) -> Chart:

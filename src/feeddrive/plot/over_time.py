@@ -37,7 +37,7 @@ def run_chart(run: Run) -> Chart:
         Panel(
             f"following error\n({unit_name('m')})",
             (Curve(*envelope(run.time, 1e6 * run["following_error"])),),
-            said=Text(f"RMS {Quantity(_rms(run['following_error']), 'm')}"),
+            caption=Text(f"RMS {Quantity(_rms(run['following_error']), 'm')}"),
         ),
         Panel(f"force\n({unit_name('N')})", (Curve(*envelope(run.time, run["force"]), number=1, look=PLAIN),)),
         Panel(f"velocity\n({unit_name('m/s')})", tuple(velocities)),
@@ -60,8 +60,8 @@ def following_error_chart(runs: Runs, window: Window | None = None, points: int 
     chart = _rows(chosen, values, notes, f"following error ({unit_name('m')})", window, points)
     if window is None or window.reversal is None:
         return chart
-    said = "the setpoint starts off in the other direction"
-    line = Level(window.reversal, upright=True, dashed=True, said=said)
+    caption = "the setpoint starts off in the other direction"
+    line = Level(window.reversal, upright=True, dashed=True, caption=caption)
     return replace(chart, panels=tuple(replace(panel, levels=(line,)) for panel in chart.panels))
 
 
@@ -75,21 +75,21 @@ def force_chart(runs: Runs, limits: Mapping[str, float] | None = None, points: i
     notes = {name: _sizes(v, "N") for name, v in values.items()}
     chart = _rows(chosen, values, notes, f"force ({unit_name('N')})", None, points, one_scale=True)
     largest = max(_peak(v) for v in values.values())
-    said = {name: Text(f"{name} ±{Quantity(limit, 'N')}") for name, limit in (limits or {}).items()}
+    captions = {name: Text(f"{name} ±{Quantity(limit, 'N')}") for name, limit in (limits or {}).items()}
     near = {name: limit for name, limit in (limits or {}).items() if limit <= 4.0 * largest}
     lines = tuple(
-        Level(side * limit, dashed=True, number=ALERT, said=said[name])
+        Level(side * limit, dashed=True, number=ALERT, caption=captions[name])
         for name, limit in near.items()
         for side in (-1.0, 1.0)
     )
     reach = 1.12 * max(near.values(), default=0.0)
-    outside = joined(", ", (said[name] for name in said if name not in near))
+    outside = joined(", ", (captions[name] for name in captions if name not in near))
     panels = [
         replace(panel, levels=lines, low=min(panel.low or 0.0, -reach), high=max(panel.high or 0.0, reach))
         for panel in chart.panels
     ]
     if outside:
-        panels[-1] = replace(panels[-1], said=Text(f"{panels[-1].said}; outside of the picture: {outside}"))
+        panels[-1] = replace(panels[-1], caption=Text(f"{panels[-1].caption}; outside of the picture: {outside}"))
     return replace(chart, panels=tuple(panels))
 
 
@@ -156,7 +156,7 @@ def _rows(
         shown = values[name][inside]
         ends.append(shown)
         line = Curve(*envelope(run.time[inside], shown, points), name, i, PLAIN)
-        panels.append(Panel(quantity if len(chosen) == 1 else "", (line,), said=notes[name]))
+        panels.append(Panel(quantity if len(chosen) == 1 else "", (line,), caption=notes[name]))
     if one_scale or alike(ends):
         low, high = style.padded(float(min(np.min(v) for v in ends)), float(max(np.max(v) for v in ends)))
         panels = [replace(panel, low=low, high=high) for panel in panels]
@@ -171,7 +171,7 @@ def _rows(
 
 
 def alike(curves: Iterable[np.ndarray]) -> bool:
-    """Whether the peaks of curves are so near each other that one scale shows them all."""
+    """Return True if the peaks of the curves are close enough for one common scale."""
     peaks = [_peak(curve) for curve in curves]
     return max(peaks) <= style.WIDE * min(peaks)
 
@@ -193,9 +193,9 @@ def _peak(values: np.ndarray) -> float:
     return float(np.max(np.abs(values), initial=0.0))
 
 
-def cosimulation_chart(found: Cosimulation) -> Chart:
+def cosimulation_chart(cosimulation: Cosimulation) -> Chart:
     """Following error of each law."""
-    return following_error_chart({row.name: row.run for row in found.rows})
+    return following_error_chart({row.name: row.run for row in cosimulation.rows})
 
 
 MOST = 12  # rows; a log with more channels shows the first ones
@@ -216,9 +216,9 @@ def log_chart(log: Log) -> Chart:
 log = figure_of(log_chart)
 
 
-def guess_chart(found: Guess) -> Chart:
+def guess_chart(guess: Guess) -> Chart:
     """Raise ParameterError: a guess has no picture."""
-    raise ParameterError(f"{found.name}: a guess of roles has no picture; plot the log itself")
+    raise ParameterError(f"{guess.name}: a guess of roles has no picture; plot the log itself")
 
 
 # SI unit, shown unit of the signal, words
@@ -241,8 +241,8 @@ def replay_chart(replay: Replay, points: int = POINTS) -> Chart:
         if is_residual:
             off, factor = replay.residual(name), DRAWN.of(unit)[1]
             left = Curve(*envelope(time[replay.skipped :], factor * off, points), number=1, look=PLAIN, size=0.65)
-            said = Text(f"predicted - measured: {_sizes(off, unit)}")
-            panels.append(Panel(f"{words}\nresidual ({unit_name(unit)})", (left,), said=said))
+            caption = Text(f"predicted - measured: {_sizes(off, unit)}")
+            panels.append(Panel(f"{words}\nresidual ({unit_name(unit)})", (left,), caption=caption))
             continue
         factor = DRAWN.of(unit, in_unit)[1]
         both = (
@@ -250,14 +250,14 @@ def replay_chart(replay: Replay, points: int = POINTS) -> Chart:
             Curve(*envelope(time, factor * replay.run[name], points), "predicted", size=0.7),
         )
         size = Quantity(_rms(replay.measured[name][replay.skipped :]), unit)
-        said = "" if name == "position_load" else Text(f"measured RMS {size}")
-        panels.append(Panel(f"{words}\n({unit_name(unit, in_unit)})", both, said=said))
+        caption = "" if name == "position_load" else Text(f"measured RMS {size}")
+        panels.append(Panel(f"{words}\n({unit_name(unit, in_unit)})", both, caption=caption))
     return Chart("time (s)", tuple(panels), height=0.8 + 1.45 * len(panels))
 
 
 replay = figure_of(replay_chart)
 
 
-def refinement_chart(found: Refinement) -> Chart:
+def refinement_chart(refinement: Refinement) -> Chart:
     """Predicted and measured columns."""
-    return replay_chart(found.replay)
+    return replay_chart(refinement.replay)

@@ -29,8 +29,8 @@ def part_run_chart(part: PartRun) -> Chart:
         Curve(*envelope(contour.time, error), "does not count", NEUTRAL, THIN),
         Curve(*envelope(contour.time, np.where(contour.counted, error, 0.0)), "counts"),
     )
-    said = Text(f"RMS {Quantity(contour.rms, 'm')}, largest {Quantity(contour.largest, 'm')}")
-    return Chart("time (s)", (Panel(f"contour error ({unit_name('um')})", curves, said=said),))
+    caption = Text(f"RMS {Quantity(contour.rms, 'm')}, largest {Quantity(contour.largest, 'm')}")
+    return Chart("time (s)", (Panel(f"contour error ({unit_name('um')})", curves, caption=caption),))
 
 
 part_run = figure_of(part_run_chart)
@@ -76,7 +76,7 @@ part_cutting = figure_of(part_cutting_chart)
 
 
 def part_estimates_chart(part: PartRun, axis: str) -> Chart:
-    """What acts on an axis and what observers make of it, around the largest force of the cut that lasts."""
+    """The disturbance of an axis and its estimates by observers, over the 150 ms with the largest RMS cutting force."""
     time, true = part.contour.time, part.disturbances[axis]
     middle = _busiest(part, axis)
     shown = (time >= middle - 0.5 * _WINDOW) & (time <= middle + 0.5 * _WINDOW)
@@ -85,7 +85,7 @@ def part_estimates_chart(part: PartRun, axis: str) -> Chart:
         if axis in by:
             late = Text(f"{Quantity(by[axis].lag, 's'):3} late")
             values = by[axis].disturbance[shown]
-            curves.append(Curve(1e3 * time[shown], values, name.replace("_", " "), i, said=late))
+            curves.append(Curve(1e3 * time[shown], values, name.replace("_", " "), i, caption=late))
     panel = Panel(f"force on {axis} ({unit_name('N')})", tuple(curves))
     return Chart("time (ms)", (panel,), height=3.4, columns=2)
 

@@ -1,4 +1,4 @@
-"""Pictures of a plan: the path with its speed, which limit holds it back when, and the course of each axis."""
+"""Pictures of a plan: the path with its speed, the most used limit over time, and the profiles of each axis."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
         if np.any(kind == k):
             low, high = Quantity(1e-3 * edges[k], "m/s", bare=True), Quantity(1e-3 * edges[k + 1], "m/s")
             stretches = _stretches(x, y, kind == k)
-            curves.append(Curve(*stretches, number=number, look=PLAIN, said=Text(f"{low:3} to {high:3}"), size=size))
+            curves.append(Curve(*stretches, number=number, look=PLAIN, caption=Text(f"{low:3} to {high:3}"), size=size))
     return curves
 
 
@@ -94,9 +94,9 @@ def _stretches(x: np.ndarray, y: np.ndarray, chosen: np.ndarray) -> tuple[np.nda
 
 
 def plan_causes_chart(plan: Planned) -> Chart:
-    """Which limit is used most, over time: a row for each, with its part of the cycle time."""
+    """The most used limit over time: a row for each limit, with its share of the cycle time."""
     course = plan.course
-    found = causes(np.maximum(np.abs(course.low), np.abs(course.high)) / plan.limits.array, course.speed, course.feed)
+    cause = causes(np.maximum(np.abs(course.low), np.abs(course.high)) / plan.limits.array, course.speed, course.feed)
     names = plan.limits.causes
     lengths = np.diff(np.append(course.time, plan.cycle_time))
     edges = np.linspace(0.0, max(plan.cycle_time, 1e-9), _COLUMNS + 1)
@@ -106,7 +106,7 @@ def plan_causes_chart(plan: Planned) -> Chart:
     shown.sort(key=lambda name: -plan.seconds[name])
     curves, levels, ticks = list[Curve](), list[Level](), list[Tick]()
     for row, name in enumerate(shown):
-        here = found == names.index(name)
+        here = cause == names.index(name)
         part = np.bincount(column[here], weights=lengths[here], minlength=_COLUMNS) / np.maximum(whole, 1e-12)
         shape = filled_stairs(edges, 0.8 * part, -float(row))
         curves.append(Curve(*shape, number=_cause_number(name), look=SOLID))
@@ -148,8 +148,10 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
         within = used > 0.2 * top
         sides = tuple(Level(side, dashed=True, number=ALERT) for side in (-top, top)) if within else ()
         bottom, upper = style.padded(*((-top, top) if within else (-used, used)))
-        said = Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {Quantity(top, unit)}")
-        panels.append(Panel(f"{name}\n({unit})", (shape, *lines), levels=sides, low=bottom, high=upper, said=said))
+        caption = Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {Quantity(top, unit)}")
+        panels.append(
+            Panel(f"{name}\n({unit})", (shape, *lines), levels=sides, low=bottom, high=upper, caption=caption)
+        )
     return Chart("time (s)", tuple(panels), low=float(edges[0]), high=float(edges[-1]), height=6.2)
 
 

@@ -1,4 +1,4 @@
-"""Where the poles of a sampled loop lie: in the s plane, and as damping over natural frequency."""
+"""Pole maps of a sampled loop: the s plane, and damping over natural frequency."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ _ROOM, _RIGHT, _BELOW = 1.25, 0.25, 0.04  # around the farthest of them; parts o
 def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
     """Upper half of the s plane, s = ln(z)/T: poles as crosses, zeros of the first response as rings.
 
-    Rays of equal damping and circles of equal natural frequency; what lies on the right of 0 grows.  So much of the
-    plane is shown as the poles with a damping below 0.5 need.
+    Rays of equal damping and circles of equal natural frequency; a pole right of 0 is unstable.  The poles with a
+    damping ratio below 0.5 set the range that is shown.
     """
     chosen = style.named(models)
     hertz = units.of("Hz")[1]
-    found = {name: _upper(model.poles(), model, hertz) for name, model in chosen.items()}
-    light = [abs(s) for each in found.values() for s in each if s.imag > 0.0 and -s.real < _LIGHT * abs(s)]
-    known = light or [abs(s) for each in found.values() for s in each if np.isfinite(s)]
+    upper = {name: _upper(model.poles(), model, hertz) for name, model in chosen.items()}
+    light = [abs(s) for row in upper.values() for s in row if s.imag > 0.0 and -s.real < _LIGHT * abs(s)]
+    known = light or [abs(s) for row in upper.values() for s in row if np.isfinite(s)]
     reach = _ROOM * max(known, default=hertz)
     curves, notes = list[Curve](), list[Note]()
     for ratio in DAMPINGS:
@@ -68,7 +68,7 @@ def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
         notes.append(Note(0.9 * end * x, 0.9 * end * y, Text(f"{Quantity(ratio)}")))
     circles = [k * _step(reach) for k in range(1, 8) if k * _step(reach) < reach]
     notes += [Note(0.0, radius, Text(f"{Quantity(radius / hertz, 'Hz'):6}"), right=True) for radius in circles]
-    for i, (name, s) in enumerate(found.items()):
+    for i, (name, s) in enumerate(upper.items()):
         model, grows = chosen[name], np.real(s) >= 0.0
         curves.append(Curve(np.real(s[~grows]), np.imag(s[~grows]), name, i, CROSS, _lightest(s / hertz)))
         if np.any(grows):
@@ -100,7 +100,7 @@ def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
 
 
 def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
-    """s of the upper half plane, in the unit of a frequency that is shown; what is at z = 0 left out."""
+    """Return s of the upper half plane in the shown unit of frequency, without what lies at z = 0."""
     s = continuous(z, model.sample_time)
     return hertz / (2.0 * np.pi) * s[np.isfinite(s) & (np.imag(s) >= 0.0)]
 
@@ -116,13 +116,13 @@ def _lightest(s: np.ndarray) -> str:
 
 
 def _step(reach: float) -> float:
-    """A plain number that goes three to seven times into a length."""
+    """Return a round step that goes three to seven times into a length."""
     size = 10.0 ** np.floor(np.log10(reach / 3.0))
-    return float(size * max(each for each in (1.0, 2.0, 2.5, 5.0) if each * size <= reach / 3.0))
+    return float(size * max(multiple for multiple in (1.0, 2.0, 2.5, 5.0) if multiple * size <= reach / 3.0))
 
 
 def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
-    """Damping ratio over natural frequency of all poles up to Nyquist; real ones have 1, what grows has less than 0."""
+    """Damping ratio over natural frequency of all poles up to Nyquist: 1 for real poles, negative for unstable ones."""
     chosen = style.named(models)
     hertz = units.of("Hz")[1]
     curves, sizes, least = list[Curve](), list[float](), 0.0
@@ -131,11 +131,11 @@ def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = 
         there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (np.imag(z) >= 0.0)  # neither delays nor integrators
         frequency, damping = natural(z[there], model.sample_time)
         grows = damping <= 0.0
-        said = _lightest(_upper(z[there], model, 1.0))
-        curves.append(Curve(hertz * frequency[~grows], damping[~grows], name, i, CROSS, said))
+        caption = _lightest(_upper(z[there], model, 1.0))
+        curves.append(Curve(hertz * frequency[~grows], damping[~grows], name, i, CROSS, caption))
         if np.any(grows):
             curves.append(Curve(hertz * frequency[grows], damping[grows], f"{name} grows".strip(), ALERT, CROSS))
-        sizes += [float(each) for each in hertz * frequency]
+        sizes += [float(value) for value in hertz * frequency]
         least = min(least, float(np.min(damping, initial=0.0)))
     panel = Panel("damping ratio", tuple(curves), levels=(Level(0.0),), low=least - 0.08, high=1.08)
     nyquist = max(0.5 * hertz / model.sample_time for model in chosen.values())
@@ -143,11 +143,11 @@ def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = 
     return Chart(f"natural frequency ({unit_name('Hz')})", (panel,), FREQUENCY, low, high, factor=hertz)
 
 
-def stability_chart(found: Stability) -> Chart:
+def stability_chart(stability: Stability) -> Chart:
     """Poles of the loop."""
-    return poles_chart(found.model)
+    return poles_chart(stability.model)
 
 
-def placement_chart(found: Placement) -> Chart:
+def placement_chart(placement: Placement) -> Chart:
     """Poles of the sampled loop."""
-    return poles_chart(found.stability.model)
+    return poles_chart(placement.stability.model)

@@ -1,4 +1,4 @@
-"""Which function gives the chart of a type of result, and which its DataFrame, by name: nothing is imported before.
+"""Tables from types of results to the functions of their charts and DataFrames, by name: nothing is imported early.
 
 The first `chart()` or `plot()` of a type imports the module of its chart, and no other one.
 """
@@ -124,7 +124,7 @@ FRAMES = {
 
 
 def register(kind: type) -> None:
-    """Import and register what charts and frames a type of result, or the nearest of its bases that is listed."""
+    """Import and register the chart and frame functions of a type of result and of its listed bases."""
     for base in kind.__mro__:
         name = f"{base.__module__.removeprefix('feeddrive.')}:{base.__qualname__}"
         if name in CHARTS and base not in chart_of.registry:

@@ -43,37 +43,37 @@ if TYPE_CHECKING:
 _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd distortion", "even": "even distortion"}
 
 
-def frequency_estimate_chart(found: FrequencyEstimate, model: FRF | None = None) -> Chart:
+def frequency_estimate_chart(estimate: FrequencyEstimate, model: FRF | None = None) -> Chart:
     """Magnitude with the 95 % band, noise and distortion; phase with its band; coherence. `model` is a line."""
-    return estimates_chart([found], model=model)
+    return estimates_chart([estimate], model=model)
 
 
 frequency_estimate = figure_of(frequency_estimate_chart)
 
 
-def estimates_chart(found: Sequence[FrequencyEstimate], units: Units = DRAWN, model: FRF | None = None) -> Chart:
-    """Responses that were estimated, those in the unit of the first: each in its 95 % band, with its coherence.
+def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN, model: FRF | None = None) -> Chart:
+    """Estimated responses with their 95 % bands and coherences; those in another unit than the first are left out.
 
-    Of one alone the levels of noise and distortion too.  The radius counts that the variance itself is estimated
-    (`FrequencyEstimate.radius`).
+    A single response is shown with its levels of noise and distortion.  The radius includes the uncertainty of the
+    estimated variance (`FrequencyEstimate.radius`).
     """
-    alike = [each for each in found if each.frf.unit == found[0].frf.unit]
+    alike = [estimate for estimate in estimates if estimate.frf.unit == estimates[0].frf.unit]
     rows = list[Overlay]()
-    for each in alike:
-        frf = each.frf
+    for estimate in alike:
+        frf = estimate.frf
         if frf.radius is not None and frf.variance is not None:
             with np.errstate(all="ignore"):
-                wider = np.where(frf.radius > 0.0, each.radius() / frf.radius, 1.0)
+                wider = np.where(frf.radius > 0.0, estimate.radius() / frf.radius, 1.0)
             frf = replace(frf, variance=frf.variance * wider**2)
         rows.append(Overlay(frf.output.replace("_", " ") if len(alike) > 1 else "", frf, None, model))
     return overlay_chart(rows, units, _levels(alike[0], units) if len(alike) == 1 else ())
 
 
-def _levels(found: FrequencyEstimate, units: Units) -> list[Curve]:
+def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
     """Noise and distortion over frequency, as far as the excitation shows them."""
-    factor, curves = _magnitudes(found.frf.unit, units)[0], list[Curve]()
+    factor, curves = _magnitudes(estimate.frf.unit, units)[0], list[Curve]()
     for i, (name, text) in enumerate(_LEVELS.items(), start=2):
-        level = found.levels.get(name)
+        level = estimate.levels.get(name)
         if level is None or not np.any(there := np.isfinite(level.response) & (level.response > 0.0)):
             continue
         y = np.asarray(units.from_decibel(style.decibel(factor * level.response[there])))
@@ -82,24 +82,24 @@ def _levels(found: FrequencyEstimate, units: Units) -> list[Curve]:
 
 
 def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
-    """A phase in degrees over a frequency in Hz, shifted by whole turns next to that of a response."""
+    """Shift a phase (degrees, over Hz) by whole turns next to that of a response."""
     at = float(np.interp(frf.frequency[0], frequency, phase))
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
 
-def excitation_chart(found: Excitation) -> Chart:
+def excitation_chart(excitation: Excitation) -> Chart:
     """The excitation of the first realization, and the simulated speed and force, over time."""
-    first = found.drawings[0]
-    unit, factor = ("N", 1.0) if found.where == "force" else ("um", 1e6)
+    first = excitation.drawings[0]
+    unit, factor = ("N", 1.0) if excitation.where == "force" else ("um", 1e6)
     rows = (
         (factor * first.excitation, f"excitation ({unit_name(unit)})"),
         (1e3 * first.signals["velocity_load"], f"speed ({unit_name('m/s')})"),
         (first.signals["force"], f"force ({unit_name('N')})"),
     )
-    edges = (found.first, found.first + found.periods * found.period)
-    levels = tuple(Level(edge * found.sample_time, upright=True, dashed=True) for edge in edges)
+    edges = (excitation.first, excitation.first + excitation.periods * excitation.period)
+    levels = tuple(Level(edge * excitation.sample_time, upright=True, dashed=True) for edge in edges)
     panels = [Panel(text, (Curve(*envelope(first.time, values), size=0.5),), levels=levels) for values, text in rows]
-    panels[0] = replace(panels[0], said=f"between the dashed lines: {found.periods} whole periods")
+    panels[0] = replace(panels[0], caption=f"between the dashed lines: {excitation.periods} whole periods")
     return Chart("time (s)", tuple(panels), height=5.2)
 
 
@@ -107,7 +107,7 @@ excitation = figure_of(excitation_chart)
 
 
 class Overlay(NamedTuple):
-    """A response: as measured, by the model on the same lines, and the model as a curve; what there is not is None."""
+    """A response: measured, the model on the measured lines, and the model as a curve; absent ones are None."""
 
     name: str
     measured: FRF | None
@@ -115,14 +115,16 @@ class Overlay(NamedTuple):
     drawn: FRF | None
 
 
-def response_fit_chart(found: Agreement, units: Units = DRAWN) -> Chart:
+def response_fit_chart(agreement: Agreement, units: Units = DRAWN) -> Chart:
     """Magnitude and phase: the measurement as dots, the model as a line, each in its 95 % band; distance; coherence.
 
     The distance is |model/measured - 1| in dB; the thin line is the radius of the 95 % disc of the measurement.
     """
-    rows = zip(found.measured, found.fitted, found.drawn, strict=True)
-    several = len(found.measured) > 1
-    return overlay_chart([Overlay(each.output if several else "", each, *model) for each, *model in rows], units)
+    rows = zip(agreement.measured, agreement.fitted, agreement.drawn, strict=True)
+    several = len(agreement.measured) > 1
+    return overlay_chart(
+        [Overlay(measured.output if several else "", measured, *model) for measured, *model in rows], units
+    )
 
 
 response_fit = figure_of(response_fit_chart)
@@ -133,13 +135,13 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
 
     more  curves beside the magnitudes, as shown
     """
-    known = [each for row in rows for each in (row.drawn, row.measured) if each is not None]
+    known = [frf for row in rows for frf in (row.drawn, row.measured) if frf is not None]
     factor, label = _magnitudes(known[0].unit, units)
     hertz, log = units.of("Hz")[1], not units.decibel
     coherent = [(i, row.measured) for i, row in enumerate(rows) if row.measured is not None]
     levels, phases, apart = list[Curve](), list[Curve](), list[Curve]()
-    shaded = doubtful((each for _, each in coherent), units, ratio=log)
-    bands = list(shaded), list(doubtful((each for _, each in coherent), units))
+    shaded = doubtful((frf for _, frf in coherent), units, ratio=log)
+    bands = list(shaded), list(doubtful((frf for _, frf in coherent), units))
     ends = list[float]()
     for i, (name, measured, fitted, curve) in enumerate(rows):
         phase = None if curve is None else curve.phase_deg
@@ -180,7 +182,7 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
         label = "error (part of it)" if log else "error (dB)"
         panels.append(_gains(label, apart, shaded, scale, 1.4))
     panels += coherence_panels(coherent, units)
-    x = [hertz * float(each.frequency[k]) for each in known for k in (0, -1)]
+    x = [hertz * float(frf.frequency[k]) for frf in known for k in (0, -1)]
     return Chart(
         f"frequency ({unit_name('Hz')})",
         tuple(panels),
@@ -207,36 +209,36 @@ def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
 
 
 def _magnitudes(unit: str, units: Units) -> tuple[float, str]:
-    """Factor to what is shown of a response of this unit, and the label of its magnitude."""
+    """Return the factor to the shown unit of a response, and the label of its magnitude."""
     if units.decibel:
         return 1.0, f"magnitude (dB re 1 {unit_name(unit, 'SI')})" if unit else "magnitude (dB)"
     return units.of(unit)[1], f"magnitude ({unit_name(unit)})" if unit else "magnitude"
 
 
 def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: str, share: float) -> Panel:
-    """A panel whose range is that of its curves with some room: what is shaded over its height widens nothing."""
-    values = np.concatenate([each.y for each in curves])
+    """A panel whose range follows from its curves alone: shading over the full height does not widen it."""
+    values = np.concatenate([curve.y for curve in curves])
     values = values[np.isfinite(values) & ((values > 0.0) | (scale != LOG))]
     low, high = float(np.min(values)), float(np.max(values))
     low, high = (low / _ROOM, high * _ROOM) if scale == LOG else style.padded(low, high)
     return Panel(label, tuple(curves), bands=tuple(bands), scale=scale, share=share, low=low, high=high)
 
 
-def response_residuals_chart(found: Agreement) -> Chart:
+def response_residuals_chart(agreement: Agreement) -> Chart:
     """Weighted residuals over frequency, real and imaginary part, and their autocorrelation from line to line."""
-    lags = np.arange(1, max(2, min(40, min(r.size for r in found.residuals) // 4)))
-    spread, curves = max(found.spread, 1e-300), list[Curve]()
-    for i, (measured, residual) in enumerate(zip(found.measured, found.residuals, strict=True)):
-        name = measured.output if len(found.measured) > 1 else ""
+    lags = np.arange(1, max(2, min(40, min(r.size for r in agreement.residuals) // 4)))
+    spread, curves = max(agreement.spread, 1e-300), list[Curve]()
+    for i, (measured, residual) in enumerate(zip(agreement.measured, agreement.residuals, strict=True)):
+        name = measured.output if len(agreement.measured) > 1 else ""
         f, scaled = measured.frequency, residual / spread
         curves.append(Curve(f, np.real(scaled), name, i, MARKERS, "real", size=0.45))
         curves.append(Curve(f, np.imag(scaled), name, i, CROSS, "imaginary", size=0.45))
     # a few lines far off must not hide the others
-    reach = 1.15 * float(np.percentile(np.abs(np.concatenate(found.residuals)), 99.0)) / spread
+    reach = 1.15 * float(np.percentile(np.abs(np.concatenate(agreement.residuals)), 99.0)) / spread
     reach = max(reach, 3.0)
-    ends = [float(measured.frequency[k]) for measured in found.measured for k in (0, -1)]
-    across = np.array([found.autocorrelation(int(lag)) for lag in lags])
-    bound = 1.96 / np.sqrt(2.0 * sum(residual.size for residual in found.residuals))
+    ends = [float(measured.frequency[k]) for measured in agreement.measured for k in (0, -1)]
+    across = np.array([agreement.autocorrelation(int(lag)) for lag in lags])
+    bound = 1.96 / np.sqrt(2.0 * sum(residual.size for residual in agreement.residuals))
     panels = (
         Panel(
             "residual (deviations)",
@@ -259,22 +261,22 @@ def response_residuals_chart(found: Agreement) -> Chart:
 response_residuals = figure_of(response_residuals_chart)
 
 
-def response_nyquist_chart(found: Agreement) -> Chart:
+def response_nyquist_chart(agreement: Agreement) -> Chart:
     """Responses in the complex plane, as velocity over force: each mode is a circle; dots measured, curves the model.
 
     Velocity, since the rigid motion hides the circles of the position.
     """
-    order, unit = 1 - found.order, found.measured[0].unit
+    order, unit = 1 - agreement.order, agreement.measured[0].unit
     curves, dots = list[Curve](), list[Curve]()
-    for i, (measured, model) in enumerate(zip(found.measured, found.drawn, strict=True)):
-        name = measured.output if len(found.measured) > 1 else ""
+    for i, (measured, model) in enumerate(zip(agreement.measured, agreement.drawn, strict=True)):
+        name = measured.output if len(agreement.measured) > 1 else ""
         points, curve = (frf.response * (2j * np.pi * frf.frequency) ** order for frf in (measured, model))
         dots.append(Curve(np.real(points), np.imag(points), name, i, MARKERS, "measured", size=0.9))
-        curves.append(Curve(np.real(curve), np.imag(curve), name, i, said="fitted"))
-    said = f" ({unit_name(_velocity(unit), 'SI')})" if unit else ""
+        curves.append(Curve(np.real(curve), np.imag(curve), name, i, caption="fitted"))
+    unit_text = f" ({unit_name(_velocity(unit), 'SI')})" if unit else ""
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
-    panel = Panel(f"imaginary part{said}", (*curves, *dots), levels=axes)
-    return Chart(f"real part{said}", (panel,), square=True, height=4.6, width=5.4, columns=2)
+    panel = Panel(f"imaginary part{unit_text}", (*curves, *dots), levels=axes)
+    return Chart(f"real part{unit_text}", (panel,), square=True, height=4.6, width=5.4, columns=2)
 
 
 response_nyquist = figure_of(response_nyquist_chart)
@@ -286,11 +288,11 @@ def _velocity(unit: str) -> str:
     return f"({above}/s)/{below}" if below and "(" not in unit else "velocity over force"
 
 
-def fitted_chart(found: PlantFit | ModalFit) -> Chart:
+def fitted_chart(fit: PlantFit | ModalFit) -> Chart:
     """Measured and fitted response."""
-    return response_fit_chart(found.agreement)
+    return response_fit_chart(fit.agreement)
 
 
-def axis_fits_chart(found: AxisFits) -> Chart:
+def axis_fits_chart(fits: AxisFits) -> Chart:
     """Measured response and the chosen fit."""
-    return response_fit_chart(found.fit.agreement)
+    return response_fit_chart(fits.fit.agreement)

@@ -29,7 +29,7 @@ class Channel:
     """A channel that is drawn.
 
     name    by which the source calls it
-    place   of its column among the values
+    place   index of its column among the values
     unit    in which it is shown; empty where none is known
     factor  from the unit of the source to it
     """
@@ -52,13 +52,13 @@ def scope_chart(
     """The chart of a window, and the ranges of its panels, which the next one may be given as `before`.
 
     level  channel of the trigger, and its level in the unit of the source
-    A range stays while its curves fit into it and need a good part of it, so that a picture that is drawn again and
-    again stands still.
+    A range stays while its curves fit into it and need a good part of it, so that the axes of a picture that is
+    redrawn many times a second do not jump.
     """
     grouped: dict[str, list[Channel]] = {}
-    for each in channels:
-        label = f"{written(each.unit)}" if each.unit else each.name
-        grouped.setdefault(label, []).append(each)
+    for channel in channels:
+        label = f"{written(channel.unit)}" if channel.unit else channel.name
+        grouped.setdefault(label, []).append(channel)
     panels, ranges = list[Panel](), Ranges()
     for unit, group in grouped.items():
         label = f"({unit})" if group[0].unit else unit
@@ -87,16 +87,16 @@ def _panel(
 ) -> Panel:
     curves, levels = list[Curve](), list[Level]()
     width = 2.0 * (shown.end - shown.start) / POINTS
-    for each in group:
-        y = each.factor * shown.values[:, each.place]
+    for channel in group:
+        y = channel.factor * shown.values[:, channel.place]
         whole = shown.triggered and bool(np.all(np.diff(shown.time) > 0.0)) and bool(np.all(np.isfinite(y)))
-        kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)  # a part of what stands is enlarged
+        kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)  # a triggered window may be enlarged
         x = shown.time[kept] - shown.zero
-        number = [one.name for one in all_].index(each.name)
-        curves.append(Curve(x, y[kept], each.name, number, said=_said(y, each.unit)))
-    finite = np.concatenate([each.y for each in curves]) if curves else np.empty(0)
+        number = [one.name for one in all_].index(channel.name)
+        curves.append(Curve(x, y[kept], channel.name, number, caption=_caption(y, channel.unit)))
+    finite = np.concatenate([curve.y for curve in curves]) if curves else np.empty(0)
     finite = finite[np.isfinite(finite)]
-    place = [each for each in group if level is not None and each.name == level[0]]
+    place = [channel for channel in group if level is not None and channel.name == level[0]]
     if level is not None and place:
         levels.append(Level(place[0].factor * level[1], "trigger", dashed=True))
         finite = np.append(finite, levels[0].value)
@@ -108,7 +108,7 @@ def _panel(
     return Panel(label, tuple(curves), levels=tuple(levels), low=low, high=high)
 
 
-def _said(y: np.ndarray, unit: str) -> str:
+def _caption(y: np.ndarray, unit: str) -> str:
     there = y[np.isfinite(y)]
     return Text(f"{Quantity(there[-1], written(unit)):5 SI}") if there.size else "nothing"
 
@@ -116,7 +116,7 @@ def _said(y: np.ndarray, unit: str) -> str:
 def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
     """The rows of a curve that are drawn: of each stretch of `width` s its lowest and its highest, in their order.
 
-    Stretches begin at whole multiples of the width, so that a curve that runs by keeps its points.  The first and the
+    Stretches begin at whole multiples of the width, so that a scrolling curve keeps its points.  The first and the
     last row stay, and one of each gap (NaN).  A short curve has all its rows.
     """
     if time.size <= POINTS:
@@ -144,7 +144,7 @@ def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tu
     if not y.size:
         return before or (-1.0, 1.0)
     low, high = float(np.min(y)), float(np.max(y))
-    if high == low:  # half of what stands still on either side
+    if high == low:  # a constant has half of its size as room on either side
         low, high = low - (0.5 * abs(low) or 1.0), high + (0.5 * abs(high) or 1.0)
     span = high - low
     if before is not None and before[0] <= low and high <= before[1] and span >= _LEAST_USED * (before[1] - before[0]):
@@ -156,4 +156,4 @@ def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tu
 
 def _round_up(step: float) -> float:
     size = 10.0 ** np.floor(np.log10(step))
-    return float(next(each for each in _STEPS if step <= each * size * (1.0 + 1e-9)) * size)
+    return float(next(multiple for multiple in _STEPS if step <= multiple * size * (1.0 + 1e-9)) * size)

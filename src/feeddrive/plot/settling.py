@@ -31,7 +31,7 @@ def moves_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
     for i, (name, run) in enumerate(runs.items()):
         error = run["following_error"]
         rms, peak = (Quantity(size, "m") for size in (np.sqrt(np.mean(error**2)), np.max(np.abs(error))))
-        errors.append(Curve(run.time, micro * error, name, i, said=Text(f"RMS {rms}, peak {peak}")))
+        errors.append(Curve(run.time, micro * error, name, i, caption=Text(f"RMS {rms}, peak {peak}")))
         forces.append(Curve(run.time, newton * run["force"], number=i))
     panels = (
         Panel(f"following error ({unit_name('m')})", tuple(errors), share=2.0),
@@ -45,25 +45,25 @@ def step_response_chart(responses: StepResponse | Mapping[str, StepResponse]) ->
     """Position after a step of the set position, with overshoot and settling time."""
     chosen = style.named(responses)
     curves, marks = list[Curve](), list[Mark]()
-    end = max(_LEAST, *(_AFTER * each.settling_time for each in chosen.values()))
-    for i, (name, found) in enumerate(chosen.items()):
-        said = Text(
-            f"overshoot {Quantity(found.overshoot, 'share'):.1f}, settled to {Quantity(found.settled, 'share'):6} in "
-            f"{Quantity(found.settling_time, 's')}"
+    end = max(_LEAST, *(_AFTER * response.settling_time for response in chosen.values()))
+    for i, (name, response) in enumerate(chosen.items()):
+        caption = Text(
+            f"overshoot {Quantity(response.overshoot, 'share'):.1f}, "
+            f"settled to {Quantity(response.settled, 'share'):6} in {Quantity(response.settling_time, 's')}"
         )
-        there = found.time <= end
-        curves.append(Curve(_MS * found.time[there], found.position[there], name, i, said=said))
-        if found.overshoot > _SEEN:
-            marks.append(Mark(_MS * found.overshoot_time, found.final * (1.0 + found.overshoot), i))
-        marks.append(Mark(_MS * found.settling_time, _at(found), i, hollow=True))
+        there = response.time <= end
+        curves.append(Curve(_MS * response.time[there], response.position[there], name, i, caption=caption))
+        if response.overshoot > _SEEN:
+            marks.append(Mark(_MS * response.overshoot_time, response.final * (1.0 + response.overshoot), i))
+        marks.append(Mark(_MS * response.settling_time, _at(response), i, hollow=True))
     near = next(iter(chosen.values())).settled
     levels = Level(1.0), Level(1.0 + near, dashed=True), Level(1.0 - near, dashed=True)
     panel = Panel("position (part of the step)", tuple(curves), marks=tuple(marks), levels=levels)
     return Chart("time (ms)", (panel,), low=0.0, high=_MS * end, columns=1)
 
 
-def _at(found: StepResponse) -> float:
-    return float(np.interp(found.settling_time, found.time, found.position))
+def _at(response: StepResponse) -> float:
+    return float(np.interp(response.settling_time, response.time, response.position))
 
 
 def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units = DRAWN) -> Chart:
@@ -83,10 +83,10 @@ def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units 
     for i, (name, run) in enumerate(runs.items()):
         peak, settled = known[name]
         rest = "not settled" if np.isinf(settled) else f"settled in {Quantity(settled, 's')}"
-        said = Text(f"peak {Quantity(peak, 'm')}, {rest} to ±{Quantity(near, 'm'):3}")
+        caption = Text(f"peak {Quantity(peak, 'm')}, {rest} to ±{Quantity(near, 'm'):3}")
         there = (run.time >= begin - _BEFORE * end) & (run.time <= begin + end)
         time = _MS * (run.time[there] - begin)
-        errors.append(Curve(time, micro * run["tracking_error"][there], name, i, said=said))
+        errors.append(Curve(time, micro * run["tracking_error"][there], name, i, caption=caption))
         forces.append(Curve(time, newton * run["force"][there], number=i))
     levels = Level(0.0, faint=True), Level(micro * near, dashed=True), Level(-micro * near, dashed=True)
     panels = (

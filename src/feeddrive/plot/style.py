@@ -41,9 +41,9 @@ def color(i: int) -> str:
 
 
 def pale(tint: str) -> str:
-    """A color on paper so thin that curves on it can be read."""
+    """A pale tint of a color, on which curves stay readable."""
     rgb = (0.22 * int(tint[k : k + 2], 16) + 0.78 * int(PAPER[k : k + 2], 16) for k in (1, 3, 5))
-    return "#" + "".join(f"{round(each):02x}" for each in rgb)
+    return "#" + "".join(f"{round(channel):02x}" for channel in rgb)
 
 
 def dashes(i: int) -> Any:
@@ -71,11 +71,11 @@ def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Th
     if isinstance(things, Mapping):
         return dict(things)  # type: ignore[arg-type]
     if isinstance(things, Sequence):
-        found: dict[str, Thing] = {}
+        things_by_name: dict[str, Thing] = {}
         for i, thing in enumerate(things):
             name = str(getattr(thing, "name", "")) or str(i + 1)
-            found[f"{name} {i + 1}" if name in found else name] = thing  # type: ignore[assignment]
-        return found
+            things_by_name[f"{name} {i + 1}" if name in things_by_name else name] = thing  # type: ignore[assignment]
+        return things_by_name
     return {"": things}
 
 
@@ -85,13 +85,13 @@ def shortened(name: str, most: int = 60) -> str:
     return shown if len(shown) <= most else shown[: most - 1] + "…"
 
 
-def caption(name: str, said: str = "", most: int = 60) -> str | None:
+def caption(name: str, remark: str = "", most: int = 60) -> str | None:
     """A user's name and a remark on it, for matplotlib: without formulas, not hidden, not too long.
 
     None if there is neither.
     """
     shown = shortened(name, most)
-    text = escaped(f"{shown}: {said}" if shown and said else shown or said)
+    text = escaped(f"{shown}: {remark}" if shown and remark else shown or remark)
     return (f"\u200b{text}" if text.startswith("_") else text) or None
 
 
@@ -101,7 +101,7 @@ def escaped(text: str) -> str:
 
 
 def dressed(ax: Axes) -> Axes:
-    """Axes in the common style."""
+    """Apply the common style to axes, and return them."""
     ax.set_facecolor(PAPER)
     for side, spine in ax.spines.items():
         spine.set_visible(side in ("left", "bottom"))
@@ -118,12 +118,12 @@ def dressed(ax: Axes) -> Axes:
 
 
 def narrow(things: Mapping[str, Any]) -> int:
-    """Columns of a legend with long texts."""
+    """Return the number of columns of a legend with long texts."""
     return 2 if len(things) <= 2 else 1
 
 
 def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -> None:
-    """Some curves by name in a row above the figure."""
+    """Put a legend of named curves above the figure."""
     if not lines:
         return
     rows = -(-len(lines) // columns)
@@ -146,7 +146,7 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
 
 
 def row_legend(ax: Axes, entries: Mapping[str, Any]) -> None:
-    """The curves of one row above it, at the left."""
+    """Put the legend of one row above it, left-aligned."""
     if entries:
         ax.legend(
             list(entries.values()),
@@ -164,7 +164,7 @@ def row_legend(ax: Axes, entries: Mapping[str, Any]) -> None:
 
 
 def note(ax: Axes, text: str) -> None:
-    """A short text above the right end of axes."""
+    """Write a short text above the right end of the axes."""
     ax.annotate(
         text,
         (1.0, 1.0),
@@ -179,7 +179,7 @@ def note(ax: Axes, text: str) -> None:
 
 
 def frequency_axis(ax: Axes, low: float, high: float) -> None:
-    """A logarithmic axis in Hz with plain numbers: at decades, and at 2 and 5 if fewer than two lie inside."""
+    """Make x logarithmic in Hz with plain numbers: at decades, and at 2 and 5 if fewer than two decades lie inside."""
     from matplotlib.ticker import LogLocator
 
     ax.set_xscale("log")
@@ -191,13 +191,13 @@ def frequency_axis(ax: Axes, low: float, high: float) -> None:
 
 
 def frequency_grid(axes: Sequence[Axes]) -> None:
-    """The fine vertical grid in all rows over one frequency axis."""
+    """Draw the fine vertical grid in all rows over one frequency axis."""
     for ax in axes:
         ax.grid(True, which="minor", axis="x", color=GRID, linewidth=0.4)
 
 
 def plain_decades(axis: Any, crowded: bool = False, between: bool = False) -> None:
-    """Numbers such as 0.1, 10, 1000 at the decades of a logarithmic axis, none between, or 2 and 5 as well."""
+    """Write numbers such as 0.1, 10, 1000 at the decades of a logarithmic axis; with `between` at 2 and 5, too."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if between else (1,), numticks=6 if crowded else 12))
@@ -212,7 +212,7 @@ def _plain(value: float) -> str:
 
 
 def few_numbers(ax: Axes, most: int) -> None:
-    """At most so many stretches between the numbers of x, which are written whole."""
+    """Limit the intervals between the numbers of x to `most`, and write the numbers without an offset."""
     from matplotlib.ticker import MaxNLocator
 
     ax.xaxis.set_major_locator(MaxNLocator(most))
@@ -220,7 +220,7 @@ def few_numbers(ax: Axes, most: int) -> None:
 
 
 def degrees_axis(ax: Axes, low: float, high: float) -> None:
-    """Ticks at multiples of 45° or 90°, and the whole range inside."""
+    """Set ticks at round multiples of degrees, 15 to 720, and end the axis at such ticks."""
     from matplotlib.ticker import MultipleLocator
 
     step = next((s for s in (15.0, 30.0, 45.0, 90.0, 180.0, 360.0) if (high - low) / s <= 6.0), 720.0)
@@ -234,7 +234,7 @@ def decibel(magnitude: np.ndarray) -> np.ndarray:
 
 
 def padded(low: float, high: float, part: float = 0.06) -> tuple[float, float]:
-    """A range with some room on both sides; a point becomes a range around it."""
+    """Widen a range by a part of its width on both sides; a single value becomes a range around it."""
     room = part * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
 

@@ -56,8 +56,8 @@ _WORDS = {
 def trial_chart(trial: Trial) -> Chart:
     """Following error over set velocity."""
     error = Curve(*envelope(trial.time, 1e6 * trial.following_error))
-    said = Text(f"RMS {Quantity(trial.rms, 'm')}, peak {Quantity(trial.peak, 'm')}")
-    above = Panel(f"following error\n({unit_name('um')})", (error,), share=2.0, said=said)
+    caption = Text(f"RMS {Quantity(trial.rms, 'm')}, peak {Quantity(trial.peak, 'm')}")
+    above = Panel(f"following error\n({unit_name('um')})", (error,), share=2.0, caption=caption)
     return Chart("time (s)", (above, _velocity(trial)), height=3.6)
 
 
@@ -69,7 +69,7 @@ def iteration_chart(iteration: Iteration) -> Chart:
     before, after = (Text(f"RMS {Quantity(rms, 'm')}") for rms in (iteration.trial.rms, iteration.predicted_rms))
     time = iteration.trial.time
     errors = (
-        Curve(*envelope(time, 1e6 * iteration.trial.following_error), said=Text(f"this trial, {before}")),
+        Curve(*envelope(time, 1e6 * iteration.trial.following_error), caption=Text(f"this trial, {before}")),
         Curve(*envelope(time, 1e6 * iteration.predicted), "", 1, PLAIN, Text(f"predicted for the next, {after}")),
     )
     above = Panel(f"following error\n({unit_name('um')})", errors, share=2.0)
@@ -88,7 +88,7 @@ trials = figure_of(trials_chart)
 
 
 def errors_and_parameters_chart(named: Mapping[str, Trials]) -> Chart:
-    """The same for several sets of trials, each a curve; parameters are those of the last set."""
+    """RMS errors of several sets of trials, a curve each, and the parameters of the last set."""
     last = list(named.values())[-1]
     values, errors = last.parameters(), last.errors()
     top = rms_panel({name: 1e6 * trials.rms for name, trials in named.items()}, "following error\nRMS")
@@ -133,7 +133,7 @@ def prefilter_fit_chart(fit: PrefilterFit, points: int = POINTS) -> Chart:
         envelope(fit.time, 1e6 * values, points) for values in (fit.error, fit.explained, fit.predicted)
     )
     size = 1.1e6 * float(np.max(np.abs(fit.error), initial=1e-12))
-    said = Text(f"RMS {Quantity(fit.rms(fit.error), 'm')} -> {Quantity(fit.rms(fit.predicted), 'm')}")
+    caption = Text(f"RMS {Quantity(fit.rms(fit.error), 'm')} -> {Quantity(fit.rms(fit.predicted), 'm')}")
     panels = (
         Panel(
             f"tracking error\n({unit_name('um')})",
@@ -146,7 +146,7 @@ def prefilter_fit_chart(fit: PrefilterFit, points: int = POINTS) -> Chart:
             (Curve(*left, number=1, look=PLAIN),),
             low=-size,
             high=size,
-            said=said,
+            caption=caption,
         ),
     )
     return Chart("time (s)", panels, height=4.2)
@@ -169,8 +169,8 @@ def disturbance_chart(
     if true is not None:
         curves.append(Curve(*stairs(1e3 * first.time[shown], true[shown]), "true", NEUTRAL, WIDE))
     curves += [
-        Curve(1e3 * found.time[shown], found.disturbance[shown], name, i)
-        for i, (name, found) in enumerate(chosen.items())
+        Curve(1e3 * observation.time[shown], observation.disturbance[shown], name, i)
+        for i, (name, observation) in enumerate(chosen.items())
     ]
     return Chart("time (ms)", (Panel(f"disturbance ({unit_name('N')})", tuple(curves)),), height=3.2)
 
@@ -182,14 +182,14 @@ def delay_map_chart(maps: DelayMap | Mapping[str, DelayMap]) -> Chart:
     """The first tunable at the limit of stability and where Ms reaches its bound, over the dead time in samples."""
     chosen = style.named(maps)
     curves, bands, tunable = list[Curve](), list[Band](), ""
-    for i, (name, found) in enumerate(chosen.items()):
-        tunable = next(iter(found.tunables))
-        samples = found.dead_time / found.sample_time
-        edge, robust = found.at_edge(tunable), found.at_robust(tunable)
-        said = Text(f"Ms = {Quantity(found.sensitivity_bound)}")
+    for i, (name, delay_map) in enumerate(chosen.items()):
+        tunable = next(iter(delay_map.tunables))
+        samples = delay_map.dead_time / delay_map.sample_time
+        edge, robust = delay_map.at_edge(tunable), delay_map.at_robust(tunable)
+        caption = Text(f"Ms = {Quantity(delay_map.sensitivity_bound)}")
         curves += [
             Curve(samples, edge, name, i, PLAIN, "unstable above"),
-            Curve(samples, robust, name, i, DASHED, said),
+            Curve(samples, robust, name, i, DASHED, caption),
             *(Curve(samples, row, number=i, look=MARKERS) for row in (edge, robust)),
         ]
         bands.append(Band(samples, np.zeros(samples.size), robust, i))
@@ -202,7 +202,7 @@ delay_map = figure_of(delay_map_chart)
 
 
 def in_time_chart(rows: Sequence[tuple[str, str, Mapping[str, tuple[np.ndarray, np.ndarray]]]]) -> Chart:
-    """Rows of curves by name, each over times of its own: abscissa, ordinate, and (times, values) of each curve."""
+    """Rows of named curves, each row over its own time: (abscissa, ordinate, {name: (times, values)})."""
     panels = list[Panel]()
     for abscissa, ordinate, lines in rows:
         curves = tuple(Curve(*envelope(*line), name, i) for i, (name, line) in enumerate(lines.items()))

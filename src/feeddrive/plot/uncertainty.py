@@ -1,4 +1,4 @@
-"""How uncertain a measured or identified response is, in a picture: bands of 95 %, and lines not to be trusted."""
+"""Uncertainty of a measured or identified response in a picture: 95 % bands, and shading of untrusted lines."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def magnitude_band(
     if radius is None:
         return ()
     size = frf.magnitude
-    low, high = (style.decibel(factor * each) for each in (np.maximum(size - radius, _LEAST * size), size + radius))
+    low, high = (style.decibel(factor * edge) for edge in (np.maximum(size - radius, _LEAST * size), size + radius))
     return (_band(frf, units.from_decibel(low), units.from_decibel(high), number, units, name),)
 
 
@@ -43,7 +43,7 @@ def _radius(frf: FRF, model: bool) -> np.ndarray | None:
 def phase_band(
     frf: FRF, phase: np.ndarray, number: int, units: Units = DRAWN, *, model: bool = False
 ) -> tuple[Band, ...]:
-    """Round a phase in degrees, ± arcsin(r/|G|) with the radius r of `magnitude_band`; none without a variance."""
+    """The band ± arcsin(r/|G|) around a phase in degrees, r as in `magnitude_band`; none without a variance."""
     radius = _radius(frf, model)
     if radius is None:
         return ()
@@ -63,7 +63,7 @@ def doubtful(
     ratio  the panel has a logarithmic scale, as of gains that are not in dB
     """
     parts = list[tuple[float, float]]()
-    for low, high in sorted(each for frf in responses for each in _stretches(frf)):
+    for low, high in sorted(stretch for frf in responses for stretch in _stretches(frf)):
         if parts and low <= parts[-1][1]:  # what two of them share is shaded once
             low, high = parts[-1][0], max(high, parts.pop()[1])
         parts.append((low, high))
@@ -88,11 +88,11 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
 
 
 def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN) -> tuple[Panel, ...]:
-    """A strip with the coherence of those that have one, and where a line may carry a tuning; none without any."""
-    known = [(i, each) for i, each in responses if each.coherence is not None]
+    """A panel with the coherences, and the least one with which a tuning uses a line; none without a coherence."""
+    known = [(i, frf) for i, frf in responses if frf.coherence is not None]
     if not known:
         return ()
-    curves = tuple(Curve(units.of("Hz")[1] * each.frequency, np.asarray(each.coherence), number=i) for i, each in known)
+    curves = tuple(Curve(units.of("Hz")[1] * frf.frequency, np.asarray(frf.coherence), number=i) for i, frf in known)
     level = Level(TRUSTED, dashed=True)
-    shaded = doubtful((each for _, each in known), units, name=Text(f"coherence {Quantity(TRUSTED)} or less"))
+    shaded = doubtful((frf for _, frf in known), units, name=Text(f"coherence {Quantity(TRUSTED)} or less"))
     return (Panel("coherence", curves, levels=(level,), bands=shaded, low=0.0, high=1.05),)

@@ -20,7 +20,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Rep
             "Deviations from the nominal circle, enlarged; a ring is a division. Dots: where a circle begins; arrows: "
             "its direction.",
             "Radial deviations on the nominal circle, in both directions.",
-            lambda: plot.circle_test_chart(test, said=note),
+            lambda: plot.circle_test_chart(test, remark=note),
         ),
         Picture(
             "unrolled",

@@ -251,11 +251,11 @@ class _Reporting(Progress):
         self._last, self._told = (what, part), now
         self._pipe.send(("step", str(Text(f"{part}: {what}" if part else what)), done, of))
 
-    def show_remark(self, said: Any) -> None:
-        self._pipe.send(("remark", str(said)))
+    def show_remark(self, message: Any) -> None:
+        self._pipe.send(("remark", str(message)))
 
-    def show_better(self, cost: float, found: object) -> None:
-        self._held = Found(cost, found)
+    def show_better(self, cost: float, best: object) -> None:
+        self._held = Found(cost, best)
         now = time.monotonic()
         if now - self._drawn > _DRAWN:
             self._drawn = now

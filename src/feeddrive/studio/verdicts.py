@@ -21,7 +21,7 @@ def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, An
     several, sentences = len(look.figures) > 1, list[dict[str, Any]]()
     for verdict in look.judged:
         where = f" ({verdict.point})" if several else ""
-        at = "" if verdict.frequency is None else f" at {units.said(verdict.frequency, 'Hz')}"
+        at = "" if verdict.frequency is None else f" at {units.value_text(verdict.frequency, 'Hz')}"
         text = f"{verdict.judged.text}{at}{where}, limit: {limits.text(verdict.judged.limit)}"
         sentences.append({"text": resolve(text, units), "keeps": verdict.keeps})
     return sentences
@@ -37,7 +37,7 @@ def figure_words(look: Look, units: Units) -> str:
         phase = Quantity(least.phase_margin_deg, "deg", form="3")
         parts.append(f"crossover {Quantity(margins.crossover, 'Hz')}, phase margin {phase}{where}")
     if margins.gain_increase_dB is not None:
-        parts.append(f"the gain may rise by {units.gain_said(margins.gain_increase_dB)}")
+        parts.append(f"the gain may rise by {units.gain_text(margins.gain_increase_dB)}")
     if look.stable:
         stiff = leading.stiffness
         against = " against a force at the drive" if leading.at_drive else ""
@@ -52,7 +52,7 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units:
     if (peak := limits.limit(SENSITIVITY_PEAK)) is not None:
         lines["sensitivity"] = Level(_gain(units, peak.bound), peak.text.shown(units), dashed=True)
     if (largest := limits.bound(COMPLIANCE_PEAK)) is not None:
-        text = f"stiffness >= {units.said(1.0 / largest, 'N/m')}"
+        text = f"stiffness >= {units.value_text(1.0 / largest, 'N/m')}"
         least = units.of("N/m")[1] / largest
         lines["stiffness"] = Level(least, resolve(text, units), dashed=True)
     for name, line in lines.items():

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language.text import plain
-from feeddrive.plot.chart import Band, Chart, Curve, Level, Panel
+from feeddrive.plot.chart import Band, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.style import envelope
 
 POINTS = 2000  # of a curve, and pixels of the width of a picture
@@ -59,13 +59,21 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
         "high": panel.high,
         "share": panel.share,
         "curves": [_curve(curve, numbers, chart, panel, window) for curve in panel.curves],
-        "marks": [vars(mark) for mark in panel.marks],
+        "marks": [_mark(mark) for mark in panel.marks],
         "levels": [_level(level) for level in panel.levels],
         "discs": [vars(disc) for disc in panel.discs],
         "notes": [vars(note) for note in panel.notes],
         "bands": [_band(band, numbers) for band in panel.bands],
-        "said": panel.said,
+        "said": panel.caption,
         "heat": panel.heat and vars(panel.heat),
+    }
+
+
+def _mark(mark: Mark) -> dict[str, Any]:
+    """Encode a mark; the page calls its caption `said`, as it does those of panels and curves."""
+    return {
+        **{name: getattr(mark, name) for name in ("x", "y", "number", "hollow", "name", "key")},
+        "said": mark.caption,
     }
 
 
@@ -85,7 +93,7 @@ def _curve(
         "name": curve.name,
         "number": curve.number,
         "look": curve.look,
-        "said": curve.said,
+        "said": curve.caption,
         "at": at,
         "n": x.size,
         "heat": curve.heat is not None,

@@ -1,4 +1,4 @@
-"""What variants start from: one law of a job with its system, references and loads, and its numbers by path."""
+"""The starting point of variants: one law of a job with its system, references and loads, and its numbers by path."""
 
 from __future__ import annotations
 
@@ -46,23 +46,23 @@ class Base:
 
     def references(self, changed: dict[str, Other] | None = None) -> Reference | dict[str, Reference]:
         """The motion as `simulate` takes it; axes without one stand still."""
-        given = self.moved if changed is None else changed
-        own = given[self.axis].reference
+        moved = self.moved if changed is None else changed
+        own = moved[self.axis].reference
         assert own is not None
         if not isinstance(self.system, Machine):
             return own
         still = LinearMove(distance=0.0, travel_time=max(own.duration, float(self.system.sample_time)))
-        return {axis: (given[axis].reference or still) if axis in given else still for axis in self.system.axes()}
+        return {axis: (moved[axis].reference or still) if axis in moved else still for axis in self.system.axes()}
 
     def loads(self, changed: dict[str, Other] | None = None) -> Load | dict[str, Load] | None:
         """The forces on the tables as `simulate` takes them."""
-        given = self.moved if changed is None else changed
+        moved = self.moved if changed is None else changed
         if not isinstance(self.system, Machine):
-            return given[self.axis].load
-        return {axis: each.load for axis, each in given.items() if each.load is not None} or None
+            return moved[self.axis].load
+        return {axis: other.load for axis, other in moved.items() if other.load is not None} or None
 
     def place(self, path: str) -> tuple[str, str, str]:
-        """Axis, "reference" or "load", and the path in it, of a path of the work; empty texts for the system's."""
+        """Split a path of a motion or load into axis, "reference" or "load", and rest; other paths have no axis."""
         first, _, rest = path.partition(".")
         if first in ("reference", "load"):
             return self.axis, first, rest
@@ -79,10 +79,10 @@ class Base:
         axis, kind, rest = self.place(path)
         if not kind:
             return self.system, path
-        found = getattr(self.moved[axis], kind)
-        if found is None:
+        block = getattr(self.moved[axis], kind)
+        if block is None:
             raise ParameterError(f"there is no '{path}': {self.job.file.name} has no [{path.rpartition('.')[0]}]")
-        return found, rest
+        return block, rest
 
     def declaration(self, path: str) -> Declaration:
         """The declaration of a path. Raises ParameterError, with the row, for one that is not there."""
@@ -106,5 +106,5 @@ class Base:
     def blocks(self) -> Iterator[Block]:
         """The system, and the motions and loads of all axes."""
         yield self.system
-        for each in self.moved.values():
-            yield from (block for block in (each.reference, each.load) if block is not None)
+        for other in self.moved.values():
+            yield from (block for block in (other.reference, other.load) if block is not None)

@@ -81,20 +81,20 @@ class Rows:
     """Figures and reasons of the variants of a chunk, by their place in it; a figure that does not occur is NaN."""
 
     def __init__(self, measure: tuple[Figure, ...], count: int) -> None:
-        self.figures = {each.key: np.full(count, np.nan) for each in measure}
+        self.figures = {figure.key: np.full(count, np.nan) for figure in measure}
         self.reasons: list[str | None] = [None] * count
 
     def refuse(self, place: int, reason: object) -> None:
-        """The variant at a place is bad: it keeps its first reason, and no figures."""
+        """Mark the variant at a place as bad: its first reason stays, its figures are dropped."""
         self.reasons[place] = self.reasons[place] or plain(str(reason)) or type(reason).__name__
         for values in self.figures.values():
             values[place] = np.nan
 
     @contextmanager
     def refusing(self, place: int) -> Generator[None]:
-        """Whatever is raised is the reason of the variant at a place.
+        """Record an exception as the reason of the variant at a place.
 
-        One variant ends no sweep of thousands, and neither does a figure of somebody else that fails for it.
+        Neither a bad variant nor a user-defined figure that fails may end a sweep of thousands.
         """
         try:
             yield
@@ -135,25 +135,25 @@ def varied(group: VariantGroup) -> System:
 
 
 def _alike(group: VariantGroup) -> list[np.ndarray]:
-    """Variants with the same whole samples of dead time, and alike in whether a part of one is left.
+    """Group variants by the whole samples of their dead time, and by whether a fraction of a sample is left.
 
-    Both make another graph, and with it other last bits.
+    Either of them changes the graph, and with it the last bits.
     """
-    found: dict[tuple[Any, ...], list[int]] = {}
+    groups: dict[tuple[Any, ...], list[int]] = {}
     delays: list[Any] = []
     for loop in group.system.loops().values():
         path = tree.path_of(loop, "axis.actuator.dead_time")
         dead_time: Any = group.changes.get(path, loop.axis.actuator.dead_time)
         samples = samples_of(dead_time, loop.sample_time)
         delays += [ops.floor(samples), samples > ops.floor(samples)]
-    columns = [np.broadcast_to(each, len(group.rows)).tolist() for each in delays]
+    columns = [np.broadcast_to(delay, len(group.rows)).tolist() for delay in delays]
     for place, kind in enumerate(zip(*columns, strict=True)):
-        found.setdefault(kind, []).append(place)
-    return [np.array(each) for each in found.values()]
+        groups.setdefault(kind, []).append(place)
+    return [np.array(places) for places in groups.values()]
 
 
 def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
-    """Those of some variants of a group that can be made; a group that holds one that cannot is halved."""
+    """Return the variants that can be built; a set that holds one that cannot is halved until it is found."""
     try:
         if some.size == 1:
             group.one(int(some[0]))
@@ -169,7 +169,7 @@ def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
 
 def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, threads: int, progress: Progress) -> None:
     """The figures of the variants of one graph: of the batch, then of each variant's linear model and own run."""
-    wanted = {need: [each for each in study.measure if each.needs == need] for need in NEEDS}
+    wanted = {need: [figure for figure in study.measure if figure.needs == need] for need in NEEDS}
     if wanted["statistics"]:
         _gather(group, system, wanted["statistics"], rows, threads, progress)
     if not (wanted["model"] or wanted["run"]):
@@ -180,18 +180,18 @@ def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, thread
         if rows.reasons[row] is None:
             with rows.refusing(row):
                 linear = LinearLoop(group.loop(place), speed) if wanted["model"] else None
-                for each in wanted["model"]:
-                    rows.figures[each.key][row] = each.value(linear)
+                for figure in wanted["model"]:
+                    rows.figures[figure.key][row] = figure.value(linear)
                 run = run_of(group, place) if wanted["run"] else None
-                for each in wanted["run"]:
-                    rows.figures[each.key][row] = each.value(run)
+                for figure in wanted["run"]:
+                    rows.figures[figure.key][row] = figure.value(run)
 
 
 def _gather(
     group: VariantGroup, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress
 ) -> None:
-    """Figures of the statistics of a batch; one that cannot be run is halved until the variant at fault is alone."""
-    signals = dict.fromkeys(f"{group.port}{signal}" for each in wanted for signal in each.signals)
+    """Figures of the statistics of a batch; a batch that cannot be run is halved down to the variant at fault."""
+    signals = dict.fromkeys(f"{group.port}{signal}" for figure in wanted for signal in figure.signals)
     try:
         batch = simulate_batch(
             system,
@@ -214,8 +214,8 @@ def _gather(
             _gather(half, varied(half), wanted, rows, threads, progress)
         return
     statistics = Statistics(batch, group.port)
-    for each in wanted:
-        rows.figures[each.key][group.rows] = each.read(statistics)
+    for figure in wanted:
+        rows.figures[figure.key][group.rows] = figure.read(statistics)
     for place in np.flatnonzero(batch.left >= 0):
         sample = int(batch.left[place])
         rows.refuse(
@@ -228,7 +228,7 @@ def _gather(
 
 
 def run_of(group: VariantGroup, place: int) -> Run:
-    """One variant over time, as its axis alone has it."""
+    """Simulate one variant; of a machine return the signals of the measured axis."""
     system = group.one(place)
     seed = int(group.seed[place])
     run = simulate(system, group.references, load=group.loads, duration=group.duration, seed=seed, name=group.axis)

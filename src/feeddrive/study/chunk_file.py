@@ -60,7 +60,7 @@ def chunk_rows(content: bytes, *, sealed: bool) -> tuple[Any, str]:
 
 
 def _digest(head: bytes, tail: bytes) -> bytes:
-    found = hashlib.sha256(head)
+    digest = hashlib.sha256(head)
     for part in (_KEY, _VALUE, _BLANK, tail):
-        found.update(part)
-    return found.hexdigest().encode()
+        digest.update(part)
+    return digest.hexdigest().encode()

@@ -167,7 +167,9 @@ class Discrete:
             raise ParameterError("values must have at least one entry")
         if self.weights and len(self.weights) != len(self.values):
             raise ParameterError(f"{len(self.weights)} weights for {len(self.values)} values: give one for each")
-        if any(not (math.isfinite(each) and each >= 0.0) for each in self.weights) or not sum(self.weights or (1.0,)):
+        if any(not (math.isfinite(weight) and weight >= 0.0) for weight in self.weights) or not sum(
+            self.weights or (1.0,)
+        ):
             raise ParameterError("weights must be finite numbers >= 0, one of them > 0")
 
     def places(self, u: np.ndarray) -> np.ndarray:
@@ -179,14 +181,14 @@ class Discrete:
 
     def at(self, u: np.ndarray) -> np.ndarray:
         """The values at u: an array of numbers, or of objects for texts and whole numbers."""
-        kind = np.float64 if all(isinstance(each, float) for each in self.values) else object
+        kind = np.float64 if all(isinstance(value, float) for value in self.values) else object
         row = np.empty(len(self.values), dtype=kind)
         row[:] = self.values
         return row[self.places(u)]
 
     def range(self) -> tuple[float, float]:
         """The least and the largest of numbers; infinite for texts."""
-        if all(isinstance(each, float) for each in self.values):
+        if all(isinstance(value, float) for value in self.values):
             return min(self.values), max(self.values)
         return -math.inf, math.inf
 

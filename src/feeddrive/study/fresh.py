@@ -38,26 +38,26 @@ class Measured:
 
     @property
     def count(self) -> int:
-        """How many machines."""
+        """The number of machines."""
         return len(next(iter(self.values.values())))
 
     def keeping(self, bound: Bound) -> Share:
-        """Those that keep one bound."""
+        """The share of the machines that keep one bound."""
         return Share(int(np.sum(bound.kept(self.values[bound.figure.key]))), self.count)
 
     @property
     def good(self) -> np.ndarray:
-        """Which keep all bounds, shape (n,)."""
+        """True for the machines that keep all bounds, shape (n,)."""
         kept = [bound.kept(self.values[bound.figure.key]) for bound in self.bounds]
         return np.logical_and.reduce([np.ones(self.count, dtype=bool), *kept])
 
     @property
     def all(self) -> Share:
-        """Those that keep all bounds: the yield."""
+        """The yield: the share of the machines that keep all bounds."""
         return Share(int(np.sum(self.good)), self.count)
 
     def quantile(self, name: str, share: float) -> float:
-        """Of a figure, over the machines that have one; NaN if none has."""
+        """Return a quantile of a figure over the machines that have it; NaN if none has."""
         values = self.values[name]
         values = values[~np.isnan(values)]
         return float(np.quantile(values, share)) if values.size else float("nan")
@@ -73,7 +73,7 @@ def measured(
     progress: Progress,
 ) -> Measured:
     """The figures of `count` fresh machines of a study under a control."""
-    wanted = {each.key: each for each in (*(bound.figure for bound in bounds), *also)}
+    wanted = {figure.key: figure for figure in (*(bound.figure for bound in bounds), *also)}
     fresh = replace(
         with_control(study, control),
         stream=STREAM,
@@ -98,20 +98,20 @@ def _limited(figure: Figure) -> tuple[Figure, bool]:
 
 
 def limits_of(study: Study, otherwise: Limits) -> Limits:
-    """What the tuner can keep of a study's specification; where that is silent the limits that are given.
+    """Return the limits of the tuner that a study's specification states; the others are those of `otherwise`.
 
     The least stiffness is the inverse of the largest compliance.  Figures of runs and others are not limits of the
     tuner, but the fresh machines are judged by them.
     """
     stated = {bound.figure: bound for bound in study.specification}
-    found: list[Limit] = []
+    limits: list[Limit] = []
     for limited in limitable():
         measurable, inverse = _limited(limited)
         bound = stated.get(measurable)
         value = None if bound is None else bound.least if measurable.higher else bound.most
         if value is not None and not _needs_noise(limited):
-            found.append(Limit(limited, 1.0 / value if inverse else value))
-    return otherwise.having(*found)
+            limits.append(Limit(limited, 1.0 / value if inverse else value))
+    return otherwise.having(*limits)
 
 
 def _needs_noise(figure: Figure) -> bool:
@@ -121,17 +121,17 @@ def _needs_noise(figure: Figure) -> bool:
 
 def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
     """The study's specification, and the tuner's limits as bounds of figures where it has none for them."""
-    found = {bound.figure: bound for bound in study.specification}
+    bounds = {bound.figure: bound for bound in study.specification}
     for limit in limits.limits:
         limited, inverse = _limited(limit.figure)
-        if limited in found or _needs_noise(limit.figure):
+        if limited in bounds or _needs_noise(limit.figure):
             continue
         end = 1.0 / limit.bound if inverse else limit.bound
-        found[limited] = Bound(limited, end if limited.higher else None, None if limited.higher else end)
-    return tuple(found.values())
+        bounds[limited] = Bound(limited, end if limited.higher else None, None if limited.higher else end)
+    return tuple(bounds.values())
 
 
 def is_limit(bound: Bound) -> bool:
-    """Whether a bound is one that the tuner keeps."""
+    """Return True for a bound that the tuner can keep."""
     known = {limited for limited, _ in map(_limited, limitable()) if not _needs_noise(limited)}
     return bound.figure in known and (bound.least if bound.figure.higher else bound.most) is not None

@@ -44,14 +44,14 @@ def read_jobs(
 
 
 def _job_file(root: TomlTable, place: Path, name: str | None, of_study: Collection[str]) -> tuple[TomlFile, Path]:
-    """The job file, and where it is; of a study with the keys of a job this file without its own."""
+    """The job file and its path; for a study that holds the keys of a job, the study file without its own keys."""
     if name is None:
         content = {key: value for key, value in root.values.items() if key not in of_study}
         return replace(root.file, content=content), place
     beside = place.parent / name
     try:
-        given = beside if beside.exists() else find_bundled(name, "jobs")
-        return read_toml(given, "a job", quoting=False), given
+        path = beside if beside.exists() else find_bundled(name, "jobs")
+        return read_toml(path, "a job", quoting=False), path
     except FileError as error:
         raise type(error)(f"{root.where('job')}: job: {error}") from None
 
@@ -69,13 +69,13 @@ def _job(
     place: Path,
 ) -> Job:
     """The job with the values of the choices."""
-    given = dict(zip(keys, values, strict=True))
-    of_job = {key: value for key, value in given.items() if _is_of_job(key)}
-    of_machine = {key: value for key, value in given.items() if key not in of_job}
+    by_key = dict(zip(keys, values, strict=True))
+    of_job = {key: value for key, value in by_key.items() if _is_of_job(key)}
+    of_machine = {key: value for key, value in by_key.items() if key not in of_job}
     try:
         job = job_of(with_values(file, of_job), place, values=of_machine)
     except FeeddriveError as error:
-        if not given:
+        if not by_key:
             raise
         stated = ", ".join(f"{choice.choice} = {shown(value)}" for choice, value in zip(choices, values, strict=True))
         raise choices[0].error(f"with {stated}: {error}", kind=type(error)) from None

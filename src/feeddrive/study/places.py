@@ -29,7 +29,7 @@ class Place(Protocol):
         ...
 
     def has(self, name: str) -> bool:
-        """Whether there is a file of this name."""
+        """Return True if there is a file of this name."""
         ...
 
     def read(self, name: str, most: int) -> bytes:
@@ -82,7 +82,7 @@ class Folder:
     def names(self, folder: str = "") -> list[str]:
         """Names in a folder, in order, without hidden ones."""
         try:
-            return sorted(each.name for each in (self._root / folder).iterdir() if not each.name.startswith("."))
+            return sorted(entry.name for entry in (self._root / folder).iterdir() if not entry.name.startswith("."))
         except FileNotFoundError:
             return []
         except OSError as error:
@@ -99,7 +99,7 @@ class Folder:
     def check_writable(self) -> None:
         """Raise FileError for a place below a file or in a folder of somebody else."""
         try:
-            there = next(each for each in (self._root, *self._root.absolute().parents) if each.exists())
+            there = next(folder for folder in (self._root, *self._root.absolute().parents) if folder.exists())
             if not there.is_dir():
                 raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
             if not os.access(there, os.W_OK | os.X_OK):
@@ -136,13 +136,13 @@ class Remote:
         """Names in a folder, in order, without hidden ones."""
         try:
             self._files.invalidate_cache()  # another client may have written since
-            found = self._files.ls(self._path(folder), detail=False)
+            entries = self._files.ls(self._path(folder), detail=False)
         except FileNotFoundError:
             return []
         except Exception as error:  # a file system of another package raises what it likes
             raise self._refusal(folder, "read", error) from None
-        there = (str(each).rstrip("/").rpartition("/")[2] for each in found)
-        return sorted(each for each in there if each and not each.startswith("."))
+        there = (str(entry).rstrip("/").rpartition("/")[2] for entry in entries)
+        return sorted(name for name in there if name and not name.startswith("."))
 
     def has(self, name: str) -> bool:
         """Whether there is a file of this name."""
@@ -163,7 +163,7 @@ class Remote:
         return content
 
     def check_writable(self) -> None:
-        """Only a write would show it."""
+        """Check nothing: only a write would show it."""
 
     def write(self, name: str, content: bytes) -> None:
         """Write under a hidden name, then move: not every protocol puts a file in one piece."""

@@ -19,15 +19,15 @@ _LEAST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53  # of the numbers in (0, 1)
 def uniform(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
     """Independent numbers of (0, 1) for variants first .. first + count - 1, shape (count, dimensions)."""
     key = np.random.SeedSequence(seed).generate_state(2, np.uint64)
-    found = np.empty((count, dimensions))
+    numbers = np.empty((count, dimensions))
     at = first
     while at < first + count:
         block, offset = divmod(at, BLOCK)
         drawn = np.random.Generator(np.random.Philox(counter=[0, 0, 0, block], key=key)).random((BLOCK, dimensions))
         size = min(BLOCK - offset, first + count - at)
-        found[at - first : at - first + size] = drawn[offset : offset + size]
+        numbers[at - first : at - first + size] = drawn[offset : offset + size]
         at += size
-    return np.maximum(found, _LEAST)  # never 0, whose quantile may be infinite
+    return np.maximum(numbers, _LEAST)  # never 0, whose quantile may be infinite
 
 
 def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
@@ -37,46 +37,46 @@ def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.
     if not dimensions:
         return np.empty((count, 0))
     rng = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
-    made = qmc.Sobol(dimensions, scramble=True, bits=BITS, rng=rng)
+    sequence = qmc.Sobol(dimensions, scramble=True, bits=BITS, rng=rng)
     if first:
-        made.fast_forward(first)
-        return made.random(count) + _CELL
+        sequence.fast_forward(first)
+        return sequence.random(count) + _CELL
     # one and the rest: SciPy warns of a first call for other than a power of 2, of which each chunk is only a part
-    return np.concatenate([made.random(min(count, 1)), made.random(max(count - 1, 0))]) + _CELL
+    return np.concatenate([sequence.random(min(count, 1)), sequence.random(max(count - 1, 0))]) + _CELL
 
 
 def latin_hypercube(seed: tuple[int, ...], first: int, count: int, dimensions: int, total: int) -> np.ndarray:
     """Points of a Latin hypercube of `total` points: one in each stratum of each coordinate."""
     inside = uniform((*seed, 1), first, count, dimensions)
     number = np.arange(first, first + count, dtype=np.uint64)
-    found = np.empty((count, dimensions))
+    points = np.empty((count, dimensions))
     for j in range(dimensions):
         strata = permuted(number, total, (*seed, 2, j))
-        found[:, j] = np.minimum((strata + inside[:, j]) / total, _LARGEST)
-    return found
+        points[:, j] = np.minimum((strata + inside[:, j]) / total, _LARGEST)
+    return points
 
 
 _ROUNDS = 6
 
 
 def permuted(number: np.ndarray, total: int, seed: tuple[int, ...]) -> np.ndarray:
-    """Where a random permutation of 0 .. total - 1 sends numbers; dtype uint64, same shape.
+    """Apply a random permutation of 0 .. total - 1 to numbers; dtype uint64, same shape.
 
-    A Feistel network permutes 0 .. 4^h - 1 >= total; what it sends beyond `total` it sends on until it is inside
-    (Black & Rogaway 2002, cycle walking): on average less than four times.
+    A Feistel network permutes 0 .. 4^h - 1, where 4^h >= total; results of `total` or more are permuted again until
+    they are below it (Black & Rogaway 2002, cycle walking): on average less than four times.
     """
     half = np.uint64(max(1, ((total - 1).bit_length() + 1) // 2))
     mask = (np.uint64(1) << half) - np.uint64(1)
     keys = np.random.SeedSequence(seed).generate_state(_ROUNDS, np.uint64)
-    found = number.astype(np.uint64)
-    outside = np.arange(found.size)
+    image = number.astype(np.uint64)
+    outside = np.arange(image.size)
     while outside.size:
-        left, right = found[outside] >> half, found[outside] & mask
+        left, right = image[outside] >> half, image[outside] & mask
         for key in keys:
             left, right = right, left ^ (_mixed(right ^ key) & mask)
-        found[outside] = (left << half) | right
-        outside = outside[found[outside] >= np.uint64(total)]
-    return found
+        image[outside] = (left << half) | right
+        outside = outside[image[outside] >= np.uint64(total)]
+    return image
 
 
 def _mixed(x: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, .
     """
     dimensions = sum(groups)
     ends = np.cumsum((0, *groups))
-    found = np.empty((count, dimensions))
+    rows = np.empty((count, dimensions))
     at = first
     while at < first + count:
         part, row = divmod(at, total)
@@ -104,15 +104,15 @@ def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, .
         if part > 1:
             own = slice(ends[part - 2], ends[part - 1])
             points[:, own] = both[:, dimensions:][:, own]
-        found[at - first : at - first + size] = points
+        rows[at - first : at - first + size] = points
         at += size
-    return found
+    return rows
 
 
 def grid(first: int, count: int, steps: tuple[int, ...]) -> np.ndarray:
     """Indices of the points of a grid, the last coordinate fastest, shape (count, dimensions)."""
     number = np.arange(first, first + count, dtype=np.int64)
-    found = np.empty((count, len(steps)), dtype=np.int64)
+    indices = np.empty((count, len(steps)), dtype=np.int64)
     for j in range(len(steps) - 1, -1, -1):
-        number, found[:, j] = np.divmod(number, steps[j])
-    return found
+        number, indices[:, j] = np.divmod(number, steps[j])
+    return indices

@@ -69,7 +69,7 @@ class Robust(Result):
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis turns."""
+        """True if the axis is rotary."""
         return self.tuned.rotary
 
     @property
@@ -79,11 +79,11 @@ class Robust(Result):
 
     @property
     def better(self) -> bool:
-        """Whether more of the fresh machines are good than under today's control, or as many."""
+        """True if at least as many fresh machines are good as under today's control."""
         return self.after.all.kept >= self.before.all.kept
 
     def sentence(self) -> str:
-        """What came out, with both yields."""
+        """The result in words, with both yields."""
         n, m = self.seen.goal.size, self.after.count
         aim = "all" if self.share == 1.0 else f"{Quantity(self.share, 'share'):6}"
         kept = int(np.sum(self.seen_new.kept))
@@ -98,13 +98,14 @@ class Robust(Result):
         """Shares of fresh machines within each bound, and quantiles of the rope-snap error, before and after."""
         rows: list[Sequence[Cell]] = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
         rows += [
-            [said(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]
+            [bound_sentence(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]
             for bound in self.after.bounds
         ]
         for share in (0.05, 0.5, 0.95):
             head = Text(f"rope-snap error, {Quantity(share, 'share'):6} quantile")
             cells = [
-                Quantity(each.quantile(ROPE_SNAP.key, share), ROPE_SNAP.unit) for each in (self.before, self.after)
+                Quantity(machines.quantile(ROPE_SNAP.key, share), ROPE_SNAP.unit)
+                for machines in (self.before, self.after)
             ]
             rows.append([head, *cells])
         title = f"{self.after.count} fresh machines: share within bounds (95 % interval)"
@@ -127,7 +128,7 @@ def in_percent(share: Share) -> str:
     )
 
 
-def said(bound: Bound) -> str:
+def bound_sentence(bound: Bound) -> str:
     """A bound in words: `following_error_peak_m <= 30 um`."""
     ends = ((">=", bound.least), ("<=", bound.most))
     texts = [f"{sign} {Quantity(value, bound.figure.unit)}" for sign, value in ends if value is not None]
@@ -214,7 +215,7 @@ class RobustTuner:
         self.fresh = fresh or max(200, len(self.sample.points))
 
     def tuned(self, control: Control) -> Robust:
-        """The best control from a start. Raises UnstableError as `tune_robust`."""
+        """Tune from a start control. Raises UnstableError as `tune_robust`."""
         search = _Search(self)
         tuned, unsettled = search.run(control)
         return Robust(
@@ -231,11 +232,11 @@ class RobustTuner:
 
     @property
     def kept_bounds(self) -> tuple[Bound, ...]:
-        """What the tuner keeps, as bounds of figures."""
-        return tuple(each for each in bounds_of(self.study, self.limits) if is_limit(each))
+        """The limits of the tuner as bounds of figures."""
+        return tuple(bound for bound in bounds_of(self.study, self.limits) if is_limit(bound))
 
     def judged(self, control: Control) -> Merits:
-        """A control on all sampled machines."""
+        """Judge a control on all sampled machines."""
         self.progress.step(f"{len(self.sample.points)} machines under the control")
         return self.sample.merits(control, goals()[self.goal], self.limits, self.band)
 
@@ -293,7 +294,7 @@ class _Search:
         return best[1], f"after {_ROUNDS} rounds machines still join that are worse than those the tuner had"
 
     def _tuned(self, control: Control, active: list[int], starts: int) -> Tuned:
-        """The tuner on some machines; notches are placed in the first round alone."""
+        """Run the tuner on some machines; notches are placed in the first round only."""
         of = self.tuner
         filters = "free" if self.rounds and of.filters == "placed" else of.filters
         of.progress.step(f"round {len(self.rounds) + 1}: {len(active)} machines decide")

@@ -13,7 +13,7 @@ from feeddrive.study.specification import Bound
 
 
 def shares_chart(before: Measured, after: Measured) -> Chart:
-    """By figure the share of the machines below each value; what lies outside of a bound is shaded."""
+    """The cumulative share of the machines over the values of each figure; the outside of a bound is shaded."""
     bounds = {bound.figure.key: bound for bound in after.bounds}
     across = 2 if len(after.figures) > 1 else 1
     panels = tuple(_share(figure, before, after, bounds.get(figure.key)) for figure in after.figures)
@@ -33,7 +33,7 @@ def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | Non
         outside.append(Box(low, max(low, factor * bound.least), number=ALERT, pale=True))
     if bound is not None and bound.most is not None:
         outside.append(Box(min(high, factor * bound.most), high, number=ALERT, pale=True))
-    label = f"{_said(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}"
+    label = f"{_axis_name(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}"
     return Panel(
         "machines below (%)",
         tuple(curves),
@@ -45,7 +45,7 @@ def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | Non
 
 
 def _sorted(values: np.ndarray) -> np.ndarray:
-    """The values that there are, the least first."""
+    """Sort the finite values."""
     return np.sort(values[np.isfinite(values)])
 
 
@@ -54,10 +54,10 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
     every = np.concatenate(spread)
     if not every.size:
         return 0.0, 1.0
-    low, high = (float(each) for each in np.quantile(every, [0.005, 0.995]))
+    low, high = (float(end) for end in np.quantile(every, [0.005, 0.995]))
     return style.padded(low, high) if high > low else (low - 0.5 * abs(low) - 1e-12, high + 0.5 * abs(high) + 1e-12)
 
 
-def _said(figure: Figure) -> str:
-    """Its meaning, short enough for an axis."""
+def _axis_name(figure: Figure) -> str:
+    """The label of a figure: its description, or its key if that is too long for an axis."""
     return figure.description if len(figure.description) <= 44 else figure.key.replace("_", " ")

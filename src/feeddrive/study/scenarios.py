@@ -19,16 +19,18 @@ from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 
 MOST = 5_000  # machines that are held in memory, some 100 kB each
-KEPT = 2e-3  # of a bound: what counts as kept, as in the proof of a tuning
-_VIOLATION = 1e3  # of the goal's logarithm: a broken bound outweighs every goal
+KEPT = 2e-3  # relative excess at which a bound still counts as kept, as in the proof of a tuning
+_VIOLATION = 1e3  # weight of an excess in the goal's logarithm: a violated bound outweighs every goal
 
 
 @dataclass(frozen=True, eq=False)
 class Scenarios:
     """Machines of a study that a control is judged on.
 
-    points   all lines of each, for the tuner
-    bad      numbers and reasons of variants that cannot be made
+    points    with all frequency lines, for the tuner
+    sparse    with fewer lines, to judge a control quickly
+    velocity  m/s, at which the axes are linearized
+    bad       numbers and reasons of variants that cannot be built
     """
 
     points: tuple[OperatingPoint, ...]
@@ -37,19 +39,19 @@ class Scenarios:
     bad: tuple[tuple[int, str], ...]
 
     def merits(self, control: Control, goal: Figure, limits: Limits, band: tuple[float, float]) -> Merits:
-        """How the control does on each machine."""
+        """Judge a control on each machine."""
         response = ControlResponse(control, self.points[0].sample_time, (), self.velocity)
         none = np.zeros(0)
-        found, broken = np.full(len(self.points), np.inf), np.full(len(self.points), np.inf)
+        goals, broken = np.full(len(self.points), np.inf), np.full(len(self.points), np.inf)
         for i, point in enumerate(self.sparse):
             try:
                 judged = Criteria((point,), response, goal, limits, band)(none)
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
                 continue
             if judged.stable and np.isfinite(judged.goal[0]):
-                found[i] = judged.goal[0]
+                goals[i] = judged.goal[0]
                 broken[i] = max((-bound.slack for bound in judged.bounds), default=-math.inf)
-        return Merits(found, broken)
+        return Merits(goals, broken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +66,12 @@ class Merits:
 
     @property
     def kept(self) -> np.ndarray:
-        """Where all bounds are kept."""
+        """True for machines on which all bounds are kept."""
         return self.broken <= KEPT
 
     @property
     def severity(self) -> np.ndarray:
-        """One number for both: less is better, and a broken bound is worse than every goal."""
+        """Merit of each machine, lower is better: one that violates a bound ranks behind all that do not."""
         with np.errstate(invalid="ignore"):
             excess = np.maximum(self.broken - KEPT, 0.0)
         return np.where(np.isfinite(self.goal), self.goal + _VIOLATION * excess, np.inf)
@@ -84,7 +86,7 @@ def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
     if not 1 <= samples <= MOST:
         raise ParameterError(f"samples = {samples} must be 1 to {MOST:,} machines, all of which are held in memory")
     drawn = variants(study, 0, min(samples, study.count))
-    made: dict[int, OperatingPoint] = {}
+    by_number: dict[int, OperatingPoint] = {}
     bad: list[tuple[int, str]] = []
     speeds: list[float] = []
     done = 0
@@ -95,13 +97,13 @@ def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
             done += 1
             number = drawn.first + row
             try:
-                made[number] = modelled_point(group.loop(place), f"variant {number}", velocity=velocity)
+                by_number[number] = modelled_point(group.loop(place), f"variant {number}", velocity=velocity)
             except FeeddriveError as error:
                 bad.append((number, str(error)))
         speeds.append(velocity)
-    if not made:
+    if not by_number:
         raise ParameterError(f"no machine of the study can be made; variant {bad[0][0]}: {bad[0][1]}")
-    points = tuple(made[number] for number in sorted(made))
+    points = tuple(by_number[number] for number in sorted(by_number))
     sparse = tuple(point.chosen(point.sparse()) for point in points)
     return Scenarios(points, sparse, float(np.median(speeds)), tuple(sorted(bad)))
 
@@ -113,10 +115,10 @@ def _require_axis(study: Study) -> None:
     if coupled:
         raise ParameterError(f"{study.file.name}: {coupled}; the tuner works on one axis alone")
     place = f"{base.loop.place_of('control')}."
-    for each in study.vary:
-        if any(path.startswith(place) for path in each.paths) or each.name == "row":
+    for varied in study.vary:
+        if any(path.startswith(place) for path in varied.paths) or varied.name == "row":
             raise ParameterError(
-                f"{study.file.name}: '{each.name}' varies the control, which is what is tuned: leave it out"
+                f"{study.file.name}: '{varied.name}' varies the control, which is what is tuned: leave it out"
             )
 
 

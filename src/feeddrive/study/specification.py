@@ -1,4 +1,4 @@
-"""What a study measures, and what a good machine keeps: `measure` and `[specification]` of a study file."""
+"""The figures of a study, and the bounds of a good machine: `measure` and `[specification]` of a study file."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from feeddrive.language.quantity import number
 
 @dataclass(frozen=True)
 class Bound:
-    """What a figure of a good machine keeps, in SI; None where it is open."""
+    """The bounds of a figure of a good machine, in SI; None for an open end."""
 
     figure: Figure
     least: float | None
     most: float | None
 
     def kept(self, values: np.ndarray) -> np.ndarray:
-        """Which values keep it; NaN does not."""
+        """True for values within the bounds, False for NaN."""
         low = -np.inf if self.least is None else self.least
         high = np.inf if self.most is None else self.most
         return (values >= low) & (values <= high)
@@ -49,7 +49,7 @@ class BoundSection(Section, kind="bound"):
 
 
 def unit_bounded(table: TomlTable, allow: Sequence[str]) -> str:
-    """The unit of the bounds of a figure, by whose name the table stands."""
+    """Return the unit of a bound: that of the figure that the table is named after."""
     name = str(table.key[-1])
     try:
         return figure(name, allow).unit

@@ -41,7 +41,7 @@ GO_ON = "then go on with --resume"
 
 @dataclass(frozen=True)
 class Manifest:
-    """What the rows of a store are of.
+    """The study whose rows a store holds.
 
     study    text of the study file
     digest   SHA-256 (hex) over all that decides the rows: study, machine, job, part programs
@@ -82,8 +82,8 @@ class Store:
     def __init__(self, address: str | Path) -> None:
         self._place = place(address)
         self._manifest: Manifest | None = None
-        self._made = False  # whether the manifest is written
-        self._sealed = True  # whether all chunks must hold their SHA-256; not so in a store of before
+        self._made = False  # True once the manifest is written
+        self._sealed = True  # all chunks must hold their SHA-256, which stores of earlier versions did not have
         self._schema: Any = None  # of the first chunk that was read or written: all others have it, too
 
     @property
@@ -92,20 +92,20 @@ class Store:
         return self._place.address
 
     def manifest(self) -> Manifest:
-        """What it holds the rows of. Raises FileError if there is no store, or its manifest is damaged."""
+        """The manifest of the store. Raises FileError if there is no store, or its manifest is damaged."""
         if self._manifest is None:
             self._manifest = self._read_manifest()
             self._made = True
         return self._manifest
 
     def begin(self, manifest: Manifest, *, resume: bool = False) -> frozenset[int]:
-        """Begin the store, or go on with it; the chunks that are done. The first chunk that is written makes it.
+        """Start a store, or continue one; return the finished chunks. The first chunk that is written creates it.
 
         Raises FileError, before anything is written, for a folder that is not empty and no store, a store that is there
         already without `resume`, one of another study or version, and one with a damaged or foreign file.
         """
         if not self._place.has(MANIFEST):
-            if strangers := [each for each in self._place.names() if each != MARKER]:
+            if strangers := [name for name in self._place.names() if name != MARKER]:
                 raise FileError(
                     f"{self.address}: exists and holds '{strangers[0]}', which is not of a sweep: "
                     "choose another directory, or move that away"
@@ -186,18 +186,18 @@ class Store:
 
     def _numbers(self) -> list[int]:
         """Numbers of the chunk files, in order. Raises FileError for a file that is none."""
-        found = list[int]()
+        numbers = list[int]()
         for name in self._place.names(ROWS):
             match = _NAME.fullmatch(name)
             if match is None or int(match[1]) >= self.manifest().chunks:
                 raise FileError(
                     f"{self.address}/{ROWS}/{name}: is no chunk of this sweep, and would be read as one: move it away"
                 )
-            found.append(int(match[1]))
-        return found
+            numbers.append(int(match[1]))
+        return numbers
 
     def _objection(self, number: int, rows: Any) -> str:
-        """Why a table is not the rows of a chunk, empty if it is."""
+        """Return why a table cannot be the rows of a chunk; empty if it can."""
         import numpy as np
         import pyarrow as arrow
 
@@ -215,16 +215,16 @@ class Store:
     def _read_manifest(self) -> Manifest:
         where = f"{self.address}/{MANIFEST}"
         try:
-            found = json.loads(self._place.read(MANIFEST, _MOST_MANIFEST))
-            if found.pop("kind") != _KIND:
+            entries = json.loads(self._place.read(MANIFEST, _MOST_MANIFEST))
+            if entries.pop("kind") != _KIND:
                 raise ValueError("it is of another program")
-            found.pop("chunks")
-            self._sealed = found.pop("sealed", False)
+            entries.pop("chunks")
+            self._sealed = entries.pop("sealed", False)
             if self._sealed not in (True, False):
                 raise ValueError("'sealed' must be true")
-            if set(found) != {each.name for each in fields(Manifest)}:
+            if set(entries) != {entry.name for entry in fields(Manifest)}:
                 raise ValueError("its entries are not those of a sweep")
-            return Manifest(**found)
+            return Manifest(**entries)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError, ParameterError) as error:
             reason = str(error) or type(error).__name__
             raise FileError(
@@ -237,12 +237,12 @@ def _file(number: int) -> str:
 
 
 def _manifest_text(manifest: Manifest) -> bytes:
-    said = {"kind": _KIND, "chunks": manifest.chunks, **asdict(manifest), "sealed": True}
-    return (json.dumps(said, indent=1, ensure_ascii=False) + "\n").encode()
+    entries = {"kind": _KIND, "chunks": manifest.chunks, **asdict(manifest), "sealed": True}
+    return (json.dumps(entries, indent=1, ensure_ascii=False) + "\n").encode()
 
 
 def _other(there: Manifest, wanted: Manifest) -> str:
-    """Why rows of one manifest cannot be continued by another, empty if they can."""
+    """Return why rows of one manifest cannot be continued by another; empty if they can."""
     if there == wanted:
         return ""
     if there.study != wanted.study:

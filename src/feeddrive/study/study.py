@@ -115,11 +115,11 @@ class Study(Result):
     @cached_property
     def columns(self) -> Mapping[str, str]:
         """SI unit by column of what varies, in the order of the file."""
-        return {name: unit for each in self.vary for name, unit in each.columns.items()}
+        return {name: unit for varied in self.vary for name, unit in varied.columns.items()}
 
     @property
     def chunks(self) -> int:
-        """How many chunks there are."""
+        """The number of chunks."""
         return -(-self.count // self.chunk)
 
     def range(self, number: int) -> range:
@@ -130,36 +130,36 @@ class Study(Result):
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """What is read into the files for each combination."""
-        return tuple(each for each in self.vary if isinstance(each, Choice))
+        """The varied choices, whose values are read into the files."""
+        return tuple(varied for varied in self.vary if isinstance(varied, Choice))
 
     def base(self, values: Mapping[str, Any]) -> Base:
-        """What variants with these values of the choices start from, by their keys."""
-        job = self.jobs[tuple(values[each.key] for each in self.choices if each.key != "row")]
+        """Return the starting point of variants with these values of the choices, by key."""
+        job = self.jobs[tuple(values[choice.key] for choice in self.choices if choice.key != "row")]
         return Base(job, values.get("row", self.row))
 
     def bases(self) -> Iterator[Base]:
-        """All of them."""
-        rows = [value for each in self.choices if each.key == "row" for value in each.distribution.values]
+        """Yield the starting points of all combinations of the choices."""
+        rows = [value for choice in self.choices if choice.key == "row" for value in choice.distribution.values]
         for job in self.jobs.values():
             for row in rows or [self.row]:
                 yield Base(job, row)
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis of the rows turns."""
+        """True if the axis of the rows is rotary."""
         base = next(self.bases())
         return base.loop.axis.rotary
 
     def table(self) -> Table:
-        """What varies, one row each."""
+        """A row for each column of the varied things."""
         rows = [
-            [each.name, unit or "1", type(each).__name__.lower()]
-            for each in self.vary
-            for unit in each.columns.values()
+            [varied.name, unit or "1", type(varied).__name__.lower()]
+            for varied in self.vary
+            for unit in varied.columns.values()
         ]
-        said = f"{plain(self.title)}, {self.file.name}: {self.count:,} variants, {self.sampler}, seed {self.seed}"
-        return Table(said, ["varies", "unit", "as"], rows)
+        title = f"{plain(self.title)}, {self.file.name}: {self.count:,} variants, {self.sampler}, seed {self.seed}"
+        return Table(title, ["varies", "unit", "as"], rows)
 
 
 StudyLike: TypeAlias = str | Path | Study
@@ -218,13 +218,13 @@ def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
 def _paths(
     jobs: Mapping[tuple[Any, ...], Job], row: str, choices: Sequence[VaryChoice]
 ) -> tuple[Callable[[str], Declaration], Callable[[str], float]]:
-    """Declaration and nominal value of a path, which must be there in all jobs and all of their rows that run."""
-    rows = [value for each in choices if each.choice == "row" for value in each.values]
+    """Return the functions that give declaration and nominal value of a path, which all jobs and rows must have."""
+    rows = [value for choice in choices if choice.choice == "row" for value in choice.values]
     bases = [Base(job, str(name)) for job in jobs.values() for name in rows or [row]]
 
     def declared(path: str) -> Declaration:
-        found = [base.declaration(path) for base in bases]  # it must be there in all of them
-        return found[0]
+        in_bases = [base.declaration(path) for base in bases]  # it must be there in all of them
+        return in_bases[0]
 
     return declared, bases[0].nominal
 
@@ -234,15 +234,15 @@ def _vary(
 ) -> tuple[Varied, ...]:
     if not study.vary:
         raise study.error("a study needs a section [[vary]]: what differs from variant to variant")
-    found: list[Varied] = []
+    factors: list[Varied] = []
     for section in study.vary:
-        each = varied(section, declared, nominal, study.sampler == "grid")
-        before = {name for other in found for name in (*other.columns, *other.paths)}
-        twice = sorted(before & {*each.columns, *each.paths})
+        factor = varied(section, declared, nominal, study.sampler == "grid")
+        before = {name for other in factors for name in (*other.columns, *other.paths)}
+        twice = sorted(before & {*factor.columns, *factor.paths})
         if twice:
             raise section.error(f"'{twice[0]}' varies twice: by {section.dotted()} and by a section before it")
-        found.append(each)
-    return tuple(found)
+        factors.append(factor)
+    return tuple(factors)
 
 
 def _counts(study: StudySection, vary: tuple[Varied, ...]) -> tuple[int, int]:
@@ -254,8 +254,8 @@ def _counts(study: StudySection, vary: tuple[Varied, ...]) -> tuple[int, int]:
                 "count does not go with a grid, whose variants are all combinations of its values", "count"
             )
         points, key = 1, "vary"
-        for each in vary:
-            levels = each.levels
+        for factor in vary:
+            levels = factor.levels
             assert levels is not None
             points *= len(levels)
         if points < 1:
@@ -286,13 +286,13 @@ def _chunk(study: StudySection, count: int) -> int:
 
 def _digest(study: Study) -> str:
     """SHA-256 of the text, and of structure and numbers of every system, reference and load."""
-    made = hashlib.sha256(study.text.encode())
+    digest = hashlib.sha256(study.text.encode())
     for values in study.jobs:
-        made.update(repr(values).encode())
+        digest.update(repr(values).encode())
     for base in study.bases():
-        for each in base.blocks():
-            made.update(repr(tree.structure(each)).encode())
-            for name, leaf in (*tree.leaves(each), *tree.tables(each)):
-                made.update(name.encode() + np.asarray(leaf, dtype=np.float64).tobytes())
-        made.update(repr((base.row, base.job.seed, base.job.duration)).encode())
-    return made.hexdigest()
+        for block in base.blocks():
+            digest.update(repr(tree.structure(block)).encode())
+            for name, leaf in (*tree.leaves(block), *tree.tables(block)):
+                digest.update(name.encode() + np.asarray(leaf, dtype=np.float64).tobytes())
+        digest.update(repr((base.row, base.job.seed, base.job.duration)).encode())
+    return digest.hexdigest()

@@ -1,7 +1,7 @@
 """A sweep: all variants of a study run on this machine or on a Dask cluster, chunk by chunk, into a store.
 
-    found = sweep("ball_screw_series", "out", workers=2)
-    found.store.table()
+    result = sweep("ball_screw_series", "out", workers=2)
+    result.store.table()
 
 A chunk is computed, written whole, and forgotten, so that memory does not grow with the number of variants.  Whatever
 ends a sweep, what is written stays, and `resume` computes the rest: to the same rows as a sweep that nothing disturbed.
@@ -105,7 +105,7 @@ def sweep(
 
 
 class Rate:
-    """How many variants are done, how quickly, and how long the rest takes at this rate."""
+    """Counts the finished variants; gives their rate, and the time that the rest takes at this rate."""
 
     def __init__(self, study: Study, done: frozenset[int]) -> None:
         self._all = study.count
@@ -119,27 +119,27 @@ class Rate:
         return self.before + self.ran
 
     def add(self, variants: int) -> None:
-        """Some more are done."""
+        """Count variants that were finished."""
         self.ran += variants
 
-    def said(self) -> str:
-        """As `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
+    def text(self) -> str:
+        """The state in words: `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
         count = f"{self.done:,} of {self._all:,} variants"
         spent = time.monotonic() - self._begun
         if not self.ran or spent <= 0.0:
             return count
-        each = spent / self.ran
-        return Text(f"{count}, {rate(1.0 / each)} a second, {_time((self._all - self.done) * each)} left")
+        per_variant = spent / self.ran
+        return Text(f"{count}, {rate(1.0 / per_variant)} a second, {_time((self._all - self.done) * per_variant)} left")
 
     def kept(self, store: Store) -> str:
-        """What is there of a sweep that ends early."""
+        """The rows that are kept of a sweep that ends early, in words."""
         if not self.done:
             return "nothing was written"
         return f"{self.done:,} of {self._all:,} variants are in {store.address}: go on with --resume"
 
     def show(self, progress: Progress) -> None:
-        """Tell it. Raises CancelledError after a cancel."""
-        progress.step(self.said(), self.done, self._all)
+        """Report the state. Raises CancelledError after a cancel."""
+        progress.step(self.text(), self.done, self._all)
 
 
 def rate(value: float) -> Quantity:

@@ -1,4 +1,4 @@
-"""Variants as what `simulate_batch` takes: those of the same choices and the same work together."""
+"""Groups of variants for `simulate_batch`: equal choices, equal motions and loads."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class VariantGroup:
 
     @property
     def port(self) -> str:
-        """What stands before the signals of the axis: `x.` in a machine."""
+        """The prefix of the signals of the axis: `x.` in a machine, empty for a loop."""
         return f"{self.axis}." if isinstance(self.system, Machine) else ""
 
     def chosen(self, places: np.ndarray) -> VariantGroup:
@@ -70,13 +70,13 @@ class VariantGroup:
 
 def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
     """The variants in groups, in the order in which each group first occurs."""
-    choices = {each.key: variants.values[each.key] for each in study.choices}
+    choices = {choice.key: variants.values[choice.key] for choice in study.choices}
     for values, rows in _groups(list(choices.values()), len(variants)):
         base = study.base(dict(zip(choices, values, strict=True)))
         own = variants.chosen(rows)
         changes: dict[str, np.ndarray] = {}
-        for each in study.vary:
-            changes |= each.changes(own, base.nominal)
+        for varied in study.vary:
+            changes |= varied.changes(own, base.nominal)
         work = {path: changes.pop(path) for path in list(changes) if base.place(path)[1]}
         seeds = np.full(rows.size, float(base.job.seed))
         if study.noise == "each":
@@ -107,9 +107,9 @@ def _moved(base: Base, changes: Mapping[str, float]) -> dict[str, Other]:
 
 
 def _groups(columns: list[np.ndarray], count: int) -> Iterator[tuple[tuple[Any, ...], np.ndarray]]:
-    """The rows that are equal in all columns, with their values."""
-    found: dict[tuple[Any, ...], list[int]] = {}
+    """Group rows that are equal in all columns: their values, and their places."""
+    groups: dict[tuple[Any, ...], list[int]] = {}
     for place, row in enumerate(zip(*columns, strict=True) if columns else [()] * count):
-        found.setdefault(row, []).append(place)
-    for values, places in found.items():
+        groups.setdefault(row, []).append(place)
+    for values, places in groups.items():
         yield values, np.array(places)

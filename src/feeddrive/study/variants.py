@@ -44,19 +44,19 @@ def variants(study: Study, first: int = 0, count: int | None = None) -> Variants
     drawn = _points(study, first, count)
     values: dict[str, np.ndarray] = {}
     at = 0
-    for each in study.vary:
-        values |= each.at(drawn[:, at : at + each.dimensions])
-        at += each.dimensions
+    for factor in study.vary:
+        values |= factor.at(drawn[:, at : at + factor.dimensions])
+        at += factor.dimensions
     return Variants(first, values, count)
 
 
 def _points(study: Study, first: int, count: int) -> np.ndarray:
     """Points of the unit cube, shape (count, dimensions)."""
-    dimensions = tuple(each.dimensions for each in study.vary)
+    dimensions = tuple(factor.dimensions for factor in study.vary)
     seed = (study.seed, study.stream)
     match study.sampler:
         case "grid":
-            levels = [each.levels for each in study.vary]
+            levels = [factor.levels for factor in study.vary]
             steps = points.grid(first, count, tuple(0 if row is None else len(row) for row in levels))
             return np.stack([row[steps[:, j]] for j, row in enumerate(levels) if row is not None], axis=1)
         case "latin_hypercube":

@@ -1,4 +1,4 @@
-"""What varies in a study: quantities and choices, and how points of the unit cube become their values.
+"""The varied things of a study, quantities and choices: their values at points of the unit cube.
 
 Each `[[vary]]` of a study file is one of these.  Its columns are what the table of rows shows, its changes what is put
 into the system, the reference or the load, by path.
@@ -38,12 +38,12 @@ class Varied(Protocol):
 
     @property
     def dimensions(self) -> int:
-        """How many numbers of (0, 1) one variant takes."""
+        """How many numbers in (0, 1) each variant needs."""
         ...
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """What it changes: paths of numbers; none of a choice."""
+        """Paths of the numbers that it changes; none for a choice."""
         ...
 
     @property
@@ -52,11 +52,11 @@ class Varied(Protocol):
         ...
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """By column the values at points u, shape (n, dimensions)."""
+        """Return values by column at points u of shape (n, dimensions)."""
         ...
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """By path the numbers that values of the columns mean."""
+        """Return the numbers by path that follow from values of the columns."""
         ...
 
 
@@ -78,12 +78,12 @@ class Quantity:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """Its own unit; none of a factor."""
+        """One column in the unit of the number; without unit for a factor."""
         return {self.name: "" if self.mode == "scale" else self.unit}
 
     @property
     def levels(self) -> np.ndarray | None:
-        """Evenly spread in the distribution, both ends included; of stated values these."""
+        """Evenly spaced from 0 to 1; of a discrete distribution one level for each of its values."""
         if isinstance(self.distribution, Discrete):
             return _edges_inside(self.distribution)
         if self.steps is None:
@@ -95,7 +95,7 @@ class Quantity:
         return {self.name: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """The value itself, or with the nominal one of each path."""
+        """The drawn value, or the nominal value of each path times or plus the drawn one."""
         drawn = values[self.name]
         if self.mode == "set":
             return dict.fromkeys(self.paths, drawn)
@@ -106,7 +106,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Several numbers with a common normal distribution: what an identification knows of them.
+    """Several numbers with a common normal distribution, such as the result of an identification.
 
     x = mean + L z, L Lᵀ = covariance; mean of shape (n,), covariance (n, n), in SI.  Each z is truncated to ±within.
     """
@@ -145,12 +145,12 @@ class Joint:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """One a parameter."""
+        """A column for each parameter."""
         return dict(zip(self.paths, self.units, strict=True))
 
     @property
     def dimensions(self) -> int:
-        """One a parameter."""
+        """A dimension for each parameter."""
         return len(self.paths)
 
     @cached_property
@@ -163,13 +163,13 @@ class Joint:
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
         """x = mean + L z, summed in one order for every split."""
         z = truncated(u, -self.within, self.within)
-        found: dict[str, np.ndarray] = {}
+        drawn: dict[str, np.ndarray] = {}
         for i, path in enumerate(self.paths):
             total = np.full(len(z), self.mean[i])
             for j in range(len(self.paths)):
                 total = total + self._root[i, j] * z[:, j]
-            found[path] = total
-        return found
+            drawn[path] = total
+        return drawn
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
         """The values themselves."""
@@ -233,7 +233,7 @@ class Choice:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """One, without unit."""
+        """One column without unit."""
         return {self.key: ""}
 
     @property
@@ -246,7 +246,7 @@ class Choice:
         return {self.key: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """None: it is read into the files."""
+        """Return nothing: the value of a choice is read into the files."""
         return {}
 
 

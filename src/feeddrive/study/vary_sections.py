@@ -1,6 +1,4 @@
-"""The sections `[[vary]]` of a study file, and what they vary.
-
-[[vary]]` of a study file.
+"""The sections `[[vary]]` of a study file, and their conversion to varied things.
 
 [[vary]]
 parameter = "axis.x.plant.stiffness"     # a path, as a machine file has it; or reference.velocity, load.force
@@ -80,7 +78,7 @@ class VaryChoice(VarySection):
     weights: np.ndarray | None = block.table("", "of the values; absent: equal ones", shortest=1, default=None)
 
     def check(self) -> None:
-        """There are values, and none of them twice."""
+        """Refuse missing and repeated values."""
         if not self.values:
             raise self.error(f"choice = '{self.choice}' needs values = [ ... ], texts or numbers", "values")
         if len(set(map(repr, self.values))) < len(self.values):
@@ -115,7 +113,7 @@ class VaryNumber(VarySection):
 
     @property
     def form(self) -> str:
-        """Which of its keys says what varies."""
+        """The key that says what varies."""
         return next(name for name in ("parameter", "scale", "add") if getattr(self, name) is not None)
 
     @property
@@ -275,19 +273,19 @@ _DISTRIBUTIONS: Mapping[str, type[VaryNumber]] = {
 
 
 def unit_varied(table: TomlTable, declared: Declared) -> str:
-    """The unit of the numbers of a section with a distribution; empty of a factor."""
+    """Return the unit of the numbers of a section with a distribution; empty for a factor."""
     form = next(name for name in _FORMS if name in table.values)
     if form == "scale":
         return ""
-    given = read_field(VaryNumber, table, form)
-    paths = given if isinstance(given, tuple) else (given,)
+    stated = read_field(VaryNumber, table, form)
+    paths = stated if isinstance(stated, tuple) else (stated,)
     if not paths:
         raise table.error(f"{form} must be a path as a machine file has it, such as axis.x.plant.mass", form)
     return _declared(table, form, paths[0], declared).unit
 
 
 def varied(section: VarySection, declared: Declared, nominal: Nominal, grid: bool) -> Varied:
-    """What a section varies.
+    """Return the varied thing of a section.
 
     declared  of a path;  nominal  its value in the job;  grid  whether the study's sampler is a grid
 
@@ -315,7 +313,7 @@ def _number(section: VaryNumber, declared: Declared, nominal: Nominal, grid: boo
         raise section.error(f"{form} must be a path as a machine file has it, such as axis.x.plant.mass", form)
     of_paths = [_declared(section, form, path, declared) for path in paths]
     unit = "" if form == "scale" else of_paths[0].unit
-    if form == "add" and any(each.unit != unit for each in of_paths):
+    if form == "add" and any(declaration.unit != unit for declaration in of_paths):
         raise section.error("the paths of add must have one unit", form)
     name = section.name or section.parameter
     if name is None:
@@ -368,10 +366,10 @@ def _paths(section: _Several, declared: Declared) -> Iterator[tuple[str, Declara
     """Path, declaration and factor to SI of each of the paths, none of which may be there twice."""
     if not section.parameters:
         raise section.error("parameters must be a list of paths as a machine file has them", "parameters")
-    found = [_with_unit(section, given, declared) for given in section.parameters]
-    if len({path for path, _, _ in found}) < len(found):
+    entries = [_with_unit(section, written, declared) for written in section.parameters]
+    if len({path for path, _, _ in entries}) < len(entries):
         raise section.error("parameters names a path twice", "parameters")
-    yield from found
+    yield from entries
 
 
 def _settings(section: VarySettings, declared: Declared) -> Settings:
@@ -385,12 +383,14 @@ def _settings(section: VarySettings, declared: Declared) -> Settings:
                 ("settings", label),
             )
         rows[label] = tuple(map(units.scaled, values, factors))
-        for path, each, value in zip(paths, declarations, rows[label], strict=True):
+        for path, declaration, value in zip(paths, declarations, rows[label], strict=True):
             try:
-                check_bounds(path, each, value)
+                check_bounds(path, declaration, value)
             except ParameterError as error:
                 raise section.error(f"{section.dotted('settings')}.{label}: {error}", ("settings", label)) from None
-    return Settings(section.name, tuple(each.unit for each in declarations), paths, rows, _row(section.weights))
+    return Settings(
+        section.name, tuple(declaration.unit for declaration in declarations), paths, rows, _row(section.weights)
+    )
 
 
 def _joint(section: VaryJoint, declared: Declared, nominal: Nominal, grid: bool) -> Joint:
@@ -405,7 +405,14 @@ def _joint(section: VaryJoint, declared: Declared, nominal: Nominal, grid: bool)
     mean = np.array([nominal(path) for path in paths]) if section.nominal is None else section.nominal
     covariance = section.covariances()
     try:
-        return Joint(section.name, tuple(each.unit for each in declarations), paths, mean, covariance, section.within)
+        return Joint(
+            section.name,
+            tuple(declaration.unit for declaration in declarations),
+            paths,
+            mean,
+            covariance,
+            section.within,
+        )
     except ParameterError as error:
         raise section.error(f"{section.dotted()} ({section.name}): {error}") from None
 
@@ -427,19 +434,19 @@ def _declared(place: Section | TomlTable, key: str, path: str, declared: Declare
         raise place.error(f"{place.dotted(key)}: {error}", key) from None
 
 
-def _with_unit(section: _Several, given: str, declared: Declared) -> tuple[str, Declaration, float]:
+def _with_unit(section: _Several, written: str, declared: Declared) -> tuple[str, Declaration, float]:
     """Path, declaration and factor to SI of a path that may end with a unit."""
-    head, dot, last = given.rpartition(".")
+    head, dot, last = written.rpartition(".")
     words = last.split("_")
     for end in range(len(words), 0, -1):
         path = f"{head}{dot}{'_'.join(words[:end])}"
         try:
-            found = declared(path)
+            declaration = declared(path)
         except FeeddriveError:
             continue
         suffix = "_".join(words[end:])
         try:
-            return path, found, units.factor(suffix, found.unit) if suffix else 1.0
+            return path, declaration, units.factor(suffix, declaration.unit) if suffix else 1.0
         except ParameterError as error:
-            raise section.error(f"{section.dotted('parameters')}: '{given}': {error}", "parameters") from None
-    return given, _declared(section, "parameters", given, declared), 1.0
+            raise section.error(f"{section.dotted('parameters')}: '{written}': {error}", "parameters") from None
+    return written, _declared(section, "parameters", written, declared), 1.0

@@ -220,11 +220,11 @@ def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) ->
     for form in block.begin(axis):
         name = f"{base.name} + {form.name}"
         if form.block is None:
-            yield Refusal(name, form.said)
+            yield Refusal(name, form.remark)
             continue
         loop = replace(base.loop, control=replace(base.loop.control, compensation=(form.block,)))
         told = f"{form.name} {axis.sentence()}"
-        remark = joined("; ", filter(None, (base.remark, told, form.said)))
+        remark = joined("; ", filter(None, (base.remark, told, form.remark)))
         yield replace(base, name=name, loop=loop, remark=remark, like="" if form.tuned else base.name)
 
 

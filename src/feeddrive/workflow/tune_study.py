@@ -26,7 +26,7 @@ from feeddrive.loop.control import Control
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Report, Section, Verdict, facts, further
 from feeddrive.study.fresh import Measured
-from feeddrive.study.robust import Robust, RobustTuner, in_percent, said
+from feeddrive.study.robust import Robust, RobustTuner, bound_sentence, in_percent
 from feeddrive.tuning.candidates import candidates, control_with
 from feeddrive.tuning.tune import law_tunables
 from feeddrive.workflow.command import Outcome
@@ -155,7 +155,7 @@ def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
     ]
     remarks += [Text(f"not settled: {best.unsettled}")] if best.unsettled else []
     kept = {bound.figure.key for bound in tuner.kept_bounds}
-    beside = [said(bound) for bound in best.after.bounds if bound.figure.key not in kept]
+    beside = [bound_sentence(bound) for bound in best.after.bounds if bound.figure.key not in kept]
     if beside:
         remarks.append(Text(f"counted in the yield, but not kept by the tuner: {joined(', ', beside)}"))
     remarks += [Text(f"variant {number} was left out: {reason}") for number, reason in best.bad[:5]]
@@ -178,7 +178,7 @@ def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: M
         "sentence": best.sentence(),
         "yield": {"today": _share(best.before), "new": _share(best.after)},
         "bounds": {
-            said(bound): {"today": best.before.keeping(bound).value, "new": best.after.keeping(bound).value}
+            bound_sentence(bound): {"today": best.before.keeping(bound).value, "new": best.after.keeping(bound).value}
             for bound in best.after.bounds
         },
         "machines": {"sampled": len(tuner.sample.points), "share": best.share, "decide": list(best.active)},

@@ -18,7 +18,6 @@ class Direct(Motor):
     peak_velocity: Number | None = parameter("m/s", "largest speed", above=0, default=None)
 
     def force_per_unit(self) -> Number:
-        """The constant."""
         return self.force_constant
 
     def limits(self) -> tuple[Number | None, Number | None]:

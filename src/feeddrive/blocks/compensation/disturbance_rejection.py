@@ -38,13 +38,13 @@ class DisturbanceRejection(Compensation):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """With a law of one rigid mass that does not subtract an estimate itself."""
+        """True for a law of one rigid mass that does not subtract an estimate itself."""
         return not law.rejects and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """With the inverse of the rigid axis, behind a Butterworth or two equal poles (DOB), with a Kalman filter, and
-        with the observer of GPI control.
+        """Four forms: the inverse of the rigid axis behind a Butterworth filter or two equal poles (DOB), a Kalman
+        filter, and the observer of GPI control.
 
         The Kalman filter begins with the walk of the force that gives it the bandwidth of the others.
         """
@@ -59,8 +59,8 @@ class DisturbanceRejection(Compensation):
             filtered = begun(KalmanRecovery, axis, resolution=_COUNT * noise, force_step=walk, encoder=encoder)
             forms.append(Beside("Kalman recovery", cls(observer=filtered)))
         else:
-            said = "a Kalman filter weighs the disturbance against the noise of the encoder, and none is stated"
-            forms.append(Beside("Kalman recovery", None, said))
+            remark = "a Kalman filter weighs the disturbance against the noise of the encoder, and none is stated"
+            forms.append(Beside("Kalman recovery", None, remark))
         return (*forms, Beside("GPI recovery", cls(observer=gpi)))
 
     observer: Observer = part("what estimates the disturbance")
@@ -82,7 +82,7 @@ class DisturbanceRejection(Compensation):
         reached: tuple[Number, ...]
 
     def suits(self, law: Law) -> None:
-        """The law does not subtract a disturbance itself."""
+        """Refuse a law that subtracts a disturbance itself."""
         if law.rejects:
             raise StructureError(
                 f"control.compensation: disturbance_rejection under {law.kind}, which subtracts the disturbance of its "
@@ -90,11 +90,10 @@ class DisturbanceRejection(Compensation):
             )
 
     def settled(self) -> DisturbanceRejection:
-        """With the whole share."""
+        """The block with the whole share."""
         return self if self.blend_time is None else replace(self, blend_time=None)
 
     def prepare(self, T: Number) -> Prepared:
-        """That of the observer."""
         return self.Prepared(self.observer.prepare(T), () if self.blend_time is None else (T / self.blend_time,))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
@@ -109,7 +108,6 @@ class DisturbanceRejection(Compensation):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
-        """The equation above; the setpoint is not changed."""
         observer, estimate = self.observer.step(prepared.observer, state.observer, reading, T)
         force = -(self.share * estimate.disturbance)
         if not state.reached:

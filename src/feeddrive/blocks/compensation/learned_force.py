@@ -35,7 +35,6 @@ class LearnedForce(Compensation):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
-        """The equation above; the setpoint is not changed."""
         return self.State(state.sample + 1.0), setpoint, ops.gather(self.force, state.sample)
 
     def retune(self, state: State, old: LearnedForce, old_prepared: object, prepared: object) -> State:

@@ -44,21 +44,23 @@ class ModeCompensation(Compensation):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """With a law of one rigid mass that does not subtract an estimate itself."""
+        """True for a law of one rigid mass that does not subtract an estimate itself."""
         return not law.rejects and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """With the modes that the machine file states, and an estimate as of `DisturbanceRejection`, not tuned further.
+        """One form: the modes of the machine file, with the estimate of `DisturbanceRejection`, not tuned further.
 
-        What it is good for, the path of the tool, is not what a comparison measures: that is the table.
+        A comparison measures the table, and not the path of the tool that this block improves.
         """
         if not axis.machine_modes:
             raise StructureError(
                 "the machine file states no mode of the machine beside the axis (modes of a mode_compensation)"
             )
-        made = cls(modes=axis.machine_modes, observer=DisturbanceRecovery.begin(axis))
-        return (Beside(cls.title, made, "it moves the table with the tool; figures are of the table", tuned=False),)
+        compensation = cls(modes=axis.machine_modes, observer=DisturbanceRecovery.begin(axis))
+        return (
+            Beside(cls.title, compensation, "it moves the table with the tool; figures are of the table", tuned=False),
+        )
 
     modes: tuple[MachineMode, ...] = part("modes of the machine")
     observer: Observer = part("what recovers the disturbance")
@@ -139,7 +141,6 @@ class ModeCompensation(Compensation):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
-        """The equations above; no force is added."""
         seen = reading
         if self.friction is not None:
             seen = reading._replace(applied=reading.applied - self.friction.steady(state.velocity[0]))
@@ -169,7 +170,7 @@ class ModeCompensation(Compensation):
         return self.State(observer, tuple(after), velocity), moved, 0.0
 
     def retune(self, state: State, old: ModeCompensation, old_prepared: Prepared, prepared: Prepared) -> State:
-        """That of the observer; position and velocity of the modes go on."""
+        """Convert the state of the observer; position and velocity of the modes stay."""
         observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
         return state._replace(observer=observer)
 

@@ -64,7 +64,6 @@ class PitchCompensation(Compensation):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
-        """The equations above; no force."""
         side = ops.clip(state.side + 2.0 * T * setpoint.velocity / self.reversal_distance, -1.0, 1.0)
         # looked up again, not remembered: after a live change of the table's place the old shift would be a jump
         before, shift = self._shift(state.side, state.position), self._shift(side, setpoint.position)

@@ -1,4 +1,4 @@
-"""Repetitive control: the set position moves by what the errors of the periods before ask for."""
+"""Repetitive control: the set position is shifted by what was learned from the errors of earlier periods."""
 
 from __future__ import annotations
 
@@ -88,7 +88,6 @@ class RepetitiveControl(Compensation):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
-        """The equations above; no force."""
         n, kept = self.passes, self.period_samples - self.lead_samples - self.passes
         shift = ops.clip(state.past.ago(float(kept - 1)), -self.most_shift, self.most_shift)
         free = ops.equal(reading.applied, reading.requested)
@@ -113,11 +112,11 @@ class RepetitiveControl(Compensation):
 def taps(weight: Number, count: int) -> tuple[Number, ...]:
     """The kernel (weight, 1 - 2 weight, weight) convolved `count` times with itself, from the center outwards."""
     middle = 1.0 - 2.0 * weight
-    found: list[Any] = [1.0]
+    weights: list[Any] = [1.0]
     for _ in range(count):
-        wide = [*found, 0.0, 0.0]
-        found = [
+        wide = [*weights, 0.0, 0.0]
+        weights = [
             middle * wide[i] + weight * ((wide[1] if i == 0 else wide[i - 1]) + wide[i + 1])
-            for i in range(len(found) + 1)
+            for i in range(len(weights) + 1)
         ]
-    return tuple(found)
+    return tuple(weights)

@@ -81,7 +81,6 @@ class ActiveDisturbanceRejection(Law):
         return self.omega_c / (2.0 * self.zeta_c)
 
     def prepare(self, T: Number) -> Any:
-        """Of the observer."""
         return self.observer.prepare(T)
 
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> State:
@@ -91,7 +90,6 @@ class ActiveDisturbanceRejection(Law):
     def step(
         self, prepared: Any, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """The equations above."""
         observer, estimate = self.observer.step(prepared, state.observer, reading, T)
         acceleration = setpoint.shifted(0.5 * T).acceleration
         slower = 2.0 * self.zeta_c * self.omega_c * (estimate.velocity - setpoint.velocity)
@@ -100,7 +98,6 @@ class ActiveDisturbanceRejection(Law):
         return self.State(observer), force
 
     def retune(self, state: State, old: ActiveDisturbanceRejection, old_prepared: Any, prepared: Any) -> State:
-        """That of the observer."""
         return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:

@@ -115,7 +115,6 @@ class CascadePPI(Law):
         return self.position_every
 
     def position_gain(self) -> Number:
-        """Kv."""
         return self.Kv
 
     def prepare(self, T: Number) -> Prepared:
@@ -139,7 +138,6 @@ class CascadePPI(Law):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """The equations above."""
         position = self._position(reading)
         velocity = (position - state.positions[-1]) / (self.velocity_samples * T)
         wanted = self.Kv * (setpoint.position - reading.position_load)

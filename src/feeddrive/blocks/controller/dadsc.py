@@ -151,7 +151,7 @@ class DADSC(Law):
 
 
 def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> Any:
-    """Whether the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
+    """True if the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
     In q = z⁻¹ and D = 1 - q it closes as D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
     l = λT, k = KT, w = ω_d T; friction is left out, since the law compensates it.  With q = (1 - y)/(1 + y) the inside

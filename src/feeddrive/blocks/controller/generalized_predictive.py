@@ -170,13 +170,13 @@ class GeneralizedPredictive(Law):
 
 def _series(B: Row, A: Row, count: int) -> list[Any]:
     """The first coefficients of B/A, of an A that begins with 1: the answer to a step where A has the factor Δ."""
-    found = list[Any]()
+    coefficients = list[Any]()
     for j in range(count):
         total: Any = B[j] if j < len(B) else 0.0
         for i in range(1, min(j, len(A) - 1) + 1):
-            total = total - A[i] * found[j - i]
-        found.append(total)
-    return found
+            total = total - A[i] * coefficients[j - i]
+        coefficients.append(total)
+    return coefficients
 
 
 def _at(row: list[Any], place: int, count: int) -> Any:

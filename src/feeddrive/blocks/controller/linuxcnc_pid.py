@@ -46,7 +46,7 @@ class LinuxcncPid(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """None, so a comparison leaves the law out: it is the cascade in the numbers of another program."""
+        """No start values, so that a comparison leaves it out: it is the cascade in the numbers of another program."""
         return ()
 
     position: StockPid = part("pid on the position of the load")
@@ -89,12 +89,12 @@ class LinuxcncPid(Law):
         return self.Prepared(T)
 
     def settled(self) -> LinuxcncPid:
-        """Without the limits of its pids."""
+        """The law without the limits of its pids."""
         velocity = None if self.velocity is None else self.velocity.unlimited()
         return replace(self, position=self.position.unlimited(), velocity=velocity)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """As pids that were disabled until now: differences were updated, integrals are empty."""
+        """The state of pids that were disabled until now: differences were updated, integrals are empty."""
         before, units = setpoint.shifted(-prepared.T), self.units
         motor, moved = units * reading.position_motor, units * reading.velocity
         position = self.position.start(
@@ -105,7 +105,7 @@ class LinuxcncPid(Law):
         )
         zero = ops.zero(motor)
         velocity = () if self.velocity is None else (self.velocity.start(zero, moved, zero, zero),)
-        return self.State(position, velocity, motor, tuple(each.start(zero) for each in self.filters))
+        return self.State(position, velocity, motor, tuple(filter_.start(zero) for filter_ in self.filters))
 
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number

@@ -71,12 +71,12 @@ class LQG(Law):
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
         """Two masses with two encoders if the axis has them, else one."""
         model: Plant = Rigid(mass=axis.mass, viscous=axis.viscous)
-        said = ""
+        model_text = ""
         if axis.encoders > 1:
             try:
-                model, said = two_mass_model(axis.plant), "two masses and two encoders, "
+                model, model_text = two_mass_model(axis.plant), "two masses and two encoders, "
             except StructureError:
-                said = "one mass, since its plant has no spring between two masses, "
+                model_text = "one mass, since its plant has no spring between two masses, "
         law = cls(
             model=model,
             omega_c=axis.rate,
@@ -85,7 +85,7 @@ class LQG(Law):
             encoder=axis.velocity_encoder,
             offset_rate=_GIVE * axis.rate if len(model.mechanics().mass) > 1 else None,
         )
-        return (Start(cls.title, law, said + axis.sentence()),)
+        return (Start(cls.title, law, model_text + axis.sentence()),)
 
     class Prepared(NamedTuple):
         """Φ - 1, Γ of drive and load, L, K and Kᵢ in SI."""
@@ -113,7 +113,7 @@ class LQG(Law):
         self._bodies()
 
     def positions(self) -> int:
-        """As many as the model has masses."""
+        """The number of masses of the model."""
         return 1 if self._bodies() is None else 2
 
     def _bodies(self) -> TwoBodies | None:
@@ -130,20 +130,20 @@ class LQG(Law):
 
     def _hold(self, T: Number) -> Matrix:
         """[Φ - 1, Γ of the drive, Γ at the load] of the model, with velocities in 1/T and forces in m/T²."""
-        made, total = self.model.mechanics(), self.model.rigid_mass()
-        bodies = len(made.mass)
+        mechanics, total = self.model.mechanics(), self.model.rigid_mass()
+        bodies = len(mechanics.mass)
         n = 2 * bodies
         right = [
             [
-                *(_times(k, -T * T) for k in made.stiffness[i]),
-                *(_times(c, -T) for c in made.damping[i]),
+                *(_times(k, -T * T) for k in mechanics.stiffness[i]),
+                *(_times(c, -T) for c in mechanics.damping[i]),
                 *(total if i == place and bodies > 1 else 0.0 for place in (0, bodies - 1)),
             ]
             for i in range(bodies)
         ]
         moves = [tuple(1.0 if j == bodies + i else 0.0 for j in range(n + 2)) for i in range(bodies)]
         still = [(0.0,) * (n + 2)] * 2
-        pulled = matrix.solve(made.mass, right)
+        pulled = matrix.solve(mechanics.mass, right)
         if bodies == 1:  # its own mass over itself
             pulled = [(*pulled[0][:n], 1.0, 1.0)]
         # a force of the whole mass on the lightest one: the norm is 2 or more
@@ -178,10 +178,10 @@ class LQG(Law):
         added = matrix.add(_diagonal(walks), outer((*drive, 0.0), self.recovery * self.recovery))
         variance = steady(transition, _diagonal((*((1.0,) * bodies), *_NONE[: bodies + 1])), added)
         read = matrix.add([row[:bodies] for row in variance[:bodies]], _one(bodies))
-        found = zip(*matrix.solve(read, variance[:bodies]), strict=True)
+        gains = zip(*matrix.solve(read, variance[:bodies]), strict=True)
         pull = self.model.rigid_mass() * self.omega_o * self.omega_o
         units = (*((1.0,) * bodies), *((self.omega_o,) * bodies), pull)
-        return tuple(matrix.scale(unit, [row])[0] for unit, row in zip(units, found, strict=True))
+        return tuple(matrix.scale(unit, [row])[0] for unit, row in zip(units, gains, strict=True))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Moving evenly at the reading, with a disturbance that balances the force that acts, across the spring."""

@@ -210,7 +210,6 @@ class PolePlacement(Law):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """The equations above."""
         K1, K2, K3, K4, Ki = prepared.gains
         v1 = (reading.position_motor - state.position_motor) / T
         v2 = (reading.position_load - state.position_load) / T

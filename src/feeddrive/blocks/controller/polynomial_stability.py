@@ -23,11 +23,11 @@ def is_stable(coefficients: Sequence[Number]) -> Any:
 
 def product(a: Sequence[Number], b: Sequence[Number]) -> list[Any]:
     """The product of two polynomials."""
-    found: list[Any] = [0.0] * (len(a) + len(b) - 1)
+    coefficients: list[Any] = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
-            found[i + j] = found[i + j] + x * y
-    return found
+            coefficients[i + j] = coefficients[i + j] + x * y
+    return coefficients
 
 
 def largest_share(admits: Callable[[float], bool]) -> float:

@@ -69,7 +69,7 @@ class StockPid(Block):
         return self.State(command, feedback, rate, back, limited(rate, self.maxcmdD), zero, zero, zero, zero)
 
     def unlimited(self) -> StockPid:
-        """The same without its limits; the dead band stays."""
+        """The pid without its limits; the dead band stays."""
         return replace(
             self, maxerror=0.0, maxerrorI=0.0, maxerrorD=0.0, maxcmdD=0.0, maxcmdDD=0.0, maxcmdDDD=0.0, maxoutput=0.0
         )

@@ -114,7 +114,7 @@ class SuperTwisting(Law):
         return self.tracking_rate
 
     def settled(self) -> SuperTwisting:
-        """A zone without end."""
+        """The law with a zone without end."""
         return self if self.form == "explicit" else replace(self, disturbance_rate=None)
 
     def prepare(self, T: Number) -> Prepared:
@@ -136,7 +136,6 @@ class SuperTwisting(Law):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """The equations above."""
         position = self._position(reading)
         v = (position - state.position) / T
         e_v = setpoint.backward_velocity(T) - v
@@ -158,7 +157,7 @@ class SuperTwisting(Law):
         return self.State(position, twist), force
 
     def _split(self, prepared: Prepared, s: Number) -> tuple[Number, Number]:
-        """What of s lies in the zone (m/s), and the acceleration k1 y sgn s of what lies beyond it (m/s²)."""
+        """The part of s inside the zone (m/s), and the acceleration k1 y sgn s of the part beyond it (m/s²)."""
         if self.disturbance_rate is None:
             return s, 0.0
         h, k1, k2 = prepared
@@ -184,7 +183,7 @@ class SuperTwisting(Law):
             )
 
     def _stable(self, slower: Number, T: Number) -> Any:
-        """Whether the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
+        """True if the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
 
         In q = z⁻¹ and D = 1 - q it closes, with l = λT and η = T/h, as D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)];
         the implicit form as D² + q (1 + q)/2 · [l D + D + l].  With q = (1 - y)/(1 + y) the inside of the unit circle

@@ -36,7 +36,6 @@ class CrossBeam(Coupling):
         return (self.axis, self.follower)
 
     def springs(self) -> tuple[SharedSpring, ...]:
-        """The equation above."""
         return (SharedSpring(self.stiffness, self.damping, {self.axis: 1.0, self.follower: -1.0}),)
 
     def follows(self) -> dict[str, str]:

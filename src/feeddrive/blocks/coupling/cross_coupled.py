@@ -55,18 +55,18 @@ class CrossCoupled(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Those of the contour."""
+        """The axes of the contour."""
         return self.contour_axes
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> State:
-        """In the direction of the set motion."""
+        """The state in the direction of the set motion."""
         zero = ops.zero(next(iter(setpoints.values())).position)
         return self.State(self._direction(tuple(zero for _ in setpoints), setpoints)[0])
 
     def _direction(
         self, last: tuple[Number, ...], setpoints: Mapping[str, Setpoint]
     ) -> tuple[tuple[Number, ...], Any, Number]:
-        """The unit tangent, whether the path moves, and the square of its feed, or 1 where it stands."""
+        """The unit tangent, the truth value that the path moves, and the square of its feed, or 1 where it stands."""
         speeds = tuple(each.velocity for each in setpoints.values())
         square = _dot(speeds, speeds)
         moves = square > self.freeze_velocity * self.freeze_velocity
@@ -78,7 +78,6 @@ class CrossCoupled(Coupling):
     def correct(
         self, state: State, setpoints: Mapping[str, Setpoint], positions: Mapping[str, Number]
     ) -> tuple[State, dict[str, Number]]:
-        """The equations above."""
         tangent, moves, squared = self._direction(state.direction, setpoints)
         error = tuple(setpoint.position - positions[name] for name, setpoint in setpoints.items())
         along = _dot(tangent, error)

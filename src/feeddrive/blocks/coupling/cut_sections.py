@@ -1,4 +1,4 @@
-"""What changes from section to section of a program that cuts."""
+"""Cutting conditions that change from section to section of a program."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from feeddrive.language.quantity import Quantity
 
 
 class Settings(NamedTuple):
-    """What holds in a section."""
+    """Cutting conditions within one section."""
 
     edge: Edge
     spindle_speed: Any  # rpm
@@ -75,13 +75,13 @@ class CutSections(Block):
     def rows(self) -> dict[str, list[float]]:
         """The rows that are there, as numbers; none in a trace."""
         names = ("start", "axial_depth", "entry", "exit", "spindle_speed", "direction")
-        found: dict[str, Any] = {name: row for name in names if (row := getattr(self, name)) is not None}
+        present: dict[str, Any] = {name: row for name in names if (row := getattr(self, name)) is not None}
         if isinstance(self.start, Symbol):
             return {}
-        return {name: row.tolist() for name, row in found.items()}
+        return {name: row.tolist() for name, row in present.items()}
 
     def cutting(self) -> list[bool]:
-        """Of each section: the tool is in the work."""
+        """True for each section in which the tool is in the work."""
         rows = self.rows()
         return [depth > 0.0 for depth in rows.get("axial_depth", [1.0] * len(rows["start"]))]
 
@@ -93,13 +93,13 @@ class CutSections(Block):
         return ops.where(there, after, before)
 
     def settings(self, section: Any, usual: Settings) -> Settings:
-        """What holds in a section."""
+        """Return the cutting conditions within a section."""
         changing = ("axial_depth", "entry", "exit", "spindle_speed", "direction")
         rows: dict[str, Any] = {name: row for name in changing if (row := getattr(self, name)) is not None}
-        found = {name: ops.gather(row, section) for name, row in rows.items()}
-        changed = {name: found[name] for name in ("axial_depth", "entry", "exit") if name in found}
+        changed_rows = {name: ops.gather(row, section) for name, row in rows.items()}
+        changed = {name: changed_rows[name] for name in ("axial_depth", "entry", "exit") if name in changed_rows}
         return Settings(
             usual.edge._replace(**changed),
-            found.get("spindle_speed", usual.spindle_speed),
-            found.get("direction", usual.direction),
+            changed_rows.get("spindle_speed", usual.spindle_speed),
+            changed_rows.get("direction", usual.direction),
         )

@@ -44,12 +44,11 @@ class DynamometerForce(Coupling):
     def step(
         self, prepared: Any, state: Any, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[Any, dict[str, tuple[Number, Number]]]:
-        """The equation above."""
         place = (time - self.offset) / self.interval
-        found: dict[str, tuple[Any, Any]] = {}
-        for each in self.components:
-            row: Any = each.row
+        forces: dict[str, tuple[Any, Any]] = {}
+        for component in self.components:
+            row: Any = component.row
             last = float(ops.length(row) - 1)
             inside = ops.both(place >= 0.0, place <= last)
-            found[each.axis] = 0.0, ops.where(inside, self.gain * ops.interpolate(row, place), 0.0)
-        return state, found
+            forces[component.axis] = 0.0, ops.where(inside, self.gain * ops.interpolate(row, place), 0.0)
+        return state, forces

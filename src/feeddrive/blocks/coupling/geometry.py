@@ -41,13 +41,13 @@ class Geometry(Block):
             raise StructureError(
                 f"geometry: x, y and z must be moved by different axes, not {', '.join(self.axes().values())}"
             )
-        for i, each in enumerate(self.straightness):
-            if each.along == each.across:
+        for i, error in enumerate(self.straightness):
+            if error.along == error.across:
                 raise StructureError(
-                    f"geometry.straightness.{i}: along and across are both {each.along}: an error along the motion is "
+                    f"geometry.straightness.{i}: along and across are both {error.along}: an error along the motion is "
                     f"one of the scale or of the screw (lead_error)"
                 )
-            for way in (each.along, each.across):
+            for way in (error.along, error.across):
                 if way not in self.axes():
                     raise StructureError(f"geometry.straightness.{i}: no axis moves the tool along {way}")
 
@@ -59,14 +59,14 @@ class Geometry(Block):
     def tool(self, position: Mapping[str, Number]) -> dict[str, Number]:
         """The tool point by direction (m), from the position of the table of each axis by name (m)."""
         at = {way: position[axis] for way, axis in self.axes().items()}
-        found = {
+        point = {
             "x": at["x"] + self.scale_x * at["x"] + self.squareness_xy * at["y"],
             "y": at["y"] + self.scale_y * at["y"],
         }
         if "z" in at:
-            found["x"] = found["x"] + self.squareness_xz * at["z"]
-            found["y"] = found["y"] + self.squareness_yz * at["z"]
-            found["z"] = at["z"] + self.scale_z * at["z"]
-        for each in self.straightness:
-            found[each.across] = found[each.across] + each.at(at[each.along])
-        return found
+            point["x"] = point["x"] + self.squareness_xz * at["z"]
+            point["y"] = point["y"] + self.squareness_yz * at["z"]
+            point["z"] = at["z"] + self.scale_z * at["z"]
+        for error in self.straightness:
+            point[error.across] = point[error.across] + error.at(at[error.along])
+        return point

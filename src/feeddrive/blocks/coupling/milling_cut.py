@@ -109,11 +109,11 @@ class MillingCut(Coupling):
         yield fits_slices("milling_cut.cutter", edge._replace(axial_depth=max(depths)) if depths else edge)
 
     def _depths(self) -> list[float]:
-        """Of the sections, m."""
+        """The axial depths of the sections, m."""
         return [] if self.sections is None else self.sections.rows().get("axial_depth", [])
 
     def axes(self) -> tuple[str, ...]:
-        """Of the tool or of the table."""
+        """The axes that move the tool or the table."""
         return (self.along_x, self.along_y, *(() if self.along_z is None else (self.along_z,)))
 
     def period(self) -> Number:
@@ -121,7 +121,7 @@ class MillingCut(Coupling):
         return 60.0 / (self.cutter.teeth * self._speeds()[0])
 
     def _speeds(self) -> list[Any]:
-        """Of the sections that cut, in rpm, the least first."""
+        """The spindle speeds of the sections that cut, in rpm, the least first."""
         rows = {} if self.sections is None else self.sections.rows()
         if self.sections is not None and "spindle_speed" in rows:
             pairs = zip(rows["spindle_speed"], self.sections.cutting(), strict=True)
@@ -164,7 +164,6 @@ class MillingCut(Coupling):
     def step(
         self, prepared: Any, state: State, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[State, dict[str, tuple[Number, Number]]]:
-        """The equations above."""
         state, (along, across), found = self.forces(state, motions, time, h)
         acts = time >= self.cut_from
         if self.cut_to is not None:
@@ -235,7 +234,7 @@ class MillingCut(Coupling):
         return ago
 
     def _moved(self, place: tuple[Any, Any], path: Track, ago: Any, h: Any) -> tuple[Any, Any]:
-        """How far the tool has moved along x and y in so many substeps."""
+        """The way of the tool along x and y in a number of substeps."""
         x, y = path.ago(ago, h, 0.5)[:2]
         return place[0] - x, place[1] - y
 

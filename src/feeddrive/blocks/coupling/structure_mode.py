@@ -43,7 +43,6 @@ class StructureMode(Coupling):
         return tuple(shape.axis for shape in self.shapes)
 
     def modes(self) -> tuple[SharedMode, ...]:
-        """The equation above."""
         w = 2.0 * ops.pi * self.frequency
         shapes = {shape.axis: (shape.motor, shape.load) for shape in self.shapes}
         return (SharedMode(self.mass, 2.0 * self.damping_ratio * w * self.mass, w * w * self.mass, shapes),)

@@ -85,7 +85,7 @@ class Cut(NamedTuple):
 
 
 class Rubbing(NamedTuple):
-    """What damps an edge in the cut: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
+    """The damping of an edge in the cut: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
 
     along: Any
     across: Any
@@ -178,7 +178,7 @@ class _Arms(NamedTuple):
 
     @classmethod
     def of(cls, edge: Edge) -> _Arms:
-        """Of the engaged part of a turn."""
+        """The arms of the engaged part of a turn."""
         begin, end = edge.entry, edge.exit
         return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))
 
@@ -193,7 +193,7 @@ class _Arms(NamedTuple):
 
 
 def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
-    """Whether an edge cuts the surface of the tooth before all along.
+    """True if an edge cuts the surface of the tooth before along all of its length.
 
     The chip is a sine over the angle: what is not below 0 at two ends less than π apart is not below 0 between them.
     """
@@ -251,11 +251,11 @@ def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> l
         return list(steps)
     offset, place = edge.run_out
     sine, cosine = ops.sin(angle + place), ops.cos(angle + place)
-    found: list[tuple[Any, Any]] = []
+    motions: list[tuple[Any, Any]] = []
     for earlier, (x, y) in enumerate(steps, 1):
         s, c = _turned(sine, cosine, *_of_tooth(-earlier, edge.teeth))
-        found.append((x + offset * (sine - s), y + offset * (cosine - c)))
-    return found
+        motions.append((x + offset * (sine - s), y + offset * (cosine - c)))
+    return motions
 
 
 def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:

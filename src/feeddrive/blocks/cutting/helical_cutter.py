@@ -78,7 +78,7 @@ class HelicalCutter(Cutter):
 
     @classmethod
     def beltran2013_as_printed(cls) -> HelicalCutter:
-        """The same with the printed u_s = 0.5 kW/(cm³/min) = 30 GJ/m³, with a warning.
+        """The paper's tool with the printed u_s = 0.5 kW/(cm³/min) = 30 GJ/m³, with a warning.
 
         It is ten times what handbooks give for steel; with the chip load of 1 mm printed with it the force reaches 141
         kN and the spindle power 90 kW. Use it only to show this.

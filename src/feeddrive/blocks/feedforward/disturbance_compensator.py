@@ -41,12 +41,12 @@ class DisturbanceCompensator(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """With a law of one rigid mass without feedforward of its own."""
+        """True for a law of one rigid mass without its own feedforward."""
         return not law.feeds and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> DisturbanceCompensator:
-        """With the axis's mass and viscous friction, and the columns of friction fitted to its steady curve.
+        """Start from the axis's mass and viscous friction, and columns of friction fitted to its steady curve.
 
         Least squares over speeds from 0.1 mm/s to 0.3 m/s, evenly in their logarithm and alike in both directions; of
         the Stribeck velocities that are tried the one that leaves least.  A curve without dry friction is refused.
@@ -100,12 +100,12 @@ class DisturbanceCompensator(Feedforward):
     def fed(self) -> tuple[str, ...]:
         """The parts of the set motion fed forward by the given parameters."""
         friction = (self.coulomb_positive, self.coulomb_negative, self.stribeck)
-        given = (
-            any(each is not None for each in (self.mass, self.jerk_feedforward, self.snap_feedforward)),
+        present = (
+            any(value is not None for value in (self.mass, self.jerk_feedforward, self.snap_feedforward)),
             self.viscous is not None,
-            any(each is not None for each in friction),
+            any(value is not None for value in friction),
         )
-        return tuple(name for name, is_there in zip(self.feeds, given, strict=True) if is_there)
+        return tuple(name for name, is_there in zip(self.feeds, present, strict=True) if is_there)
 
     def parameters(self) -> dict[str, Number]:
         """θ by name: the parameters that are given, in the order of the columns."""
@@ -125,24 +125,24 @@ class DisturbanceCompensator(Feedforward):
         middle = setpoint.shifted(0.5 * T)
         v = middle.velocity
         forward, backward = v > self.dead_band, v < -self.dead_band
-        found: dict[str, Number] = {}
+        regressors: dict[str, Number] = {}
         if self.mass is not None:
-            found["mass"] = middle.acceleration
+            regressors["mass"] = middle.acceleration
         if self.viscous is not None:
-            found["viscous"] = v
+            regressors["viscous"] = v
         if self.coulomb_positive is not None:
-            found["coulomb_positive"] = ops.where(forward, 1.0, 0.0)
+            regressors["coulomb_positive"] = ops.where(forward, 1.0, 0.0)
         if self.coulomb_negative is not None:
-            found["coulomb_negative"] = ops.where(backward, -1.0, 0.0)
+            regressors["coulomb_negative"] = ops.where(backward, -1.0, 0.0)
         if self.stribeck is not None and self.stribeck_velocity is not None:
             ratio = v / self.stribeck_velocity
             extra = ops.exp(-(ratio * ratio))
-            found["stribeck"] = ops.where(forward, extra, ops.where(backward, -extra, 0.0))
+            regressors["stribeck"] = ops.where(forward, extra, ops.where(backward, -extra, 0.0))
         if self.jerk_feedforward is not None:
-            found["jerk_feedforward"] = middle.jerk
+            regressors["jerk_feedforward"] = middle.jerk
         if self.snap_feedforward is not None:
-            found["snap_feedforward"] = middle.snap
-        return found
+            regressors["snap_feedforward"] = middle.snap
+        return regressors
 
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
         """φᵀ θ."""

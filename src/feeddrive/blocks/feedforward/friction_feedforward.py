@@ -49,7 +49,6 @@ class FrictionFeedforward(Feedforward):
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
-        """The equations above."""
         v = setpoint.shifted(0.5 * T).velocity
         level = ops.where(v < 0.0, self.coulomb_negative, self.coulomb_positive)
         if self.breakaway is not None and self.stribeck_velocity is not None:

@@ -43,7 +43,7 @@ class FrictionStops(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """With the cascade, whose errors at reversals it takes; they are learned from a log of that loop."""
+        """True for the cascade, whose errors at reversals it takes; they are learned from a log of that loop."""
         return issubclass(law, CascadePPI)
 
     @classmethod
@@ -93,7 +93,6 @@ class FrictionStops(Feedforward):
         return self.State(x, x, x, (ops.zero(x),) * ops.length(self.width))
 
     def step(self, state: State, setpoint: Setpoint, T: Number) -> tuple[State, Number]:
-        """The equations above."""
         middle = setpoint.shifted(0.5 * T)
         x = middle.position
         moved, force, widest = x - state.position, ops.zero(x), ops.zero(x)

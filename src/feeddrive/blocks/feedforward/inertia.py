@@ -21,6 +21,5 @@ class Inertia(Feedforward):
     viscous: Number = parameter("N s/m", "viscous friction that is fed forward", least=0, default=0)
 
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
-        """The equation above."""
         middle = setpoint.shifted(0.5 * T)
         return state, self.mass * middle.acceleration + self.viscous * middle.velocity

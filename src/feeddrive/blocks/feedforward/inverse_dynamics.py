@@ -35,7 +35,6 @@ class InverseDynamics(Feedforward):
         two_bodies(self.kind, self.model)
 
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
-        """The equations above."""
         m11, m12, m22, c11, c12, c22, _ = bodies = two_bodies(self.kind, self.model)
         middle = setpoint.shifted(0.5 * T)
         a1, v1 = middle.acceleration, middle.velocity

@@ -35,7 +35,6 @@ class ReversalPulse(Feedforward):
         return self.State(ops.sign(setpoint.velocity), ops.zero(setpoint.velocity))
 
     def step(self, state: State, setpoint: Setpoint, T: Number) -> tuple[State, Any]:
-        """The equation above."""
         direction = ops.sign(setpoint.shifted(0.5 * T).velocity)
         reversed_now = direction * state.direction < 0.0
         level = ops.where(reversed_now, direction * self.force, state.level * ops.exp(-(T / self.decay_time)))

@@ -38,7 +38,6 @@ class LowPass(Filter):
         yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
-        """The coefficients."""
         w = prewarped(self.frequency, T)
         return self.Prepared(w / (1.0 + w), (w - 1.0) / (w + 1.0))
 
@@ -47,7 +46,6 @@ class LowPass(Filter):
         return self.State((prepared.b - prepared.a) * value, value)
 
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[State, Number]:
-        """One sample."""
         output = prepared.b * value + state.delayed
         return self.State(prepared.b * value - prepared.a * output, output), output
 

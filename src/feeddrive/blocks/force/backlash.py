@@ -41,7 +41,6 @@ class Backlash(Force):
     def step(
         self, state: Any, plant: Any, motion: Motion, drive: Number, time: Number, h: Number
     ) -> tuple[Any, Any, Any]:
-        """The equations above."""
         stretch = motion.position_motor - motion.position_load
         half = 0.5 * self.gap
         if self.lead_error is None:

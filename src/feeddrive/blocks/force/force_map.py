@@ -31,7 +31,6 @@ class ForceMap(Force):
     def step(
         self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
     ) -> tuple[Any, Number, Number]:
-        """The equation above."""
         along = ops.interpolate(self.row, (motion.position_load - self.begin) / self.spacing)
         if self.swing is None:
             return state, 0.0, self.mean * along

@@ -20,5 +20,4 @@ class Gravity(Force):
     def step(
         self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
     ) -> tuple[Any, Number, Number]:
-        """The constant."""
         return state, 0.0, self.force

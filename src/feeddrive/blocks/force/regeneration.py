@@ -47,6 +47,5 @@ class Regeneration(Force):
     def step(
         self, state: History, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
     ) -> tuple[History, Any, Any]:
-        """The equation above."""
         state = state.push(motion.position_load)
         return state, 0.0, -(self.stiffness * (motion.position_load - state.ago(self.delay / h)))

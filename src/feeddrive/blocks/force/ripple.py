@@ -31,5 +31,4 @@ class Ripple(Force):
     def step(
         self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
     ) -> tuple[Any, Number, Number]:
-        """The equation above, on the motor's body."""
         return state, drive * total(self.harmonics, motion.position_motor, self.period), 0.0

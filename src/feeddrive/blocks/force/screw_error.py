@@ -28,6 +28,5 @@ class ScrewError(Force):
         check_spring(self.kind, plant)
 
     def step(self, state: Any, plant: Any, motion: Motion, drive: Any, time: Any, h: Number) -> tuple[Any, Any, Any]:
-        """The equations above."""
         push = plant.stiffness * self.lead_error.at(motion.position_motor)
         return state, -push, push

@@ -22,11 +22,9 @@ class Coulomb(Friction):
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
 
     def start(self, velocity: Number = 0.0) -> Nothing:
-        """No memory."""
         return Nothing()
 
     def linear(self) -> Number:
-        """The viscous part."""
         return self.viscous
 
     def contact(

@@ -25,7 +25,6 @@ class Directional(Friction):
     viscous_negative: Number = parameter("N s/m", "viscous part for v < 0", least=0, default=0)
 
     def start(self, velocity: Number = 0.0) -> Nothing:
-        """No memory."""
         return Nothing()
 
     def linear(self) -> Number:

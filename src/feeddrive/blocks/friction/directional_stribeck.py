@@ -39,11 +39,9 @@ class DirectionalStribeck(Friction):
             yield from levels(self.kind, f"coulomb_{way}", coulomb, f"breakaway_{way}", breakaway)
 
     def start(self, velocity: Number = 0.0) -> Nothing:
-        """No memory."""
         return Nothing()
 
     def linear(self) -> Number:
-        """The viscous part."""
         return self.viscous
 
     def levels(self, velocity: Number) -> tuple[Number, Number]:

@@ -67,7 +67,6 @@ class GeneralizedMaxwellSlip(Friction):
         return self.State(tuple(self._most(i, level) * going for i in elements), tuple(going for _ in elements))
 
     def linear(self) -> Number:
-        """The viscous part."""
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
@@ -148,7 +147,7 @@ def _end(lines: list[tuple[Any, ...]], free: Number, mobility: Number) -> Any:
 
 
 def _miss(lines: list[tuple[Any, ...]], v: Any, free: Number, mobility: Number) -> Any:
-    """By how much v misses the equation of motion, m/s."""
+    """The residual of the equation of motion at v, m/s."""
     force: Any = 0.0
     for i, (base, slope, low, high, _, _) in enumerate(lines):
         each = ops.clip(base + slope * v, low, high)

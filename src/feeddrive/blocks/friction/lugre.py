@@ -51,7 +51,6 @@ class Lugre(Friction):
         return self.State(0.0)
 
     def linear(self) -> Number:
-        """The viscous part."""
         return self.viscous
 
     def level(self, velocity: Number) -> Number:

@@ -53,11 +53,9 @@ class Regularised(Friction):
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> Nothing:
-        """No memory."""
         return Nothing()
 
     def linear(self) -> Number:
-        """The viscous part."""
         return self.viscous
 
     def _coulomb(self, direction: Number) -> Number:

@@ -33,11 +33,9 @@ class Stribeck(Friction):
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> Nothing:
-        """No memory."""
         return Nothing()
 
     def linear(self) -> Number:
-        """The viscous part."""
         return self.viscous
 
     def level(self, velocity: Number) -> Number:

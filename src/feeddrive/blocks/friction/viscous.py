@@ -18,7 +18,6 @@ class Viscous(Friction):
     viscous: Number = parameter("N s/m", "viscous friction", least=0)
 
     def start(self, velocity: Number = 0.0) -> Nothing:
-        """No memory."""
         return Nothing()
 
     def linear(self) -> Number:

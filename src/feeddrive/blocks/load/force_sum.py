@@ -24,7 +24,6 @@ class ForceSum(Load):
             raise StructureError("force_sum.loads must be a tuple of loads, at least one")
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Force in N at times t in s."""
         total = self.loads[0].at(t)
         for load in self.loads[1:]:
             total = total + load.at(t)

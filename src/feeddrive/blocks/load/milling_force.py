@@ -64,7 +64,6 @@ class MillingForce(Load):
             )
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Force in N at times t in s."""
         times = np.asarray(t, dtype=np.float64)
         turns = (self.spindle_speed / 60.0) * times
         angle: Any = self.start_angle + 2.0 * np.pi * (turns - np.floor(turns))

@@ -24,7 +24,6 @@ class RecordedForce(Load):
         check_single(self)
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Force in N at times t in s."""
         place, _ = rows_at(np.asarray(t, dtype=np.float64), self.sample_time)
         row = np.floor(place)
         inside = (row >= 0.0) & (row < self.force.size)

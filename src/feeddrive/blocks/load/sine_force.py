@@ -29,7 +29,6 @@ class SineForce(Load):
         check_order(self.kind, self.start, self.end)
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Force in N at times t in s."""
         times = np.asarray(t, dtype=np.float64)
         acts = since(times, self.start)
         if self.end is not None:

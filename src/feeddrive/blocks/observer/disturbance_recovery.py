@@ -103,7 +103,6 @@ class DisturbanceRecovery(Observer):
         return {"one_pole": 1, "two_poles": 2}.get(self.form, 0)
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
-        """The equations above."""
         position = self._position(reading)
         commands = (reading.applied, *state.pending)
         velocity = (position - state.position) / T
@@ -126,7 +125,7 @@ class DisturbanceRecovery(Observer):
         return state._replace(filter=(retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """That of a held force beside a motor force that stands, in s; other forces come up to T earlier.
+        """The delay for a held force beside a motor force that stands, in s; other forces come up to T earlier.
 
         1.5 T of the double difference, and of the filter α/(1 - α) T or the slope of its phase at 0 Hz.
         """

@@ -92,11 +92,11 @@ class GpiObserver(Observer):
 
     def gains(self) -> Row:
         """The λ from that of x̂1 on: the coefficients of the polynomial in s, in 1/s, 1/s², ..."""
-        rate, found = self.omega_o, []
+        rate, gains = self.omega_o, []
         for coefficient in self.polynomial()[1:]:
-            found.append(coefficient * rate)
+            gains.append(coefficient * rate)
             rate = rate * self.omega_o
-        return tuple(found)
+        return tuple(gains)
 
     def prepare(self, T: Number) -> Prepared:
         """The exact sampled form: one matrix exponential, with u and the slope of y as inputs that stay."""
@@ -164,7 +164,7 @@ class GpiObserver(Observer):
         return state._replace(z=tuple(z))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """That of a disturbance that rises evenly: 0.0 but for a single Taylor state, which takes it for constant."""
+        """The delay for a disturbance that rises evenly: 0.0, except for a single Taylor state."""
         coefficients = self.polynomial()
         return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
 
@@ -186,7 +186,7 @@ class GpiObserver(Observer):
             )
 
     def _refusal(self, T: float) -> str:
-        """By how much omega_o is too fast, and the nearest admissible numbers."""
+        """The error: by how much omega_o is too fast, and the nearest admissible numbers."""
         real = 1.0 if self.p0 is None else self.p0 / self.omega_o
         most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
         turn = self.omega_o * T
@@ -198,7 +198,7 @@ class GpiObserver(Observer):
         )
 
     def growth(self, T: Number) -> Any:
-        """By how much the loop u = -ẑ1 around q'' = u, with the dead time, grows in a sample: its largest |z|."""
+        """The largest |z| of the loop u = -ẑ1 around q'' = u, with the dead time."""
         return matrix.growth(self._rejecting(self.prepare(T), T))
 
     def _rejecting(self, made: Prepared, T: Number) -> list[list[Any]]:
@@ -235,9 +235,9 @@ def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samp
 
 def _product(a: Row, b: Row) -> Row:
     """Coefficients of the product of two polynomials."""
-    found: list[Any] = [0.0] * (len(a) + len(b) - 1)
+    coefficients: list[Any] = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
             term = y if matrix.is_one(x) else x if matrix.is_one(y) else x * y
-            found[i + j] = term if matrix.is_zero(found[i + j]) else found[i + j] + term
-    return tuple(found)
+            coefficients[i + j] = term if matrix.is_zero(coefficients[i + j]) else coefficients[i + j] + term
+    return tuple(coefficients)

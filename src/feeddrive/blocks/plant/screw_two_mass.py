@@ -30,7 +30,6 @@ class ScrewTwoMass(Plant):
     viscous_load: Number = parameter("N s/m", "viscous friction of the guideway", least=0, default=0)
 
     def mechanics(self) -> Mechanics:
-        """The matrices of the equations above."""
         ratio = radians_per_metre(self.lead)
         turning = self.inertia_screw + self.gear * self.gear * self.inertia_motor
         return chain(

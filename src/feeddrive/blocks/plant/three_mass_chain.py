@@ -34,7 +34,6 @@ class ThreeMassChain(Plant):
     viscous_load: Number = parameter("N s/m", "viscous friction of the guideway", least=0, default=0)
 
     def mechanics(self) -> Mechanics:
-        """The matrices of the equations above."""
         return chain(
             masses=(self.mass_motor, self.mass_screw, self.mass_load),
             springs=((self.coupling_stiffness, self.coupling_damping), (self.stiffness, self.damping)),

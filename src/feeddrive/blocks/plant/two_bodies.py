@@ -36,12 +36,12 @@ class TwoBodies(NamedTuple):
 
     @property
     def led(self) -> Number:
-        """m22 + m12 in kg: what the spring accelerates when both bodies accelerate alike."""
+        """m22 + m12 in kg: the mass that the spring accelerates when both bodies accelerate alike."""
         return self.m22 if matrix.is_zero(self.m12) else self.m22 + self.m12
 
     @property
     def dragged(self) -> Number:
-        """c22 + c12 in N s/m: what drags at the spring when both bodies move alike, b2 of the guideway."""
+        """c22 + c12 in N s/m: the friction on the spring when both bodies move alike, b2 of the guideway."""
         return self.c22 + self.c12
 
     @property
@@ -60,21 +60,21 @@ class TwoBodies(NamedTuple):
 
 def two_bodies(where: str, plant: Plant) -> TwoBodies:
     """The matrices of a plant. Raises StructureError, with what to take, for one that is not of this form."""
-    made = plant.mechanics()
-    places = (made.drive, made.motor, made.load)
-    if made.shape != ((1.0, 0.0), (0.0, 1.0)) or places != (0, 0, 1):
+    mechanics = plant.mechanics()
+    places = (mechanics.drive, mechanics.motor, mechanics.load)
+    if mechanics.shape != ((1.0, 0.0), (0.0, 1.0)) or places != (0, 0, 1):
         raise StructureError(
             f"{where}: the model '{plant.kind}' is not a driven body, a load and one spring between them; "
             f"take two_mass or screw_two_mass with the mode that is to be damped"
         )
     return TwoBodies(
-        m11=made.mass[0][0],
-        m12=made.mass[0][1],
-        m22=made.mass[1][1],
-        c11=made.damping[0][0],
-        c12=made.damping[0][1],
-        c22=made.damping[1][1],
-        k=made.stiffness[0][0],
+        m11=mechanics.mass[0][0],
+        m12=mechanics.mass[0][1],
+        m22=mechanics.mass[1][1],
+        c11=mechanics.damping[0][0],
+        c12=mechanics.damping[0][1],
+        c22=mechanics.damping[1][1],
+        k=mechanics.stiffness[0][0],
     )
 
 
@@ -118,8 +118,8 @@ def controllable(where: str, bodies: TwoBodies) -> Rule:
     )
 
 
-def _uncontrollable(where: str, bodies: TwoBodies, found: float) -> str:
-    """How far the model is from one whose poles can be placed, and the nearest admissible number."""
+def _uncontrollable(where: str, bodies: TwoBodies, control: float) -> str:
+    """The error: how far the model is from one whose poles can be placed, and the nearest admissible number."""
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
         near = -bodies.m22 * (1.0 - ops.sqrt(LEAST_CONTROL) * (1.0 if led >= 0.0 else -1.0))
@@ -135,7 +135,7 @@ def _uncontrollable(where: str, bodies: TwoBodies, found: float) -> str:
         )
     return Text(
         f"{where}: the poles cannot be placed: a force on the screw does not reach one motion of the table (control "
-        f"{Quantity(found):3} of 1, the least is {Quantity(LEAST_CONTROL)}): {remedy}"
+        f"{Quantity(control):3} of 1, the least is {Quantity(LEAST_CONTROL)}): {remedy}"
     )
 
 
@@ -151,16 +151,16 @@ class Gains(NamedTuple):
 
 def polynomial(real: Number, *pairs: tuple[Number, Number]) -> list[Any]:
     """Coefficients of (s + real) Π (s² + 2 ζ ω s + ω²), from that of s⁰ on; pairs are (ω, ζ)."""
-    found: list[Any] = [real, 1.0]
+    coefficients: list[Any] = [real, 1.0]
     for frequency, damping in pairs:
         quadratic = (frequency * frequency, 2.0 * damping * frequency, 1.0)
-        product: list[Any] = [0.0] * (len(found) + 2)
-        for i, a in enumerate(found):
+        product: list[Any] = [0.0] * (len(coefficients) + 2)
+        for i, a in enumerate(coefficients):
             for j, b in enumerate(quadratic):
                 term = b if matrix.is_one(a) else a if matrix.is_one(b) else a * b
                 product[i + j] = term if matrix.is_zero(product[i + j]) else product[i + j] + term
-        found = product
-    return found
+        coefficients = product
+    return coefficients
 
 
 def place(bodies: TwoBodies, desired: list[Any]) -> Gains:

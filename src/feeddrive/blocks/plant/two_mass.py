@@ -45,7 +45,6 @@ class TwoMass(Plant):
             )
 
     def mechanics(self) -> Mechanics:
-        """The matrices above."""
         k, c = self.stiffness, self.damping
         m12 = 0.0 if self.coupling_mass is None else self.coupling_mass
         return Mechanics(

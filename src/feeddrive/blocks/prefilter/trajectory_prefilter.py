@@ -28,7 +28,7 @@ class TrajectoryPrefilter(Prefilter):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """With a law that models the spring between motor and table, as in the paper."""
+        """True for a law that models the spring between motor and table, as in the paper."""
         return law.encoders == 2
 
     theta1: Number = parameter("s", "part of the velocity", default=0)
@@ -37,11 +37,9 @@ class TrajectoryPrefilter(Prefilter):
     theta4: Number = parameter("s4", "part of the snap", default=0)
 
     def start(self, setpoint: Setpoint) -> Nothing:
-        """No memory."""
         return Nothing()
 
     def step(self, state: Nothing, setpoint: Setpoint, T: Number) -> tuple[Nothing, Setpoint]:
-        """The equations above."""
         x, v, a, j, s = setpoint
         t1, t2, t3, t4 = self.theta1, self.theta2, self.theta3, self.theta4
         return state, Setpoint(

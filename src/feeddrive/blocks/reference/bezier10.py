@@ -24,9 +24,7 @@ class Bezier10(Move):
 
     @property
     def leg_time(self) -> float:
-        """As given, s."""
         return self.travel_time
 
     def leg(self, t: np.ndarray) -> Derivatives:
-        """The equation above."""
         return stretched(tenth_degree(t / self.travel_time), abs(self.distance), self.travel_time)

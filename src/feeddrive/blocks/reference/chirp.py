@@ -54,7 +54,6 @@ class Chirp(Reference):
 
     @property
     def duration(self) -> float:
-        """As given, s."""
         return self.sweep_time
 
     def _angle(self, t: np.ndarray) -> Derivatives:
@@ -68,7 +67,6 @@ class Chirp(Reference):
         return first * np.expm1(growth * t) / growth, rate, growth * rate, growth**2 * rate, growth**3 * rate
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The equation above."""
         times = np.asarray(t, dtype=np.float64)
         moved = self._moved(np.clip(times, 0.0, self.duration))
         last = self.center if self._blend() > 0.0 else float(self._moved(np.array([self.duration]))[0][0])

@@ -64,7 +64,6 @@ class Circle(Reference):
         return self._time_at_feed() + self._run_up()
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The equation above."""
         times = np.asarray(t, dtype=np.float64)
         turned = 2.0 * np.pi * self.turns * (1.0 if self.direction == "counterclockwise" else -1.0)
         angle, *rates = run_up_angle(np.clip(times, 0.0, self.duration), turned, self.duration, self._run_up())

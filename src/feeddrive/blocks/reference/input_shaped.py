@@ -42,7 +42,7 @@ class InputShaped(Reference):
 
     @property
     def duration(self) -> float:
-        """Of the reference, and to the last pulse, s."""
+        """The duration of the reference and the time of the last pulse together, s."""
         return self.reference.duration + self.pulses()[1][-1]
 
     def at(self, t: np.ndarray) -> Setpoint:

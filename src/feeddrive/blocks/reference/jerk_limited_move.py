@@ -23,5 +23,4 @@ class JerkLimitedMove(LimitedMove):
     jerk: Number = parameter("m/s3", "limit of the jerk", above=0)
 
     def limits(self) -> tuple[float, ...]:
-        """As given."""
         return self.velocity, self.acceleration, self.jerk

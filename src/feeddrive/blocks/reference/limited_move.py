@@ -35,7 +35,6 @@ class LimitedMove(Move, ABC):
         return self.profile.duration if self.profile else 0.0
 
     def leg(self, t: np.ndarray) -> Derivatives:
-        """The pieces."""
         if self.profile is None:
             rest = np.zeros_like(t)
             return rest, rest, rest, rest, rest

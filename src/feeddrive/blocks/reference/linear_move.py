@@ -22,11 +22,9 @@ class LinearMove(Move):
 
     @property
     def leg_time(self) -> float:
-        """As given, s."""
         return self.travel_time
 
     def leg(self, t: np.ndarray) -> Derivatives:
-        """The equation above."""
         rest = np.zeros_like(t)
         velocity = abs(self.distance) / self.travel_time
         return velocity * t, np.full_like(t, velocity), rest, rest, rest

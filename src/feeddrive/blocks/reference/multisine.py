@@ -122,7 +122,7 @@ class Multisine(Reference):
         return -2.0 * np.pi * (self.numbers * below - moments)
 
     def _zero(self, weights: np.ndarray, phases: np.ndarray, low: float, high: float) -> float:
-        """Where in a period the sum is 0, by halving an interval over which it changes sign."""
+        """A zero of the sum in a period, by halving an interval over which it changes sign."""
 
         def value(share: float) -> float:
             return float(np.sum(weights * np.sin(2.0 * np.pi * self.numbers * share + phases)))
@@ -139,7 +139,6 @@ class Multisine(Reference):
         return self.periods * self.period + 2.0 * self.blend_time
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The equation above."""
         times = np.asarray(t, dtype=np.float64)
         inside = np.clip(times, 0.0, self.duration)
         moved = self._sum((inside - self.blend_time) / self.period)

@@ -56,7 +56,7 @@ class Recorded(Reference):
 
     @property
     def duration(self) -> float:
-        """To the last row, s."""
+        """The time of the last row, s."""
         return (self.position.size - 1) * self.sample_time
 
     @cached_property

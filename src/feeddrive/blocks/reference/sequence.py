@@ -34,12 +34,12 @@ class Sequence(Reference):
 
     @cached_property
     def _starts(self) -> np.ndarray:
-        """When each begins, and the end of the last, s."""
+        """The start of each reference, and the end of the last, s."""
         return np.array(list(accumulate((reference.duration for reference in self.references), initial=0.0)))
 
     @cached_property
     def _offsets(self) -> np.ndarray:
-        """By how much each is moved, m."""
+        """The offset of each reference, m."""
         offsets = [0.0]
         for before, after in zip(self.references, self.references[1:], strict=False):
             end = np.asarray(before.at(np.array([np.nextafter(before.duration, np.inf)])).position)[0]
@@ -49,11 +49,11 @@ class Sequence(Reference):
 
     @property
     def duration(self) -> float:
-        """Of all, s."""
+        """The duration of all references, s."""
         return float(self._starts[-1])
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The one that holds at each time t in s."""
+        """Setpoints of the reference that is active at each time t in s."""
         times = np.asarray(t, dtype=np.float64)
         running = np.clip(np.searchsorted(self._starts[:-1], times, side="right") - 1, 0, len(self.references) - 1)
         out = np.empty((5, *times.shape))

@@ -43,11 +43,10 @@ class Sine(Reference):
 
     @property
     def duration(self) -> float:
-        """Of all cycles, s."""
+        """The duration of all cycles, s."""
         return self.cycles / self.frequency
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The equation above."""
         times = np.asarray(t, dtype=np.float64)
         inside = np.clip(times, 0.0, self.duration)
         turns = self.frequency * inside

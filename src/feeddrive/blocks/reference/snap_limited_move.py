@@ -25,5 +25,4 @@ class SnapLimitedMove(LimitedMove):
     snap: Number = parameter("m/s4", "limit of the snap", above=0)
 
     def limits(self) -> tuple[float, ...]:
-        """As given."""
         return self.velocity, self.acceleration, self.jerk, self.snap

@@ -19,7 +19,7 @@ class Way(NamedTuple):
     sense: Number  # 1, -1, or 0 for a rest
 
     def ends(self) -> Number:
-        """s; from then on it is over."""
+        """The end of the leg, s."""
         return self.begins + self.lasts
 
     def inside(self, t: Number) -> Number:
@@ -29,7 +29,9 @@ class Way(NamedTuple):
     def placed(self, travel: Derivatives) -> Setpoint:
         """Setpoints from travel and its derivatives."""
         bases = (self.first, 0.0, 0.0, 0.0, 0.0)
-        return Setpoint(*(cast(Number, base + self.sense * each) for base, each in zip(bases, travel, strict=True)))
+        return Setpoint(
+            *(cast(Number, base + self.sense * derivative) for base, derivative in zip(bases, travel, strict=True))
+        )
 
 
 class Piece(NamedTuple):
@@ -55,7 +57,7 @@ class Stretch(NamedTuple):
     piece: Piece
 
     def holds(self, t: Number) -> Number:
-        """Whether it has begun at t (s)."""
+        """True where it has begun at t (s)."""
         return ops.both(t >= self.way.begins, self.way.inside(t) >= self.piece.start)
 
     def at(self, t: Number) -> Setpoint:
@@ -72,11 +74,11 @@ def moved(state: tuple[Number, ...], span: Number) -> Derivatives:
     """Taylor to snap from states (5, n) over spans (n,)."""
     x, v, a, j, s = state
     half, third = 0.5 * span, span / 3.0
-    found = (
+    derivatives = (
         x + span * (v + half * (a + third * (j + 0.25 * span * s))),
         v + span * (a + half * (j + third * s)),
         a + span * (j + half * s),
         j + span * s,
         s,
     )
-    return cast(Derivatives, found)
+    return cast(Derivatives, derivatives)

@@ -20,5 +20,4 @@ class TrapezoidalMove(LimitedMove):
     acceleration: Number = parameter("m/s2", "limit of the acceleration", above=0)
 
     def limits(self) -> tuple[float, ...]:
-        """As given."""
         return self.velocity, self.acceleration

@@ -46,7 +46,7 @@ class Arithmetic(Text):
     """Operations on numbers that are computed already."""
 
     def operation(self, op: ast.operator, left: Value, right: Value, node: ast.AST) -> Value:
-        """An operation on two numbers; a whole number beside a float is made one."""
+        """Print an operation on two numbers; a whole number beside a float is converted to float."""
         kind = type(op)
         whole = left.type == INT and right.type == INT
         if whole and kind in _WHOLES:
@@ -55,8 +55,8 @@ class Arithmetic(Text):
         if whole and kind in (ast.FloorDiv, ast.Mod):
             return self.floor_division(kind is ast.Mod, left, right, node)
         if whole and kind is ast.Div:
-            for each in (left, right):
-                self.check_exact(each, node)
+            for operand in (left, right):
+                self.check_exact(operand, node)
         a, b = self.as_float(left), self.as_float(right)
         if kind in _FLOATS:
             return Value(FLOAT, self.value(f"{_FLOATS[kind]} double {a}, {b}"))
@@ -103,7 +103,7 @@ class Arithmetic(Text):
         return Value(INT, self.value(f"select i1 {negated}, i64 {opposite}, i64 {floor}"))
 
     def check_exact(self, value: Value, node: ast.AST) -> None:
-        """Python rounds the quotient of two whole numbers once: here both must be floats without rounding."""
+        """Check that a whole number is exact as a float, since Python rounds a quotient of whole numbers once."""
         if value.literal is not None and abs(value.literal) <= 2**53:
             return
         moved = self.value(f"add i64 {value.text}, {2**53}")
@@ -140,7 +140,7 @@ class Arithmetic(Text):
         return self.mixed(kind, left, right)
 
     def mixed(self, kind: type[ast.cmpop], whole: Value, real: Value) -> str:
-        """A whole number against a float, by the nearest float and, if that is equal, by what it was rounded by."""
+        """Compare a whole number with a float, by its nearest float and, where these are equal, as whole numbers."""
         rounded = self.as_float(whole)
         order = self.value(f"fcmp {_FLOAT_ORDER[kind]} double {rounded}, {real.text}")
         if whole.literal is not None and abs(whole.literal) <= 2**53:
@@ -155,7 +155,7 @@ class Arithmetic(Text):
         return self.value(f"select i1 {equal}, i1 {settled}, i1 {order}")
 
     def best(self, values: Sequence[Value], kind: type[ast.cmpop]) -> Value:
-        """The first of numbers, or a later one that is really less or more: it decides about NaN and -0.0."""
+        """The least or largest number; a later one only if it is strictly less or more (NaN, -0.0)."""
         one = values[0].type
         order = _ORDER if one == INT else _FLOAT_ORDER
         better = order[kind]

@@ -15,7 +15,7 @@ _LARGEST_LOCAL = 256  # numbers in an array of `zeros`: it lies on the stack
 
 
 class Assignments(Expressions):
-    """Prints what gives a value to a name, a cell or a row."""
+    """Prints assignments to names, cells and rows."""
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
@@ -25,7 +25,7 @@ class Assignments(Expressions):
         self.taken_from: dict[str, set[str]] = {}  # array variable -> variables whose arrays it views
 
     def store(self, name: str, value: Value, node: ast.AST) -> None:
-        """A value to a variable, which is made at its first assignment."""
+        """Assign a value to a variable, which is created at its first assignment."""
         held = self.variables.get(name)
         if held is None:
             held = self.variables[name] = self.variable(value, f"%x{len(self.variables)}.")
@@ -57,17 +57,17 @@ class Assignments(Expressions):
         if isinstance(node.value, ast.Call) and self.outside(node.value.func) is zeros:
             return self.local_array(node, node.value)
         several = isinstance(node.value, ast.Tuple)
-        if not several and not any(isinstance(each, ast.Tuple) for each in node.targets):
+        if not several and not any(isinstance(target, ast.Tuple) for target in node.targets):
             value = self.expression(node.value)
             for target in node.targets:
                 self.put(target, value)
             return None
-        counts = {len(each.elts) for each in node.targets if isinstance(each, ast.Tuple)}
+        counts = {len(target.elts) for target in node.targets if isinstance(target, ast.Tuple)}
         values = self.values(node.value, counts, node.targets[0])
         for target in node.targets:
             if isinstance(target, ast.Tuple):
-                for each, value in zip(target.elts, values, strict=True):
-                    self.put(each, value)
+                for element, value in zip(target.elts, values, strict=True):
+                    self.put(element, value)
             else:
                 self.fill(target, values)
         return None
@@ -75,13 +75,13 @@ class Assignments(Expressions):
     def values(self, node: ast.expr, counts: set[int], target: ast.AST) -> list[Value]:
         """The numbers of a tuple, of a kernel with several results, of a record or of a row."""
         if isinstance(node, ast.Tuple):
-            found = [self.expression(element) for element in node.elts]
+            values = [self.expression(element) for element in node.elts]
         elif isinstance(node, ast.Call):
-            found, called = self.results(node), source_of(self.outside(node.func))
-            if len(found) == 1 and found[0].parts and (called is None or called.signature.single):
-                found = [*found[0].parts]
+            values, called = self.results(node), source_of(self.outside(node.func))
+            if len(values) == 1 and values[0].parts and (called is None or called.signature.single):
+                values = [*values[0].parts]
         elif (row := self.expression(node)).parts:
-            found = [*row.parts]
+            values = [*row.parts]
         else:
             if len(row.sizes) != 1 or row.type.layout:
                 self.refuse(node, f"'{shown(node)}' is of type {row.type}", "assign a tuple or a row of an array")
@@ -89,9 +89,9 @@ class Assignments(Expressions):
             good = self.value(f"icmp eq i64 {row.sizes[0]}, {wanted}")
             self.check(good, ValueError, f"a row of another length for {wanted} names", target)
             return [self.entry(row, place) for place in range(wanted)]
-        if counts - {len(found)}:
-            self.refuse(target, f"{len(found)} values for {max(counts)} names", "give each name a value")
-        return found
+        if counts - {len(values)}:
+            self.refuse(target, f"{len(values)} values for {max(counts)} names", "give each name a value")
+        return values
 
     def entry(self, row: Value, place: int) -> Value:
         """A number of a row whose length is known."""
@@ -100,7 +100,7 @@ class Assignments(Expressions):
         return Value(kind, self.emit(f"load {kind.llvm}, ptr {address}"))
 
     def put(self, target: ast.expr, value: Value) -> None:
-        """A value to a name or into a cell."""
+        """Assign a value to a name or a cell."""
         if isinstance(target, ast.Name):
             self.store(target.id, value, target)
             return
@@ -110,7 +110,7 @@ class Assignments(Expressions):
         self.written_cell(target, place, value)
 
     def written_cell(self, target: ast.Subscript, place: Value, value: Value) -> None:
-        """A number into a cell, or a record into a row."""
+        """Write a number into a cell, or a record into a row."""
         if place.sizes:
             self.refuse(target, f"'{shown(target)}' is a row", "assign a tuple, or copy cell by cell in a loop")
         if place.type != value.type:
@@ -121,7 +121,7 @@ class Assignments(Expressions):
         self.put_into(place, value)
 
     def fill(self, target: ast.expr, values: Sequence[Value]) -> None:
-        """The numbers of a tuple into a row."""
+        """Write the numbers of a tuple into a row."""
         if not isinstance(target, ast.Subscript):
             self.refuse(target, f"'{shown(target)}' is given a tuple", "give each number a name")
         row = self.place(target)
@@ -132,7 +132,7 @@ class Assignments(Expressions):
         if len(row.sizes) != 1:
             self.refuse(target, f"'{shown(target)}' is no row", "assign a tuple to a row of numbers")
         kind = Type(row.type.element)
-        if any(each.type != kind for each in values):
+        if any(value.type != kind for value in values):
             self.refuse(target, f"'{shown(target)}' has cells of type {kind}", "write 0.0 for 0, or float(...)")
         self.stored.add(row.root)
         good = self.value(f"icmp eq i64 {row.sizes[0]}, {len(values)}")
@@ -142,7 +142,7 @@ class Assignments(Expressions):
             self.add(f"store {kind.llvm} {value.text}, ptr {address}")
 
     def local_array(self, node: ast.Assign, call: ast.Call) -> None:
-        """Name = zeros(3, 2): memory of the function, made once a call."""
+        """Name = zeros(3, 2): memory on the stack, cleared once a call."""
         (target, *more), sizes = node.targets, list[int]()
         for argument in call.args:
             length = argument.value if isinstance(argument, ast.Constant) else self.outside(argument)
@@ -180,7 +180,7 @@ class Assignments(Expressions):
         self.written_cell(node.target, place, self.operation(node.op, old, self.number(node.value), node))
 
     def slot(self, value: str) -> str:
-        """Memory of a whole number without a name."""
+        """Allocate memory for an unnamed whole number."""
         self.count_of_slots += 1
         place = f"%r{self.count_of_slots}"
         self.memory.append(f"  {place} = alloca i64")
@@ -188,7 +188,7 @@ class Assignments(Expressions):
         return place
 
     def written(self, parameters: Sequence[str]) -> frozenset[int]:
-        """Places of the parameters, or of their fields, into whose arrays something is written, also by way of rows."""
+        """Places of the parameters or fields whose arrays are written to, directly or through a view."""
         reached, left = set[str](), [*self.stored]
         while left:
             name = left.pop()
@@ -199,7 +199,7 @@ class Assignments(Expressions):
 
 
 def _instead(target: ast.expr) -> str:
-    """What to write instead of an assignment to something that is neither a name nor a cell."""
+    """The remedy for an assignment to something that is neither a name nor a cell."""
     if isinstance(target, ast.Attribute):
         return f"assign to names and cells, and a record as a whole: record = record._replace({target.attr}=...)"
     return "assign to names and cells"

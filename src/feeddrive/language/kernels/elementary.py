@@ -51,7 +51,7 @@ class Elementary(NamedTuple):
         result = graph.symbol(self.function(*(graph.input(f"x{place}") for place in range(self.arity)))).index
         lines, called, held = list[str](), list[Elementary](), list[str]()  # the last: operands by node
         for index, node in enumerate(graph.nodes):
-            name, inner = node[0], [held[each] for each in arguments(node)]
+            name, inner = node[0], [held[operand] for operand in arguments(node)]
             held.append(f"%n{index}")
             if name == "input":
                 held[-1] = f"%{node[1]}"
@@ -68,7 +68,7 @@ class Elementary(NamedTuple):
             elif name in _INTRINSIC:
                 text = f"call double @llvm.{_INTRINSIC[name]}.f64(double {inner[0]})"
             else:
-                called.append(next(each for each in FUNCTIONS if each.name == name))
+                called.append(next(candidate for candidate in FUNCTIONS if candidate.name == name))
                 text = f"call double {called[-1].symbol}(double {inner[0]})"
             lines.append(f"  %n{index} = {text}")
         parameters = ", ".join(f"double %x{place}" for place in range(self.arity))

@@ -19,7 +19,7 @@ class Expressions(Names):
     """Prints expressions."""
 
     def expression(self, node: ast.expr) -> Value:
-        """Any expression with one value."""
+        """Print an expression with one value."""
         print_it = _PRINTERS.get(type(node))
         if print_it is None:
             kind = type(node).__name__
@@ -72,7 +72,7 @@ class Expressions(Names):
     # comparisons and choices
 
     def compare(self, node: ast.Compare) -> Value:
-        """A < b, also in a chain, of which the rest is not computed after the first that is false."""
+        """A < b, also in a chain, whose rest is not computed behind the first comparison that is false."""
         left, ends = self.expression(node.left), list[tuple[str, str]]()
         after, before = self.label(), self.facts
         for place, (op, other) in enumerate(zip(node.ops, node.comparators, strict=True)):
@@ -119,10 +119,10 @@ class Expressions(Names):
         values: list[Value] = []
         blocks: list[str] = []
         before = self.facts
-        for label, each in zip(labels, (node.body, node.orelse), strict=True):
+        for label, side in zip(labels, (node.body, node.orelse), strict=True):
             self.facts = dict(before)
             self.begin(label)
-            values.append(self.expression(each))
+            values.append(self.expression(side))
             blocks.append(self.block)
             self.jump(after)
         self.facts = before
@@ -131,7 +131,7 @@ class Expressions(Names):
         if kind != values[1].type or any(leaf.type.dimensions for leaf in values[0].leaves):
             types = f"{kind} and {values[1].type}"
             self.refuse(node, f"'{shown(node)}' chooses between {types}", "give both sides one type of number")
-        pairs = zip(*(each.leaves for each in values), strict=True)
+        pairs = zip(*(value.leaves for value in values), strict=True)
         merged = (
             Value(one.type, self.phi(one.type.llvm, [(one.text, blocks[0]), (other.text, blocks[1])]))
             for one, other in pairs
@@ -150,7 +150,7 @@ class Expressions(Names):
         if len(indices) > len(array.sizes):
             remedy = "name the field" if array.type.layout else "leave the last ones out"
             self.refuse(node, f"'{shown(node)}' has {len(indices)} indices for {array.type}", remedy)
-        wholes = [self.whole(each) for each in indices]
+        wholes = [self.whole(index) for index in indices]
         places = [self.counted(index, size) for index, size in zip(wholes, array.sizes, strict=False)]
         self.check_indices(zip(places, array.sizes, strict=False), node)
         offset = places[0]
@@ -175,7 +175,7 @@ class Expressions(Names):
         return str(index.literal + int(size)) if size.isdigit() else self.value(f"add i64 {index.text}, {size}")
 
     def check_indices(self, places: Iterable[tuple[str, str]], node: ast.AST) -> None:
-        """Ends with one error if one of several indices is not within its size; what is known is not asked."""
+        """End with an error if one of several indices is not within its size; known ones are not tested again."""
         left: list[str] = []
         for place, size in places:
             if not (place.isdigit() and size.isdigit() and int(place) < int(size)):
@@ -183,12 +183,12 @@ class Expressions(Names):
                 if not self.known(good):
                     left.append(good)
         both = left[0] if left else ""
-        for each in left[1:]:
-            both = self.value(f"and i1 {both}, {each}")
+        for condition in left[1:]:
+            both = self.value(f"and i1 {both}, {condition}")
         if both:
             self.check(both, IndexError, "index out of range", node)
-        for each in left:
-            self.learn(each)
+        for condition in left:
+            self.learn(condition)
 
     def subscript(self, node: ast.Subscript) -> Value:
         """The number in a cell, the record in a row, or a row of numbers: a view of the same memory."""
@@ -210,7 +210,7 @@ class Expressions(Names):
             return [self.replaced(node, node.func.value)]
         function = self.outside(node.func)
         if is_record(function):
-            return [self.made(self.source.layout(function, node), node)]
+            return [self.constructed(self.source.layout(function, node), node)]
         if node.keywords:
             self.refuse(node, f"'{shown(node)}' names its arguments", "give them in their order")
         if function is zeros:
@@ -221,9 +221,9 @@ class Expressions(Names):
             return self.kernel(called, node)
         if isinstance(function, Elementary):
             return [self.angle(function, node)]
-        printers = [print_it for each, print_it in _CALLS if function is each]
+        printers = [print_it for known, print_it in _CALLS if function is known]
         if not printers:
-            names = ", ".join(each.__name__ for each, _ in _CALLS)
+            names = ", ".join(known.__name__ for known, _ in _CALLS)
             remedy = f"call kernels, {names}, zeros, or sin and the like of {Elementary.__module__}"
             self.refuse(node, f"'{shown(node.func)}' is no kernel", remedy)
         return [printers[0](self, node)]
@@ -235,7 +235,7 @@ class Expressions(Names):
             numbers = f"{len(node.args)} arguments for {len(wanted.parameters)}"
             self.refuse(node, f"'{shown(node)}' has {numbers}", f"give ({', '.join(wanted.names)})")
         operands: list[str] = []
-        arguments = [self.expression(each) for each in node.args]
+        arguments = [self.expression(argument) for argument in node.args]
         for value, name, kind in zip(arguments, wanted.names, wanted.parameters, strict=True):
             if value.type != kind:
                 remedy = f"'{called.name}' takes {kind}: convert it by float(...) or int(...), or give another"
@@ -250,7 +250,7 @@ class Expressions(Names):
         if function.fails:
             status = self.value(f"extractvalue {returned} {result}, 0")
             self.hand_up(status)
-        kinds = [kind for each in wanted.results for _, kind in each.leaves("")]
+        kinds = [kind for returned_type in wanted.results for _, kind in returned_type.leaves("")]
         results = (
             Value(kind, self.value(f"extractvalue {returned} {result}, {place}"))
             for place, kind in enumerate(kinds, start=1)
@@ -272,7 +272,7 @@ class Expressions(Names):
         return node.args[0]
 
     def sqrt(self, node: ast.Call) -> Value:
-        """The root, rounded correctly; of a negative number an error."""
+        """The correctly rounded root; a negative number is an error."""
         x = self.as_float(self.number(self.one(node)))
         self.check(self.value(f"fcmp uge double {x}, {number(0.0)}"), ValueError, "math domain error", node)
         return Value(FLOAT, self.value(f"call double @llvm.sqrt.f64(double {x})"))
@@ -288,9 +288,9 @@ class Expressions(Names):
 
     def extreme(self, node: ast.Call) -> Value:
         """The least or largest: a later one only if it is really less or more, which matters for NaN and -0.0."""
-        values = [self.number(each) for each in node.args]
+        values = [self.number(argument) for argument in node.args]
         kind = values[0].type if len(values) > 1 else None
-        if kind is None or any(each.type != kind for each in values):
+        if kind is None or any(value.type != kind for value in values):
             self.refuse(node, f"'{shown(node)}'", "give two or more numbers of one type")
         return self.best(values, ast.Lt if self.outside(node.func) is min else ast.Gt)
 
@@ -311,7 +311,7 @@ class Expressions(Names):
         return Value(FLOAT, self.as_float(self.number(self.one(node))))
 
     def length(self, node: ast.Call) -> Value:
-        """How many entries the first index of an array has."""
+        """The length of an array along its first index."""
         array = self.expression(self.one(node))
         if not array.sizes:
             self.refuse(node, f"'{shown(node)}' is given {array.type}", "give an array")
@@ -319,7 +319,7 @@ class Expressions(Names):
 
 
 def _as_number(kind: Type) -> str:
-    """How to make a number of something else."""
+    """The remedy where something else than a number was used as one."""
     if kind.layout and not kind.dimensions:
         return "name a field"
     return "write int(...)" if kind == BOOL else "compute cell by cell, in a loop"

@@ -1,4 +1,4 @@
-"""The decorator of kernels, and their call: as machine code, or as the plain Python that they are."""
+"""The decorator of kernels, and their call: as machine code, or as plain Python."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _Compiled(NamedTuple):
 
     code: MachineCode  # holds the memory of the function
     call: Callable[[Any], int]
-    given: struct.Struct
+    arguments: struct.Struct
     returned: struct.Struct
     size: int  # of the memory of both, bytes
     kinds: tuple[tuple[object, int, int], ...]  # of each number and array that is given, see `_kind`
@@ -68,30 +68,30 @@ class Kernel(Generic[_P, _R]):
         return f"<kernel {self.__module__}.{self.__name__}>"
 
     def __reduce__(self) -> str:
-        return self.__name__  # pickled as the name of its module that it is
+        return self.__name__  # pickled by its name in its module
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """The function of its arguments."""
+        """Call the kernel in the mode of this thread."""
         mode = _mode.get()
         if mode == "inside":
             return self.python(*args, **kwargs)
-        given = self._in_order(args, kwargs) if kwargs else args
+        values = self._in_order(args, kwargs) if kwargs else args
         count, nested = self._counted
-        if len(given) != count:
-            raise TypeError(f"{self.__name__}() takes {count} arguments, not {len(given)}")
+        if len(values) != count:
+            raise TypeError(f"{self.__name__}() takes {count} arguments, not {len(values)}")
         if nested:
-            wanted = zip(self.source.signature.names, self.source.signature.parameters, given, strict=True)
-            given = [leaf for each in wanted for leaf in self._flat(*each)]
+            wanted = zip(self.source.signature.names, self.source.signature.parameters, values, strict=True)
+            values = [leaf for parameter in wanted for leaf in self._flat(*parameter)]
         if mode == "interpreted":
-            return self._interpret([self._checked(place, value) for place, value in enumerate(given)])
-        return self._run(given)
+            return self._interpret([self._checked(place, value) for place, value in enumerate(values)])
+        return self._run(values)
 
-    def _run(self, given: Sequence[Any]) -> _R:
-        """The machine code of arguments, which are checked."""
+    def _run(self, values: Sequence[Any]) -> _R:
+        """Run the machine code; arguments are checked."""
         unit, compiled, words = self.unit, self._compiled, list[Any]()
         if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
-        for place, ((cell, dimensions, width), value) in enumerate(zip(compiled.kinds, given, strict=True)):
+        for place, ((cell, dimensions, width), value) in enumerate(zip(compiled.kinds, values, strict=True)):
             if not dimensions:
                 plain = cell is float and type(value) is float
                 words.append(value if plain else self._checked(place, value))
@@ -106,7 +106,7 @@ class Kernel(Generic[_P, _R]):
             words.append(_address(value))
             words += value.shape[:dimensions] if width else value.shape
         memory = ctypes.create_string_buffer(compiled.size)
-        compiled.given.pack_into(memory, 0, *words)
+        compiled.arguments.pack_into(memory, 0, *words)
         if unit.quick:
             begun = thread_time()
             status = compiled.call(memory)
@@ -115,11 +115,11 @@ class Kernel(Generic[_P, _R]):
             status = compiled.call(memory)
         if status:
             _throw(unit.failure(status))
-        found = compiled.returned.unpack_from(memory)
+        results = compiled.returned.unpack_from(memory)
         if not self._plain:
-            numbers = iter(found)
-            found = tuple(_made(kind, numbers) for kind in self.source.signature.results)
-        return cast(_R, found[0] if self.source.signature.single else found or None)
+            numbers = iter(results)
+            results = tuple(_made(kind, numbers) for kind in self.source.signature.results)
+        return cast(_R, results[0] if self.source.signature.single else results or None)
 
     @property
     def unit(self) -> Unit:
@@ -127,7 +127,7 @@ class Kernel(Generic[_P, _R]):
         return self.source.unit or unit_of(self.source)
 
     def _bound(self) -> _Compiled:
-        """Its function as the file has it now."""
+        """Return its function in the current machine code of the file."""
         code, address = self.unit.entry(self.source)
         words = [
             _FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
@@ -135,9 +135,9 @@ class Kernel(Generic[_P, _R]):
         ]
         results = [_FORMATS[kind.element] for result in self.source.signature.results for _, kind in result.leaves("")]
         call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
-        given, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
-        size = max(given.size, returned.size, _WORD)
-        return _Compiled(code, call, given, returned, size, tuple(_kind(kind) for _, kind in self._leaves))
+        arguments, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
+        size = max(arguments.size, returned.size, _WORD)
+        return _Compiled(code, call, arguments, returned, size, tuple(_kind(kind) for _, kind in self._leaves))
 
     @cached_property
     def _leaves(self) -> list[tuple[str, Type]]:
@@ -145,7 +145,7 @@ class Kernel(Generic[_P, _R]):
 
     @cached_property
     def _counted(self) -> tuple[int, bool]:
-        """How many arguments it takes, and whether there are records among them."""
+        """The number of arguments, and True if there are records among them."""
         parameters = self.source.signature.parameters
         return len(parameters), any(parameter.layout and not parameter.dimensions for parameter in parameters)
 
@@ -208,9 +208,9 @@ class Kernel(Generic[_P, _R]):
     def _named(self, place: int) -> str:
         return f"{self.__name__}(): '{self._leaves[place][0]}'"
 
-    def _interpret(self, given: list[Any]) -> _R:
+    def _interpret(self, values: list[Any]) -> _R:
         """The same call by the interpreter, with all kernels below it."""
-        leaves = iter(given)
+        leaves = iter(values)
         plain = [_made(kind, leaves) for kind in self.source.signature.parameters]
         token = _mode.set("inside")
         try:
@@ -220,13 +220,13 @@ class Kernel(Generic[_P, _R]):
 
 
 def _kind(kind: Type) -> tuple[object, int, int]:
-    """What an argument is compared with: float, or what the cells of an array are; its indices; columns of records."""
+    """The expected type of an argument: float or the dtype of an array, its number of indices, columns of records."""
     cell = _CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None
     return cell, kind.dimensions, kind.width if kind.layout else 0
 
 
 def _made(kind: Type, leaves: Iterator[Any]) -> Any:
-    """A value of a type from its numbers and arrays, as the interpreter has it."""
+    """Build a value for the interpreter from its numbers and arrays."""
     if kind.layout is None:
         value = next(leaves)
         return Cells(value) if kind.dimensions else bool(value) if kind == BOOL else value
@@ -236,12 +236,12 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
 
 
 def _address(array: np.ndarray) -> int:
-    """Where the first cell of an array lies; numpy's own ways to say it take as long as a small kernel."""
+    """Return the address of an array's first cell, from the object: numpy's own ways take as long as a small kernel."""
     return ctypes.c_size_t.from_address(id(array) + _DATA).value if _READS_THE_OBJECT else array.ctypes.data
 
 
 def _reads_the_object() -> bool:
-    """Whether the address stands in the array object where `_address` looks for it, as in each numpy so far."""
+    """Return True if the address lies in the array object where `_address` reads it, as in every numpy so far."""
     probe = np.zeros(1)
     known = sys.implementation.name == "cpython"
     return known and ctypes.c_size_t.from_address(id(probe) + _DATA).value == probe.ctypes.data
@@ -251,7 +251,7 @@ _READS_THE_OBJECT = _reads_the_object()
 
 
 def _throw(failure: Failure) -> NoReturn:
-    """The error that Python raises there, with file and line."""
+    """Raise the error that Python raises there, with file and line."""
     error, source = failure.kind(failure.text), failure.source
     text = linecache.getline(source.file, failure.line).strip()
     error.add_note(f"in kernel '{source.name}', file {source.file}, line {failure.line}: {text}")
@@ -259,13 +259,13 @@ def _throw(failure: Failure) -> NoReturn:
 
 
 def kernel(python: Callable[_P, _R]) -> Kernel[_P, _R]:
-    """Makes a kernel of a plain Python function; `docs/kernels.md` has the language."""
+    """Turn a plain Python function into a kernel; `docs/kernels.md` has the language."""
     return Kernel(python)
 
 
 @contextmanager
 def interpreted() -> Generator[None]:
-    """Runs all kernels as plain Python, in this thread: the oracle of tests, and for debuggers."""
+    """Run all kernels of this thread as plain Python, as the oracle of tests and for debuggers."""
     token = _mode.set("interpreted")
     try:
         yield

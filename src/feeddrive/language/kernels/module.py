@@ -38,7 +38,7 @@ attributes #0 = { nounwind "no-builtins" }
 
 
 class Effort(NamedTuple):
-    """What is spent on machine code.  No pass contracts or reorders arithmetic on floats."""
+    """The effort of LLVM on machine code.  No pass contracts or reorders arithmetic on floats."""
 
     selection: int  # of instructions and registers, as LLVM counts it
     passes: tuple[str, ...]
@@ -91,13 +91,13 @@ class Unit:
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _content(self, source: Source) -> str:
-        """What the text of a kernel depends on."""
+        """All that the printed text of a kernel depends on."""
         named = [f"{name}={self._described(value)}" for name, value in sorted(source.named.items())]
         code = source.python.__code__
         return "\n".join([source.name, code.co_code.hex(), repr(source.signature), *named])
 
     def _described(self, value: object) -> str:
-        """What a kernel names, as its text depends on it."""
+        """Describe the value of a name in a kernel, as far as the printed text depends on it."""
         called = source_of(value)
         if called is not None:
             return str(self._places[called]) if called in self._places else unit_of(called).symbol(called)
@@ -119,7 +119,7 @@ class Unit:
 
     @cached_property
     def number(self) -> int:
-        """In the statuses of its kernels."""
+        """The number of the file in the statuses of its kernels."""
         return int(self.key[:10], 16)
 
     # text
@@ -131,7 +131,7 @@ class Unit:
             if known is not None:
                 return known
             if source in _open:
-                names = " -> ".join(each.name for each in [*_open[_open.index(source) :], source])
+                names = " -> ".join(caller.name for caller in [*_open[_open.index(source) :], source])
                 remedy = "write a loop, with a stack in an array of the caller"
                 source.refuse(source.tree, f"recursion: {names}", remedy)
             _open.append(source)
@@ -145,9 +145,9 @@ class Unit:
 
     def text(self, effort: Effort = QUICK) -> str:
         """The module, with its triple in the first line."""
-        own = [self.function(each) for each in self.sources]
+        own = [self.function(source) for source in self.sources]
         declared, copied = list[str](), dict[str, Function]()
-        left, seen = [each for function in own for each in function.called], set(self.sources)
+        left, seen = [callee for function in own for callee in function.called], set(self.sources)
         while left:
             source = left.pop()
             if source in seen:
@@ -160,14 +160,16 @@ class Unit:
             else:
                 declared.append(f"declare {function.head}\n")
         angles = dict[str, str]()
-        wanted = [each for function in (*own, *copied.values()) for each in function.elementary]
+        wanted = [elementary for function in (*own, *copied.values()) for elementary in function.elementary]
         while wanted:
-            each = wanted.pop()
-            if each.name not in angles:
-                angles[each.name], called = each.printed()
+            elementary = wanted.pop()
+            if elementary.name not in angles:
+                angles[elementary.name], called = elementary.printed()
                 wanted += called
-        defined = [f"define {each.text}" for each in own] + [f"define internal {each.text}" for each in copied.values()]
-        entries = [_entry(place, each, self.symbol(each)) for place, each in enumerate(self.sources)]
+        defined = [f"define {function.text}" for function in own] + [
+            f"define internal {function.text}" for function in copied.values()
+        ]
+        entries = [_entry(place, source, self.symbol(source)) for place, source in enumerate(self.sources)]
         return "\n".join(
             [f'target triple = "{target()[0]}"', *declared, *defined, *angles.values(), *entries, _INTRINSICS]
         )
@@ -176,7 +178,7 @@ class Unit:
 
     @property
     def code(self) -> MachineCode:
-        """The machine code: what the disk has, else made quickly."""
+        """The machine code: that on the disk, else compiled quickly."""
         if self._code is None:
             with _lock:
                 if self._code is None:
@@ -188,37 +190,37 @@ class Unit:
         return self._code
 
     def entry(self, source: Source) -> tuple[MachineCode, int]:
-        """The machine code of all, and where the function lies by which Python calls a kernel."""
+        """The machine code of the file, and the address of the function by which Python calls a kernel."""
         code = self.code
         return code, code.addresses[_ENTRY.format(self._places[source])]
 
     @property
     def quick(self) -> bool:
-        """Whether its code was made quickly."""
+        """True if its code was compiled quickly."""
         return self._effort is QUICK
 
     @staticmethod
     def ran(seconds: float) -> None:
-        """Counts the time in quick code; when it has become long, all code is made thoroughly.
+        """Count the time in quick code; once it is long, compile all code thoroughly.
 
-        All at once, so that a long program stops once, and its memory grows near its start: LLVM takes 30 MB.
+        All files at once, so that a long program pauses once, and its memory grows near its start: LLVM takes 30 MB.
         """
         Unit.spent += seconds
         if Unit.spent > _LONG:
             with _lock:
-                for each in list(_used):
-                    each.make(THOROUGH)
+                for unit in list(_used):
+                    unit.make(THOROUGH)
 
     def make(self, effort: Effort) -> None:
-        """Makes its code and that of the files that it calls with an effort, where it has another one."""
+        """Compile its code and that of the files that it calls with an effort, unless it has that effort already."""
         with _lock:
-            for each in self.units:
-                if each._code is None or each._effort != effort:
-                    each._code, each._effort = each._linked(effort), effort
+            for unit in self.units:
+                if unit._code is None or unit._effort != effort:
+                    unit._code, unit._effort = unit._linked(effort), effort
 
     @cached_property
     def units(self) -> tuple[Unit, ...]:
-        """The files whose kernels it calls, each after those that it calls itself, and it as the last."""
+        """The files whose kernels it calls, in the order of dependence, with itself as the last."""
         units = dict[Unit, None]()
         for source in self.sources:
             for kernel in _kernels(source):
@@ -229,14 +231,14 @@ class Unit:
     def failure(self, status: int) -> Failure:
         """The error of a status that is not 0."""
         number, place = status >> _FAILURE + _KERNEL, status >> _FAILURE & (1 << _KERNEL) - 1
-        unit = next(each for each in self.units if each.number == number)
+        unit = next(candidate for candidate in self.units if candidate.number == number)
         return unit.function(unit.sources[place]).failures[(status & (1 << _FAILURE) - 1) - 1]
 
     def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
-        """The machine code of an effort, linked to that of other files; None if it is to be on the disk and is not."""
+        """The machine code of an effort, linked to that of other files; with `stored` None if it is not on the disk."""
         own = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
-        below = [each.code for each in self.units[:-1]]
-        symbols = {name: place for each in below for name, place in each.addresses.items() if name.startswith("k")}
+        below = [unit.code for unit in self.units[:-1]]
+        symbols = {name: place for code in below for name, place in code.addresses.items() if name.startswith("k")}
         return linked_code(
             self.key,
             lambda: self.text(effort),
@@ -255,10 +257,10 @@ _used: WeakSet[Unit] = WeakSet()  # that have code
 
 
 def _entry(place: int, source: Source, symbol: str) -> str:
-    """A function that takes arguments of a kernel from words of 64 bits in memory, and leaves its results there."""
-    words = [each for _, given in source.signature.leaves for each in (given, *[INT] * given.dimensions)]
+    """Print a function that reads a kernel's arguments from 64-bit words in memory and writes its results there."""
+    words = [word for _, kind in source.signature.leaves for word in (kind, *[INT] * kind.dimensions)]
     returned = struct(source.signature.results)
-    results = [kind for each in source.signature.results for _, kind in each.leaves("")]
+    results = [kind for result in source.signature.results for _, kind in result.leaves("")]
     lines, operands = list[str](), list[str]()
     for at, kind in enumerate(words):
         loaded = kind.llvm.replace("i1", "i64")
@@ -281,32 +283,32 @@ def _entry(place: int, source: Source, symbol: str) -> str:
 
 
 def unit_of(source: Source) -> Unit:
-    """The file of a kernel, with all kernels that stand there when it is first asked for."""
+    """Return the unit of a kernel's file, with all kernels that the file defines at the first call."""
     with _lock:
         unit = cast("Unit | None", source.unit)
         if unit is None:
             names = source.python.__globals__
-            beside = [each for each in map(source_of, names.values()) if each and each.python.__globals__ is names]
+            beside = [other for other in map(source_of, names.values()) if other and other.python.__globals__ is names]
             unit = Unit(dict.fromkeys([*beside, source]))
-            for each in unit.sources:
-                each.unit = unit
+            for member in unit.sources:
+                member.unit = unit
     return unit
 
 
 def _kernels(source: Source) -> list[Source]:
-    """The kernels that another one names."""
-    return [each for each in map(source_of, source.named.values()) if each]
+    """The kernels that a kernel names."""
+    return [called for called in map(source_of, source.named.values()) if called]
 
 
 def _lines(file: str) -> str:
     """The text of a file without comments that have lines of their own."""
     linecache.checkcache(file)
-    return "".join(each for each in linecache.getlines(file) if not _IDLE.match(each))
+    return "".join(line for line in linecache.getlines(file) if not _IDLE.match(line))
 
 
 @lru_cache(maxsize=1)
 def _compiler() -> str:
     """A digest of the files that print kernels."""
     here = Path(__file__).parent
-    texts = [each.read_text(encoding="utf-8") for each in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
+    texts = [path.read_text(encoding="utf-8") for path in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
     return hashlib.sha256("\n".join([sys.version, *texts]).encode()).hexdigest()

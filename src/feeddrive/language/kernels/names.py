@@ -28,7 +28,7 @@ class Variable(NamedTuple):
 
     @property
     def loads(self) -> list[str]:
-        """What gives its value."""
+        """The LLVM loads of its value."""
         if self.parts:
             return [load for part in self.parts for load in part.loads]
         kinds = [self.type.llvm, *["i64"] * (len(self.slots) - 1)]
@@ -41,7 +41,7 @@ class Names(RecordArithmetic):
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
         self.names: frozenset[str] = frozenset()  # all that are local
-        self.given: dict[str, Value] = {}  # parameters that keep their value
+        self.fixed: dict[str, Value] = {}  # parameters that keep their value
         self.counters: frozenset[str] = frozenset()  # local whole numbers that are never below 0
         self.variables: dict[str, Variable] = {}
         self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None where no path leads
@@ -52,14 +52,14 @@ class Names(RecordArithmetic):
         """The address of a cell or row (`expressions.py`)."""
 
     def outside(self, node: ast.expr) -> object:
-        """What a name that is not local stands for; None for anything else."""
+        """Return the value of a name that is not local; None for anything else."""
         first = node
         while isinstance(first, ast.Attribute):
             first = first.value
         return None if isinstance(first, ast.Name) and first.id in self.names else self.source.lookup(node)
 
     def constant(self, value: object, node: ast.expr) -> Value:
-        """A number or record that is known."""
+        """Return a known number or record."""
         if is_record(type(value)):
             return self.constant_record(cast("tuple[object, ...]", value), node)
         if isinstance(value, bool):
@@ -82,8 +82,8 @@ class Names(RecordArithmetic):
             return self.inside(self.constant(value, node), fields, whole)
         if self.assigned is not None and node.id not in self.assigned:
             self.refuse(node, f"'{node.id}' is read where a path has not assigned it", "assign it before")
-        if node.id in self.given:
-            return self.inside(self.given[node.id], fields, whole)
+        if node.id in self.fixed:
+            return self.inside(self.fixed[node.id], fields, whole)
         held = self.variables.get(node.id)
         if held is None:
             self.refuse(node, f"'{node.id}' is read before it is assigned", "assign it before")

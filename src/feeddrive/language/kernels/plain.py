@@ -1,4 +1,4 @@
-"""Arrays as the interpreter sees them in a kernel: cells are Python's numbers, rows are views or records."""
+"""Arrays in a kernel that the interpreter runs: cells are Python's numbers, rows are views or records."""
 
 from __future__ import annotations
 

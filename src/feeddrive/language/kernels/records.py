@@ -22,11 +22,11 @@ class RecordArithmetic(Arithmetic):
 
     @abstractmethod
     def expression(self, node: ast.expr) -> Value:
-        """Any expression with one value (`expressions.py`)."""
+        """Print an expression with one value (`expressions.py`)."""
 
     @abstractmethod
     def constant(self, value: object, node: ast.expr) -> Value:
-        """A number or record that is known (`expressions.py`)."""
+        """Return a known number or record (`expressions.py`)."""
 
     def index(self, kind: Type, field: str, node: ast.AST) -> int:
         """The place of a field among those of a record."""
@@ -47,7 +47,7 @@ class RecordArithmetic(Arithmetic):
         return self.shifted(place, sum(kind.width for kind in kinds[:index]), kinds[index])
 
     def shifted(self, place: Value, columns: int, kind: Type) -> Value:
-        """The place of something that lies so many columns behind another place."""
+        """The address that lies so many columns behind another one."""
         text = place.text
         if columns:
             text = self.value(f"getelementptr inbounds double, ptr {text}, i64 {columns}")
@@ -70,7 +70,7 @@ class RecordArithmetic(Arithmetic):
         return Value(cell.type, self.emit(f"load {cell.type.llvm}, ptr {cell.text}"))
 
     def put_into(self, place: Value, value: Value) -> None:
-        """A number or a record into an array, at a place of its type."""
+        """Store a number or a record at a place of its type in an array."""
         for cell, leaf in zip(self.cells(place), value.leaves, strict=True):
             kind, text = leaf.type.llvm, leaf.text
             if leaf.type == BOOL:
@@ -79,7 +79,7 @@ class RecordArithmetic(Arithmetic):
 
     # making
 
-    def made(self, layout: Layout, node: ast.Call) -> Value:
+    def constructed(self, layout: Layout, node: ast.Call) -> Value:
         """Stretch(begin, end, peak=v): fields in their order, then by name; others have their defaults."""
         names = [*layout.fields]
         if len(node.args) > len(names):
@@ -104,15 +104,15 @@ class RecordArithmetic(Arithmetic):
         parts = dict(zip(layout.fields, record.parts, strict=True))
         return record._replace(parts=tuple((parts | self.named(layout, node, {})).values()))
 
-    def named(self, layout: Layout, node: ast.Call, given: dict[str, Value]) -> dict[str, Value]:
+    def named(self, layout: Layout, node: ast.Call, fields: dict[str, Value]) -> dict[str, Value]:
         """The fields that are given by position and by name, in the order of the text, each of its type."""
         kind = Type("record", 0, layout)
         for keyword in node.keywords:
-            if keyword.arg is None or keyword.arg in given:
+            if keyword.arg is None or keyword.arg in fields:
                 self.refuse(node, f"'{shown(node)}'", "give each field once, by its name")
             self.index(kind, keyword.arg, node)
-            given[keyword.arg] = self.expression(keyword.value)
-        return {name: self.fitting(layout, name, value, node) for name, value in given.items()}
+            fields[keyword.arg] = self.expression(keyword.value)
+        return {name: self.fitting(layout, name, value, node) for name, value in fields.items()}
 
     def fitting(self, layout: Layout, name: str, value: Value, node: ast.AST) -> Value:
         """A value for a field, if it has its type."""
@@ -124,6 +124,6 @@ class RecordArithmetic(Arithmetic):
     def constant_record(self, value: tuple[object, ...], node: ast.expr) -> Value:
         """A record of the module, which is constant."""
         layout = self.source.layout(type(value), node)
-        parts = [self.constant(each, node) for each in value]
+        parts = [self.constant(entry, node) for entry in value]
         fitting = [self.fitting(layout, name, part, node) for name, part in zip(layout.fields, parts, strict=True)]
         return Value(Type("record", 0, layout), "", parts=tuple(fitting))

@@ -16,7 +16,7 @@ _WHOLE = 4503599627370496.0  # 2⁵²: from here on every float is a whole numbe
 def left_over(x: float, y: float) -> float:
     """X minus the whole multiple of y next to it towards 0 (C's fmod), exactly; NaN where x is infinite or y is 0.
 
-    y is doubled up to x, then taken away wherever it fits: each difference of numbers within a factor of 2 is exact.
+    y is doubled up to x, then subtracted wherever it fits: a difference of numbers within a factor of 2 is exact.
     """
     rest, part = abs(x), abs(y)
     if not (rest < _INFINITY and part > 0.0):
@@ -46,7 +46,7 @@ def modulo(x: float, y: float) -> float:
 
 @readable
 def floor_division(x: float, y: float) -> float:
-    """X // y: the quotient of what is left after the remainder is taken away, as a whole number."""
+    """X // y: (x - remainder) / y, rounded to a whole number."""
     rest = left_over(x, y)
     quotient = (x - rest) / y
     if rest != 0.0 and (y < 0.0) != (rest < 0.0):

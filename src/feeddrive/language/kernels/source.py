@@ -1,4 +1,4 @@
-"""What a kernel is given as: the text of a Python function, the types of its annotations, the names that it uses."""
+"""The source of a kernel: the text of a Python function, the types of its annotations, the names that it uses."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class KernelError(FeeddriveError):
 
 
 class UnfitError(Exception):
-    """Why a class cannot be a record of kernels, and what to write instead."""
+    """A class that cannot be a record of kernels; the arguments are the reason and what to write instead."""
 
 
 class Type(NamedTuple):
@@ -102,7 +102,7 @@ class Type(NamedTuple):
         return self.layout.width if self.layout else 1
 
     def leaves(self, name: str) -> list[tuple[str, Type]]:
-        """The numbers and arrays of a variable of this type, with their names: a record is nothing but these."""
+        """The numbers and arrays of a variable of this type, with their names; records are flattened."""
         if self.layout is None or self.dimensions:
             return [(name, self)]
         return [leaf for field, kind in self.layout.fields.items() for leaf in kind.leaves(f"{name}.{field}")]
@@ -194,7 +194,7 @@ def type_of(hint: object) -> Type | None:
 
 
 class Signature(NamedTuple):
-    """Names and types of what a kernel is given, and types of what it returns."""
+    """Names and types of a kernel's parameters, and types of its results."""
 
     names: tuple[str, ...]
     parameters: tuple[Type, ...]
@@ -203,7 +203,7 @@ class Signature(NamedTuple):
 
     @property
     def leaves(self) -> list[tuple[str, Type]]:
-        """Names and types of the numbers and arrays that it is given, those of records one by one."""
+        """Names and types of the numbers and arrays among its parameters, records flattened."""
         return [leaf for name, kind in zip(self.names, self.parameters, strict=True) for leaf in kind.leaves(name)]
 
 
@@ -228,7 +228,10 @@ def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
 def _functions(text: str) -> dict[tuple[str, int], ast.FunctionDef]:
     """The functions of a file at its top level, by name and first line (that of the decorator)."""
     functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
-    return {(node.name, min([node.lineno, *[each.lineno for each in node.decorator_list]])): node for node in functions}
+    return {
+        (node.name, min([node.lineno, *[decorator.lineno for decorator in node.decorator_list]])): node
+        for node in functions
+    }
 
 
 @lru_cache(maxsize=1024)
@@ -245,7 +248,7 @@ class Source:
         self.name = python.__name__
         self.file = python.__code__.co_filename
         self.unit: Any = None  # all kernels of its file, once they are asked for (`module.py`)
-        self.part = False  # of kernels, which the compiler alone calls
+        self.part = False  # True for a part of kernels that only the compiler calls
 
     @cached_property
     def tree(self) -> ast.FunctionDef:
@@ -261,7 +264,7 @@ class Source:
                 tree = _functions("".join(linecache.getlines(self.file))).get((self.name, code.co_firstlineno))
         except SyntaxError:
             tree = None
-        names = [each.arg for each in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
+        names = [argument.arg for argument in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
         if tree is None or (tree.name, names) != (self.name, [*code.co_varnames[: code.co_argcount]]):
             self.refuse(place, "its text is not in the file", "start Python again if the file has changed")
         if len(tree.decorator_list) > 1:
@@ -283,16 +286,16 @@ class Source:
         except KernelError:  # the line is that of the file
             return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
 
-    def _annotated(self, given: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:
+    def _annotated(self, annotations: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:
         """Types of annotations."""
         names, parameters = self.python.__code__.co_varnames, list[Type]()
-        for place, each in enumerate(given):
-            if each is None:
+        for place, annotation in enumerate(annotations):
+            if annotation is None:
                 what = f"the parameter '{names[place]}' has no type"
                 self.refuse(self.tree.args.args[place], what, f"annotate it as {_KNOWN}")
-            parameters.append(self._type(each))
+            parameters.append(self._type(annotation))
         results, single = self._results(returns)
-        return Signature(names[: len(given)], tuple(parameters), results, single)
+        return Signature(names[: len(annotations)], tuple(parameters), results, single)
 
     def _type(self, node: ast.expr) -> Type:
         """The type that an annotation names."""
@@ -314,7 +317,7 @@ class Source:
             self.refuse(node, *error.args)
 
     def _results(self, node: ast.expr | None) -> tuple[tuple[Type, ...], bool]:
-        """Types of what is returned, and whether it is one number."""
+        """Types of the results, and True if there is one number or record."""
         if node is None:
             self.refuse(self.tree, "no type is said to be returned", "write -> float, -> tuple[float, int] or -> None")
         if isinstance(node, ast.Constant) and node.value is None:
@@ -322,15 +325,15 @@ class Source:
         single = not (isinstance(node, ast.Subscript) and self.lookup(node.value) is tuple)
         if isinstance(node, ast.Subscript) and not single:
             inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-            types = tuple(self._type(each) for each in inner)
+            types = tuple(self._type(element) for element in inner)
         else:
             types = (self._type(node),)
-        if any(leaf.dimensions for each in types for _, leaf in each.leaves("")):
+        if any(leaf.dimensions for kind in types for _, leaf in kind.leaves("")):
             self.refuse(node, "an array is returned", "let the caller give the array that is filled")
         return types, single
 
     def lookup(self, node: ast.expr) -> object:
-        """What a name outside of the function stands for, also within a module; None if it is not there."""
+        """Return the value of a name outside of the function, also within a module; None if there is none."""
         if isinstance(node, ast.Name):
             return self.named[node.id] if node.id in self.named else self._outside(node.id)
         if isinstance(node, ast.Attribute):
@@ -343,7 +346,7 @@ class Source:
 
     @cached_property
     def named(self) -> dict[str, object]:
-        """What the names of its code stand for, those in modules too, when it is first asked: it stays so."""
+        """The values of the names in its code, those in modules, too; read once, at the first use."""
         names = self.python.__code__.co_names
         values = {name: self._outside(name) for name in names}
         left, seen = list(values.values()), set[int]()
@@ -357,12 +360,12 @@ class Source:
         return values
 
     def _outside(self, name: str) -> object:
-        """What a name outside of the function stands for."""
+        """Return the value of a name outside of the function; None if there is none."""
         names = self.python.__globals__
         return names[name] if name in names else getattr(builtins, name, None)
 
     def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
-        """The error that something is not in the language."""
+        """Raise KernelError for something that is not in the language."""
         line = getattr(node, "lineno", self.python.__code__.co_firstlineno)
         raise KernelError(f"{self.file}, line {line}, kernel '{self.name}': {what}; {remedy}")
 
@@ -371,7 +374,7 @@ _Python = TypeVar("_Python", bound=Callable[..., object])
 
 
 def readable(function: _Python) -> _Python:
-    """Marks a function that only the compiler calls, as a part of kernels."""
+    """Mark a function as a part of kernels that only the compiler calls."""
     source = Source(cast(FunctionType, function))
     source.part = True
     vars(function)["source"] = source

@@ -12,12 +12,12 @@ from feeddrive.language.kernels.text import REMEDIES, Function, Value, assembled
 
 
 class _Loop(NamedTuple):
-    """A loop: where `continue` and `break` go, and what is assigned on each way out of it."""
+    """A loop: the targets of `continue` and `break`, and the assigned names on each way out of it."""
 
     onward: str
     out: str
     outcomes: list[frozenset[str] | None]
-    facts: dict[str, str]  # at the start of each turn that are so after the loop too
+    facts: dict[str, str]  # that hold at the start of each turn, and so after the loop, too
 
 
 class Statements(Assignments):
@@ -51,7 +51,7 @@ class Statements(Assignments):
             if parameter in stored:
                 self.store(parameter, value, tree)
             else:
-                self.given[parameter] = value
+                self.fixed[parameter] = value
         self.assigned = frozenset(signature.names)
         self.block_of(tree.body)
         if self.reached() and signature.results:
@@ -90,16 +90,16 @@ class Statements(Assignments):
         self.depth -= 1
 
     def merged(self, outcomes: Iterable[frozenset[str] | None]) -> frozenset[str] | None:
-        """What is assigned on all of several ways."""
+        """Return the names that are assigned on all of several paths; None if no path leads here."""
         ways = [outcome for outcome in outcomes if outcome is not None]
         return frozenset.intersection(*ways) if ways else None
 
     def reached(self) -> bool:
-        """Whether a path leads to here."""
+        """True if a path leads to here."""
         return self.assigned is not None
 
     def dead(self) -> None:
-        """What follows is not reached."""
+        """Begin a block that is not reached."""
         self.assigned, self.facts = None, {}
         self.begin(self.label())
 
@@ -120,9 +120,7 @@ class Statements(Assignments):
         if len(facts) == 1:
             self.facts = facts[0]
         else:
-            self.facts = {
-                fact: value for fact, value in known.items() if all(each.get(fact) == value for each in facts)
-            }
+            self.facts = {fact: value for fact, value in known.items() if all(way.get(fact) == value for way in facts)}
         self.begin(after)
 
     def repeat(self, node: ast.While) -> None:
@@ -139,7 +137,7 @@ class Statements(Assignments):
         self.after(loop)
 
     def count(self, node: ast.For) -> None:
-        """For over a range, whose step is a written number; the range is computed once."""
+        """For over a range with a literal step; the range is computed once."""
         call, target = node.iter, node.target
         if not isinstance(call, ast.Call) or self.outside(call.func) is not range or call.keywords:
             self.refuse(node, f"for over '{shown(call)}'", "loop over range(...)")
@@ -178,7 +176,7 @@ class Statements(Assignments):
         self.after(loop)
 
     def turns(self, start: str, stop: str, step: int) -> str:
-        """How often a range turns, counted without sign so that it never leaves 64 bits."""
+        """The number of turns of a range, unsigned, so that it never leaves 64 bits."""
         near, far = (start, stop) if step > 0 else (stop, start)
         some = self.emit(f"icmp slt i64 {near}, {far}")
         span = self.emit(f"sub i64 {far}, {near}")
@@ -197,18 +195,18 @@ class Statements(Assignments):
         self.jump(loop.onward)
 
     def forget(self, loop: ast.While | ast.For) -> set[str]:
-        """Loads of what a loop changes, of which nothing is known at the start of its turns."""
+        """Forget the values of the variables that a loop changes, and return their loads."""
         held = [self.variables[name] for name in assigned(loop)[0] if name in self.variables]
-        changed = {load for each in held for load in each.loads}
+        changed = {load for variable in held for load in variable.loads}
         self.facts = self.lasting(changed)
         return changed
 
     def lasting(self, changed: set[str]) -> dict[str, str]:
-        """What is known but for the values of some variables."""
+        """The known facts without the values of some variables."""
         return {fact: value for fact, value in self.facts.items() if fact not in changed}
 
     def after(self, loop: _Loop) -> None:
-        """What follows a loop."""
+        """Begin the block behind a loop."""
         self.assigned, self.facts = self.merged(loop.outcomes), loop.facts
         self.begin(loop.out)
 
@@ -246,11 +244,11 @@ class Statements(Assignments):
     def leave(self, values: Sequence[Value]) -> None:
         """Ends the function without an error."""
         returned = struct(self.source.signature.results)
-        leaves = [leaf for each in values for leaf in each.leaves]
-        made = f"{{ {', '.join(['i64 0', *[f'{each.type.llvm} poison' for each in leaves]])} }}"
+        leaves = [leaf for value in values for leaf in value.leaves]
+        aggregate = f"{{ {', '.join(['i64 0', *[f'{leaf.type.llvm} poison' for leaf in leaves]])} }}"
         for place, value in enumerate(leaves, start=1):
-            made = self.emit(f"insertvalue {returned} {made}, {value.type.llvm} {value.text}, {place}")
-        self.add(f"ret {returned} {made}")
+            aggregate = self.emit(f"insertvalue {returned} {aggregate}, {value.type.llvm} {value.text}, {place}")
+        self.add(f"ret {returned} {aggregate}")
 
     def throw(self, node: ast.Raise) -> None:
         """Raise with a fixed text."""
@@ -312,9 +310,9 @@ def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set
             left += node.orelse
         elif isinstance(node, (ast.Assign, ast.AugAssign)):
             for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
-                for each in target.elts if isinstance(target, ast.Tuple) else [target]:
-                    if isinstance(each, ast.Name):
-                        others.add(each.id)
+                for element in target.elts if isinstance(target, ast.Tuple) else [target]:
+                    if isinstance(element, ast.Name):
+                        others.add(element.id)
         elif isinstance(node, (ast.If, ast.While)):
             left += node.body
             left += node.orelse
@@ -324,8 +322,11 @@ def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set
 
 
 def _upward(call: ast.expr) -> bool:
-    """Whether a range begins at a written number >= 0 and counts up."""
+    """True if a range counts up from a literal number >= 0."""
     if not isinstance(call, ast.Call):
         return False
     start, step = (call.args[0] if len(call.args) > 1 else None), (call.args[2] if len(call.args) > 2 else None)
-    return all(each is None or (isinstance(each, ast.Constant) and type(each.value) is int) for each in (start, step))
+    return all(
+        argument is None or (isinstance(argument, ast.Constant) and type(argument.value) is int)
+        for argument in (start, step)
+    )

@@ -88,19 +88,19 @@ class Function(NamedTuple):
     text: str  # of its definition, from the types of its results on
     written: frozenset[int]  # places of the arrays into which it writes, among `Signature.leaves`
     failures: list[Failure]  # behind its own statuses
-    fails: bool  # whether its status can be other than 0
-    size: int  # lines, with those of the functions that are put into it
+    fails: bool  # its status can be other than 0
+    size: int  # lines, with those of inlined functions
     called: list[Source]
     elementary: list[Elementary]  # sin and the like that it calls
 
     @property
     def small(self) -> bool:
-        """Whether it is put in the place of its calls."""
+        """True if it is inlined."""
         return self.size <= _INLINED
 
 
-# Functions of at most so many lines are put in the place of their calls, which makes code a tenth faster; more of
-# them costs more time to compile than it gains.
+# Functions of at most so many lines are inlined, which makes code a tenth faster; inlining longer ones costs more time
+# to compile than it gains.
 _INLINED = 250
 
 
@@ -116,14 +116,14 @@ class Text:
         self.callee = callee  # the function of another kernel
         self.failures: list[Failure] = []
         self.lines: list[str] = []
-        self.facts: dict[str, str] = {}  # what is computed already on every path to here, and the value that has it
+        self.facts: dict[str, str] = {}  # operation computed already on every path to here -> its value
         self.block = "entry"
         self.count = 0
         self.failed: list[tuple[str, str]] = []  # place of a failure, and block from which it comes
         self.handed: list[tuple[str, str]] = []  # status of a called kernel, and block from which it comes
         self.kernels: dict[Source, None] = {}  # that it calls
         self.elementary: list[Elementary] = []  # sin and the like that it calls
-        self.size = 0  # lines of functions that are put in the place of calls
+        self.size = 0  # lines of inlined functions
 
     def called(self, source: Source) -> Function:
         """The function of a kernel that is called."""
@@ -133,88 +133,88 @@ class Text:
         return function
 
     def emit(self, text: str) -> str:
-        """A line that defines a new value."""
+        """Add a line that defines a new value, and return the value's name."""
         self.count += 1
         name = f"%v{self.count}"
         self.lines.append(f"  {name} = {text}")
         return name
 
     def value(self, text: str) -> str:
-        """The value of an operation that gives the same wherever it stands: computed once on a path."""
+        """Return the value of an operation without side effects, computed once on a path."""
         value = self.facts.get(text)
         if value is None:
             value = self.facts[text] = self.emit(text)
         return value
 
     def add(self, text: str) -> None:
-        """A line that defines nothing."""
+        """Add a line that defines no value."""
         self.lines.append(f"  {text}")
 
     def label(self) -> str:
-        """A new name of a block."""
+        """Return a new name of a block."""
         self.count += 1
         return f"b{self.count}"
 
     def begin(self, label: str) -> None:
-        """A new block."""
+        """Begin a block."""
         self.block = label
         self.lines.append(f"{label}:")
 
     def jump(self, label: str) -> None:
-        """Go on in another block."""
+        """Jump to another block."""
         self.lines.append(f"  br label %{label}")
 
     def choose(self, condition: str, yes: str, no: str) -> None:
-        """Go on in one of two blocks."""
+        """Branch to one of two blocks."""
         self.lines.append(f"  br i1 {condition}, label %{yes}, label %{no}")
 
     def phi(self, kind: str, ends: list[tuple[str, str]]) -> str:
-        """The value that comes from one of several blocks."""
+        """Return the value that comes from one of several blocks."""
         return self.emit(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for value, block in ends)}")
 
     def check(self, good: str, kind: type[Exception], text: str, node: ast.AST) -> None:
-        """Goes on if `good`, else ends with the error; not asked again where it is known."""
+        """Continue if `good`, else end with the error; a condition that is known to hold is not tested again."""
         if not self.known(good):
             self.failed.append((str(self.failure(kind, text, node)), self.block))
             self.go_on_if(good, "fail")
             self.learn(good)
 
     def known(self, good: str) -> bool:
-        """Whether something is true on every path to here."""
+        """Return True if a condition is known to hold on every path to here."""
         return f"true {good}" in self.facts
 
     def learn(self, good: str) -> None:
-        """From here on it is true."""
+        """Record that a condition holds from here on."""
         self.facts[f"true {good}"] = good
 
     def failure(self, kind: type[Exception], text: str, node: ast.AST) -> int:
-        """The place of an error at a line."""
+        """Add an error at a line, and return its place in the list."""
         self.failures.append(Failure(kind, text, self.source, getattr(node, "lineno", 0)))
         return len(self.failures)
 
     def hand_up(self, status: str) -> None:
-        """Goes on if the status of a called kernel is 0, else ends with it."""
+        """Continue if the status of a called kernel is 0, else end with it."""
         self.handed.append((status, self.block))
         self.go_on_if(self.emit(f"icmp eq i64 {status}, 0"), "handed")
 
     def go_on_if(self, good: str, other: str) -> None:
-        """Goes on if `good`, else in another block, which is the rarer one."""
+        """Continue if `good`, else jump to another block, which is marked as the rare case."""
         after = self.label()
         self.lines.append(f"  br i1 {good}, label %{after}, label %{other}, !prof !0")
         self.begin(after)
 
     def end_with(self, failure: str) -> None:
-        """Ends with the place of an error."""
+        """End with the place of an error."""
         self.failed.append((failure, self.block))
         self.jump("fail")
 
     def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
-        """The error that something is not in the language."""
+        """Raise KernelError for something that is not in the language."""
         self.source.refuse(node, what, remedy)
 
 
 def struct(results: Sequence[Type]) -> str:
-    """What a kernel returns: its status and its results, of records their fields."""
+    """The LLVM type that a kernel returns: its status and its results, records as their fields."""
     leaves = [leaf.llvm for result in results for _, leaf in result.leaves("")]
     return f"{{ {', '.join(['i64', *leaves])} }}"
 

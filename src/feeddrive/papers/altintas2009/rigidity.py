@@ -294,14 +294,14 @@ def delays() -> tuple[list[Claim], list[Table], list[Picture]]:
     return claims, [table], [_map(fine, names[0])]
 
 
-def _map(found: DelayMap, name: str) -> Picture:
+def _map(delay_map: DelayMap, name: str) -> Picture:
     rows = [
         Row(
             "p T",
             {
-                "unstable above": T * found.at_edge(name),
-                "Ms = 2": T * found.at_robust(name),
-                "0.19/(d + 1)": 0.19 / (found.dead_time / T + 1.0),
+                "unstable above": T * delay_map.at_edge(name),
+                "Ms = 2": T * delay_map.at_robust(name),
+                "0.19/(d + 1)": 0.19 / (delay_map.dead_time / T + 1.0),
             },
         )
     ]
@@ -310,7 +310,7 @@ def _map(found: DelayMap, name: str) -> Picture:
         "How fast the law may be",
         "Triple pole p over the dead time: the edge of stability, Ms = 2, and the rule of thumb.",
         "Three falling curves; the rule of thumb lies just below Ms = 2.",
-        lambda: curves_chart("dead time (samples)", found.dead_time / T, rows),
+        lambda: curves_chart("dead time (samples)", delay_map.dead_time / T, rows),
     )
 
 

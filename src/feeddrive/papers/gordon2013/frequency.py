@@ -198,8 +198,8 @@ def _pictures(linear: Mapping[str, Linear]) -> list[Picture]:
         "screw x1 / u": axis.response(SHOWN, output="reading_motor"),
         "table x2 / u": axis.response(SHOWN, output="reading_load"),
     }
-    gains = {name: each.margins for name, each in linear.items()}
-    stiff = {name: stiffness(compliance(each.loop, SHOWN)) for name, each in linear.items()}
+    gains = {name: row.margins for name, row in linear.items()}
+    stiff = {name: stiffness(compliance(row.loop, SHOWN)) for name, row in linear.items()}
     return [
         Picture(
             "axis",

@@ -312,8 +312,8 @@ def ablation() -> Part:
     return Part(claims, [Table(title, columns, rows)], [drawing])
 
 
-def _bars(found: Mapping[str, float]) -> Chart:
-    sizes = list(found.values())
+def _bars(errors: Mapping[str, float]) -> Chart:
+    sizes = list(errors.values())
     low, high = 0.5 * min(sizes), 2.0 * max(sizes)
-    panel = bars(list(found), sizes, [number(size, 3) for size in sizes], base=low)
+    panel = bars(list(errors), sizes, [number(size, 3) for size in sizes], base=low)
     return Chart("largest tracking error (µm)", (panel,), LOG, low, high, height=3.2)

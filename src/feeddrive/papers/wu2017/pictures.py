@@ -56,11 +56,11 @@ def over_time(same: Mapping[str, Trials]) -> Picture:
     return Picture("overtime", "Following error before and after", caption, alt, draw)
 
 
-def rates(masses: np.ndarray, found: Mapping[str, list[float]], free: float) -> Picture:
+def rates(masses: np.ndarray, factors: Mapping[str, list[float]], free: float) -> Picture:
     """The rate of convergence over the assumed mass."""
     caption = "ρ: factor of the parameters' error from trial to trial. The right mass gives 0, drawn at 1e-3."
     alt = "A mass wrong by a factor of two leaves 5 %; where the curves end the model loop is unstable and refused."
-    return Picture("convergence", "Rate of convergence", caption, alt, lambda: rates_chart(masses, found, free))
+    return Picture("convergence", "Rate of convergence", caption, alt, lambda: rates_chart(masses, factors, free))
 
 
 def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Picture:
@@ -94,13 +94,13 @@ def errors_chart(rows: Mapping[str, np.ndarray], columns: int = 4) -> Chart:
     return Chart("trial", (panel,), low=low, high=high, ticks=numbered(trials), height=3.2, columns=columns)
 
 
-def rates_chart(masses: np.ndarray, found: Mapping[str, list[float]], free: float) -> Chart:
+def rates_chart(masses: np.ndarray, factors: Mapping[str, list[float]], free: float) -> Chart:
     """The rate of convergence over the assumed mass."""
     curves = tuple(
         Curve(masses, np.maximum(np.array(values), 1e-3), f"model-based, {name}", i, MARKED)
-        for i, (name, values) in enumerate(found.items())
+        for i, (name, values) in enumerate(factors.items())
     )
-    level = Level(free, dashed=True, said="model-free")
+    level = Level(free, dashed=True, caption="model-free")
     panel = Panel("rate ρ", curves, levels=(level,), scale=LOG)
     return Chart("assumed mass / mass of the axis", (panel,), LOG, height=3.2)
 
@@ -113,8 +113,10 @@ def contour_chart(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Chart:
         off = np.hypot(x, y) - RADIUS
         shown = 1e3 * (RADIUS + ZOOM * off) * np.exp(1j * np.arctan2(y, x))
         line = Curve(np.real(shown), np.imag(shown), number=i, look=PLAIN, size=0.65)
-        said = Text(f"{name}: RMS {Quantity(np.sqrt(np.mean(off**2)), 'm'):.2f}")
+        caption = Text(f"{name}: RMS {Quantity(np.sqrt(np.mean(off**2)), 'm'):.2f}")
         reach = 1.05 * max(1e3 * RADIUS, float(np.max(np.abs(shown))))
         abscissa = Abscissa("x (mm)", low=-reach, high=reach, square=True)
-        panels.append(Panel("y (mm)", (line,), discs=(nominal,), low=-reach, high=reach, said=said, abscissa=abscissa))
+        panels.append(
+            Panel("y (mm)", (line,), discs=(nominal,), low=-reach, high=reach, caption=caption, abscissa=abscissa)
+        )
     return Chart("", tuple(panels), across=2, height=3.4 * -(-len(paths) // 2))

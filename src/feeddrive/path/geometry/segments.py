@@ -48,8 +48,8 @@ class Chain(NamedTuple):
     """Consecutive segments without a stop that the program asks for.
 
     tolerance  of the joint behind each segment, m; 0: stop unless the joint is smooth
-    ends       whether such a stop follows; else the next chain goes on from this one
-    modes      why it stops at each joint, as in `PathMode`: that of the stricter move; empty where it has a tolerance
+    ends       True if such a stop follows; else the next chain goes on from this one
+    modes      reason of the stop at each joint, as in `PathMode`, by the stricter move; empty where it has a tolerance
     """
 
     segments: Pieces

@@ -263,8 +263,8 @@ class Interpreter:
 
     tools        the tool table, by number
     numbered     numbered parameters at the start, such as those of a `.var` file
-    tables_inch  whether tool table and parameters are in inches instead of mm
-    skip_deleted whether lines that begin with / are left out
+    tables_inch  tool table and parameters are in inches instead of mm
+    skip_deleted lines that begin with / are left out
     most_again   how many lines loops and calls may read again
     """
 

@@ -31,7 +31,7 @@ def drill(
 ) -> None:
     """Emit the moves of a canned cycle at one place, or at L places in a row.
 
-    same  whether the modal motion was this cycle already, whose words are then kept
+    same  True if the modal motion was this cycle already, whose words are then kept
     lead  where the block's axis words lead from a point
     """
     name = name_of("g", code)

@@ -1,4 +1,4 @@
-"""What a part program moves: the canonical moves in machine coordinates (m, rad, s), and the geometry of arcs G2, G3.
+"""The moves of a part program: canonical, in machine coordinates (m, rad, s), and the geometry of arcs G2, G3.
 
 Points have nine coordinates, of the axes X Y Z A B C U V W.
 """
@@ -189,7 +189,7 @@ class Feed:
 
     linear    path speed of moves with X Y Z (or U V W), m/s; m in a turn if `per_turn`
     angular   the same number for moves of A B C only, rad/s; rad in a turn if `per_turn`
-    per_turn  whether it counts in turns of the spindle (G95)
+    per_turn  True for a feed per turn of the spindle (G95)
     """
 
     source: Line

@@ -257,7 +257,7 @@ def read_program(
     axes          axes of the machine with their travel, such as {"X": (0, 0.5), "Z": None}; None: all, without ends
     tools         tool table (.tbl); without one M6 changes to any tool, and G43 H is refused
     offsets       parameters (.var): work offsets, G28, G30
-    tables_inch   whether both tables are in inches instead of mm
+    tables_inch   both tables are in inches instead of mm
     skip_deleted  leave out lines that begin with /
     front_end     own; rs274: LinuxCNC's interpreter; auto: rs274 where a program needs it (G41) and it is installed
     most_again    how many lines loops and calls may read again

@@ -112,8 +112,8 @@ def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
 class State:
     """The modes of a program, and its position in program coordinates and the program's unit of length.
 
-    inch      whether the program's unit is the inch
-    user_inch whether parameters and tables are kept in inches
+    inch      True if the program's unit is the inch
+    user_inch True if parameters and tables are kept in inches
     motion    the modal motion: G1 is 10; 800 is none
     cycle     words of a series of canned cycles
     level     where these cycles began: axis and coordinate

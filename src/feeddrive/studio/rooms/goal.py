@@ -270,7 +270,7 @@ class Goal(Room):
             drawn["sensitivity"] = self._up_to_limit(drawn["sensitivity"])
         if len(self.costs) > 1:
             steps, costs = np.arange(1.0, len(self.costs) + 1.0), np.array(self.costs) / self.costs[0]
-            curve = Curve(steps, costs, "cost of the best so far", 0, said=f"{number(costs[-1])} of the first")
+            curve = Curve(steps, costs, "cost of the best so far", 0, caption=f"{number(costs[-1])} of the first")
             drawn["search"] = Chart("improvements", (Panel("cost (of the first)", (curve,)),))
         return {name: drawn[name] for name in ("sensitivity", "stiffness", "open_loop", "search") if name in drawn}
 

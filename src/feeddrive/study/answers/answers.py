@@ -1,8 +1,8 @@
 """What the rows of a study say: one pass over them, with the memory of a chunk and of a sample.
 
-    found = answers_of(store, study)
-    print(*found.sentences)
-    write_report(found, "out")
+    answers = answers_of(store, study)
+    print(*answers.sentences)
+    write_report(answers, "out")
 
 Yields, worst cases and fronts are those of all rows.  Distributions, rank correlations and bands are those of a random
 sample where there are more than 200,000; Sobol indices take 8 bytes for each variant and figure.
@@ -60,13 +60,13 @@ class Answers(Result):
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis of the study turns."""
+        """True if the axis of the study is rotary."""
         return self.study.rotary
 
     @property
     def quoted(self) -> Sequence[str]:
-        """Title, names of the choices and of what varies."""
-        return self.study.title, *self.study.columns, *(each.name for each in self.study.vary)
+        """The texts of the user: title, names of the choices and of the varied things."""
+        return self.study.title, *self.study.columns, *(varied.name for varied in self.study.vary)
 
     @cached_property
     def sentences(self) -> list[str]:
@@ -76,8 +76,8 @@ class Answers(Result):
     def table(self) -> Table:
         """The yield: of each bound and of all together."""
         rows: list[list[Cell]] = [
-            [bound_text(each.bound), each.kept.kept, interval_text(each.kept), each.alone]
-            for each in self.yields.bounds
+            [bound_text(bound_yield.bound), bound_yield.kept.kept, interval_text(bound_yield.kept), bound_yield.alone]
+            for bound_yield in self.yields.bounds
         ]
         inside = self.yields.inside
         whole = "all of them" if rows else "with figures"
@@ -90,10 +90,10 @@ class Answers(Result):
 
 
 @chart_of.register
-def _chart(found: Answers) -> Chart:
+def _chart(answers: Answers) -> Chart:
     from feeddrive.study.answers import pictures
 
-    return pictures.histograms_chart(found.sample, found.stiffness is not None)
+    return pictures.histograms_chart(answers.sample, answers.stiffness is not None)
 
 
 def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | None = None) -> Answers:
@@ -108,8 +108,8 @@ def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | N
     seen = 0
     for part in parts(rows, study):
         progress.step("answers", seen, study.count)
-        for each in (counted, worst, front, sampled, saltelli):
-            each.add(part)
+        for collector in (counted, worst, front, sampled, saltelli):
+            collector.add(part)
         seen += part.variant.size
     if seen != study.count:
         raise ParameterError(f"{study.file.name} has {study.count:,} variants, and here are rows of {seen:,}")

@@ -26,7 +26,7 @@ _WINDOWS = 500
 class Band:
     """Quantiles over machines, of shape (5, n), over x of shape (n,): frequency in Hz, or the middle of windows in s.
 
-    machines  how many they are made of
+    machines  number of machines
     unit      SI
     """
 
@@ -41,19 +41,19 @@ class Band:
 
 
 def stiffness_band(sample: Judged) -> Band | None:
-    """Of the figures stiffness_F_Hz_N_per_m; None for a study that measures fewer than three of them."""
-    lines = {each.of.frequency: each.key for each in sample.study.measure if isinstance(each.of, StiffnessAt)}
+    """The band of the figures stiffness_F_Hz_N_per_m; None for a study that measures fewer than three of them."""
+    lines = {figure.of.frequency: figure.key for figure in sample.study.measure if isinstance(figure.of, StiffnessAt)}
     if len(lines) < _LEAST_LINES or sample.bad.all():
         return None
     frequency = np.array(sorted(lines))
-    values = np.stack([sample.figures[lines[each]][~sample.bad] for each in frequency.tolist()], axis=1)
+    values = np.stack([sample.figures[lines[line]][~sample.bad] for line in frequency.tolist()], axis=1)
     return Band(frequency, np.nanquantile(values, QUANTILES, axis=0), "N/m", len(values))
 
 
 def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
     """The largest absolute following error in each of 500 windows of time, of up to 128 machines that are run again.
 
-    The machines are those with figures, by chance; where their motions last differently long, as far as all go.
+    The machines are drawn at random from those with figures; motions of unequal length are cut to the shortest one.
     None where no machine can be run.
     """
     study, progress = sample.study, progress or Progress()
@@ -84,7 +84,7 @@ def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
 
 
 def _run(study: Study, variant: int) -> Run | None:
-    """A variant over time; None if it cannot be run."""
+    """Simulate a variant; None if it cannot be run."""
     try:
         group = next(variant_groups(study, variants(study, variant, 1)))
         return run_of(group, 0)

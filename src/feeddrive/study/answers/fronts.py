@@ -21,7 +21,7 @@ from feeddrive.figures.of_runs import FOLLOWING_PEAK, FOLLOWING_RMS, TRACKING_EN
 from feeddrive.study.answers.judged import Judged, joined
 from feeddrive.study.study import Study
 
-# by subject the figures that speak for it: the first one that a study measures
+# the figures of each subject, of which the first one that a study measures is used
 SUBJECTS = {
     "tracking": (TRACKING_RMS, TRACKING_PEAK, FOLLOWING_RMS, FOLLOWING_PEAK, TRACKING_END),
     "stiffness": (
@@ -37,12 +37,12 @@ SUBJECTS = {
 
 
 def subjects(study: Study) -> dict[str, Figure]:
-    """By subject its figure, of those that a study measures."""
-    found = {
+    """Return the measured figure of each subject."""
+    measured = {
         subject: next((figure for figure in figures if figure in study.measure), None)
         for subject, figures in SUBJECTS.items()
     }
-    return {subject: figure for subject, figure in found.items() if figure is not None}
+    return {subject: figure for subject, figure in measured.items() if figure is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,22 +54,22 @@ class Front:
 
 
 class FrontKept:
-    """The front so far, a part of the rows after the other."""
+    """Collects the Pareto front of the rows, part by part."""
 
     def __init__(self, study: Study) -> None:
         self._figures = subjects(study)
         self._rows: Judged | None = None
 
     def add(self, rows: Judged) -> None:
-        """Put in some rows; those without a number for one of the figures are left out."""
+        """Add some rows; those without a number for one of the figures are left out."""
         if len(self._figures) < 2:
             return
         several = [*([] if self._rows is None else [self._rows]), rows]
-        together = joined([each.some(front(_costs(each, self._figures))) for each in several])
+        together = joined([part.some(front(_costs(part, self._figures))) for part in several])
         self._rows = together.some(front(_costs(together, self._figures)))
 
     def result(self) -> Front | None:
-        """None for a study that measures fewer than two subjects, or has no variant with both."""
+        """Return the front; None for a study that measures fewer than two subjects, or has no variant with both."""
         if self._rows is None or not self._rows.variant.size:
             return None
         order = np.argsort(_costs(self._rows, self._figures)[:, 0], kind="stable")
@@ -77,23 +77,23 @@ class FrontKept:
 
 
 def _costs(rows: Judged, figures: dict[str, Figure]) -> np.ndarray:
-    """What is to be small, shape (n, subjects)."""
+    """The objectives, all to be minimized, shape (n, subjects)."""
     return np.stack(
-        [(-1.0 if each.better == "higher" else 1.0) * rows.figures[each.key] for each in figures.values()], axis=1
+        [(-1.0 if figure.better == "higher" else 1.0) * rows.figures[figure.key] for figure in figures.values()], axis=1
     )
 
 
 def front(costs: np.ndarray) -> np.ndarray:
-    """Which rows no other row dominates: none is as small everywhere and smaller somewhere. Shape (n, m) -> (n,).
+    """True for rows that no other row dominates, by being as small everywhere and smaller somewhere; (n, m) -> (n,).
 
     Rows with NaN are not on it; of equal rows all are.
     """
     there = np.flatnonzero(~np.isnan(costs).any(axis=1))
     left = there[np.lexsort(costs[there].T[::-1])]  # what dominates a row stands before it
-    found = np.zeros(len(costs), dtype=bool)
+    undominated = np.zeros(len(costs), dtype=bool)
     while left.size:
         first = costs[left[0]]
         equal = (costs[left] == first).all(axis=1)
-        found[left[equal]] = True
+        undominated[left[equal]] = True
         left = left[~equal & (costs[left] < first).any(axis=1)]
-    return found
+    return undominated

@@ -36,32 +36,33 @@ class Judged:
 
     @cached_property
     def bad(self) -> np.ndarray:
-        """Which variants have no figures."""
-        return np.array([each is not None for each in self.reasons], dtype=bool)
+        """True for variants without figures, shape (n,)."""
+        return np.array([reason is not None for reason in self.reasons], dtype=bool)
 
     @cached_property
     def kept(self) -> dict[str, np.ndarray]:
-        """By figure of the specification, which variants keep its bound; a bad one keeps none."""
+        """By figure of the specification, True for variants that keep its bound; a bad variant keeps none."""
         return {
-            each.figure.key: each.kept(self.figures[each.figure.key]) & ~self.bad for each in self.study.specification
+            bound.figure.key: bound.kept(self.figures[bound.figure.key]) & ~self.bad
+            for bound in self.study.specification
         }
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """Which variants keep the whole specification; without one, which have figures."""
+        """True for variants that keep the whole specification; without one, for those that have figures."""
         return np.logical_and.reduce([~self.bad, *self.kept.values()])
 
     @cached_property
     def drawn(self) -> np.ndarray:
-        """Which variants are a sample of the machines.
+        """True for variants that are independent draws.
 
-        Those of the sampler saltelli whose rows are made of two others repeat what these say, and are not.
+        Those of the sampler saltelli that recombine two other variants are not.
         """
         count = 2 * self.study.points if self.study.sampler == "saltelli" else self.study.count
         return self.variant < count
 
     def some(self, chosen: np.ndarray) -> Judged:
-        """The rows of a mask."""
+        """Select rows by a mask."""
         return Judged(
             self.study,
             self.variant[chosen],
@@ -73,7 +74,7 @@ class Judged:
 
 def judged(rows: pyarrow.Table, study: Study) -> Judged:
     """The rows of a table. Raises ParameterError for a table without a column of the study."""
-    figures = [each.key for each in study.measure]
+    figures = [figure.key for figure in study.measure]
     absent = sorted({VARIANT, REASON, *study.columns, *figures} - set(rows.column_names))
     if absent:
         raise ParameterError(f"these are not rows of {study.file.name}: there is no column '{absent[0]}'")
@@ -107,8 +108,8 @@ def joined(several: list[Judged]) -> Judged:
     first = several[0]
     return Judged(
         first.study,
-        np.concatenate([each.variant for each in several]),
-        {name: np.concatenate([each.varied[name] for each in several]) for name in first.varied},
-        {name: np.concatenate([each.figures[name] for each in several]) for name in first.figures},
-        np.concatenate([each.reasons for each in several]),
+        np.concatenate([part.variant for part in several]),
+        {name: np.concatenate([part.varied[name] for part in several]) for name in first.varied},
+        {name: np.concatenate([part.figures[name] for part in several]) for name in first.figures},
+        np.concatenate([part.reasons for part in several]),
     )

@@ -40,40 +40,40 @@ _NARROWER = {
 }
 
 
-def write_report(found: Answers, out: str | Path) -> Path | str:
-    """Write the files above into a directory or an address of fsspec; the path of the report.
+def write_report(answers: Answers, out: str | Path) -> Path | str:
+    """Write the files above into a directory or an address of fsspec; return the path of the report.
 
     Raises FileError for a file that cannot be written.
     """
-    there, files = place(out), dict(report_files(found))
+    there, files = place(out), dict(report_files(answers))
     for name, text in files.items():
         there.write(name, text.encode("utf-8"))
     return f"{there.address}/report.html" if "://" in there.address else Path(there.address) / "report.html"
 
 
-def report_files(found: Answers) -> Iterator[tuple[str, str]]:
+def report_files(answers: Answers) -> Iterator[tuple[str, str]]:
     """Name and text of each file of the report; a variant that makes no machine has none."""
-    yield "report.html", html(study_report(found))
-    yield "summary.json", summary_text(summary(found), rotary=found.rotary, quoted=found.quoted)
-    chosen = [each.cases[0].variant for each in found.worst] + [variant for variant, _ in found.bad[:_REPLAYED]]
+    yield "report.html", html(study_report(answers))
+    yield "summary.json", summary_text(summary(answers), rotary=answers.rotary, quoted=answers.quoted)
+    chosen = [worst.cases[0].variant for worst in answers.worst] + [variant for variant, _ in answers.bad[:_REPLAYED]]
     for variant in sorted(set(chosen)):
         try:
-            texts = replay_files(found.study, variant)
+            texts = replay_files(answers.study, variant)
         except FeeddriveError:  # its reason stands among the rows
             continue
         for name, text in texts.items():
             yield f"worst/{name}", text
 
 
-def study_report(found: Answers) -> Report:
+def study_report(answers: Answers) -> Report:
     """Return the report of a study; its page has less than 1 MB."""
-    study = found.study
+    study = answers.study
     interval = (
         "Points of a grid are no sample: their share has no interval."
         if study.sampler == "grid"
         else _ITS_INTERVAL + _NARROWER.get(study.sampler, "")
     )
-    left_out = [f"Variant {variant} has no figures: {plain(reason)}" for variant, reason in found.bad]
+    left_out = [f"Variant {variant} has no figures: {plain(reason)}" for variant, reason in answers.bad]
     again = (
         "Each is a job with its machine beside it: feeddrive run worst/variant_NUMBER.toml gives its figures again, "
         "with all signals over time."
@@ -87,44 +87,46 @@ def study_report(found: Answers) -> Report:
         "Machines that keep the specification",
         "Each bound by itself, and all together.",
         "Share of the machines that keep each bound, with its interval.",
-        lambda: pictures.yields_chart(found.yields),
+        lambda: pictures.yields_chart(answers.yields),
     )
-    front = _front(found)
+    front = _front(answers)
     return Report(
         study.title,
         "feeddrive study",
-        Verdict(found.sentences),
+        Verdict(answers.sentences),
         (
-            Section("yield", "Yield", (found.table(), *_choices(found), interval, Remarks(left_out))),
-            Section("worst", "Worst cases", (again, _worst(found))),
-            further(_pictures(found)),
-            Section("decides", "What decides", (_method(found), *_decides(found))),
+            Section("yield", "Yield", (answers.table(), *_choices(answers), interval, Remarks(left_out))),
+            Section("worst", "Worst cases", (again, _worst(answers))),
+            further(_pictures(answers)),
+            Section("decides", "What decides", (_method(answers), *_decides(answers))),
             Section("front", "Pareto front", () if front is None else (front,)),
-            Section("repeat", "How to repeat it", (same, Facts(_facts(found)), Code("Study", study.text)), folded=True),
+            Section(
+                "repeat", "How to repeat it", (same, Facts(_facts(answers)), Code("Study", study.text)), folded=True
+            ),
         ),
         overview,
-        found.rotary,
+        answers.rotary,
     )
 
 
-def _choices(found: Answers) -> Iterator[Table]:
-    for column, shares in found.yields.choices.items():
+def _choices(answers: Answers) -> Iterator[Table]:
+    for column, shares in answers.yields.choices.items():
         rows = [[value, share.of, interval_text(share)] for value, share in shares.items()]
         columns = [column, Column("machines", "", ",.0f"), "inside"]
         yield Table(f"Machines inside the specification by {column}", columns, rows)
 
 
-def _worst(found: Answers) -> Table:
-    columns = found.study.columns
+def _worst(answers: Answers) -> Table:
+    columns = answers.study.columns
     rows = [
         [
-            name_of(each.figure),
+            name_of(worst.figure),
             case.variant,
-            value_cell(each.figure, case.value),
+            value_cell(worst.figure, case.value),
             *(_cell(case.varied[name]) for name in columns),
         ]
-        for each in found.worst
-        for case in each.cases[:1]
+        for worst in answers.worst
+        for case in worst.cases[:1]
     ]
     heads = ["figure", "variant", "value", *_columns(columns)]
     return Table("The worst machine by each figure, with what varies in it", heads, rows)
@@ -140,9 +142,9 @@ def _cell(value: Any) -> Cell:
     return value if isinstance(value, float) else str(value)
 
 
-def _method(found: Answers) -> str:
-    if found.sobol:
-        first = found.sobol[0]
+def _method(answers: Answers) -> str:
+    if answers.sobol:
+        first = answers.sobol[0]
         left = (
             f" {first.without} points were left out: a variant of theirs has no number there." if first.without else ""
         )
@@ -158,59 +160,59 @@ def _method(found: Answers) -> str:
     )
 
 
-def _decides(found: Answers) -> Iterator[Table]:
-    figures = {each.key: name_of(each) for each in found.study.measure} | {INSIDE: "inside the specification"}
-    if found.sobol:
-        factors = found.sobol[0].factors
-        names = [short(factors)[each] for each in factors]
-        for what, said in (("first", "alone"), ("total", "together with what it does with others")):
+def _decides(answers: Answers) -> Iterator[Table]:
+    figures = {figure.key: name_of(figure) for figure in answers.study.measure} | {INSIDE: "inside the specification"}
+    if answers.sobol:
+        factors = answers.sobol[0].factors
+        names = [short(factors)[factor] for factor in factors]
+        for what, how in (("first", "alone"), ("total", "together with what it does with others")):
             rows = [
                 [
-                    figures[each.output],
+                    figures[indices.output],
                     *(
                         share_text(value, interval)
                         for value, interval in zip(
-                            getattr(each, what), getattr(each, f"{what}_interval").T, strict=True
+                            getattr(indices, what), getattr(indices, f"{what}_interval").T, strict=True
                         )
                     ),
                 ]
-                for each in found.sobol
+                for indices in answers.sobol
             ]
             yield Table(
-                f"Share of the variance that each decides {said}, with its 95 % interval", ["figure", *names], rows
+                f"Share of the variance that each decides {how}, with its 95 % interval", ["figure", *names], rows
             )
-    columns = list(dict.fromkeys(each.column for each in found.correlations))
-    by = {(each.output, each.column): each.value for each in found.correlations}
+    columns = list(dict.fromkeys(rank.column for rank in answers.correlations))
+    by = {(rank.output, rank.column): rank.value for rank in answers.correlations}
     rows = [
         [
             figures[output],
             *(Text(correlation(by[output, column])) if (output, column) in by else None for column in columns),
         ]
-        for output in dict.fromkeys(each.output for each in found.correlations)
+        for output in dict.fromkeys(rank.output for rank in answers.correlations)
     ]
     if rows:
-        yield Table("Rank correlations", ["figure", *(short(columns)[each] for each in columns)], rows)
+        yield Table("Rank correlations", ["figure", *(short(columns)[column] for column in columns)], rows)
 
 
-def _pictures(found: Answers) -> Iterator[Picture]:
-    study = found.study
+def _pictures(answers: Answers) -> Iterator[Picture]:
+    study = answers.study
     yield Picture(
         "spread",
         "Distributions",
         "Of each figure over the machines; dashed: its bound.",
         "Histograms of the figures over the machines.",
-        lambda: pictures.histograms_chart(found.sample, found.stiffness is not None),
+        lambda: pictures.histograms_chart(answers.sample, answers.stiffness is not None),
     )
-    if found.sobol or found.correlations:
+    if answers.sobol or answers.correlations:
         yield Picture(
             "decides",
             "Sensitivity",
             "Of the figures with a bound, and of being inside of all bounds.",
             "Bars of what decides the figures, with intervals.",
-            lambda: pictures.decides_chart(study, found.sobol, found.correlations),
+            lambda: pictures.decides_chart(study, answers.sobol, answers.correlations),
         )
-    if found.stiffness is not None:
-        stiff = found.stiffness
+    if answers.stiffness is not None:
+        stiff = answers.stiffness
         yield Picture(
             "stiff",
             "Dynamic stiffness over frequency",
@@ -218,8 +220,8 @@ def _pictures(found: Answers) -> Iterator[Picture]:
             "Quantile bands of the dynamic stiffness over frequency.",
             lambda: pictures.stiffness_band_chart(stiff),
         )
-    if found.error is not None:
-        error = found.error
+    if answers.error is not None:
+        error = answers.error
         yield Picture(
             "error",
             "Following error over time",
@@ -228,38 +230,38 @@ def _pictures(found: Answers) -> Iterator[Picture]:
             "Quantile bands of the following error over time.",
             lambda: pictures.error_band_chart(error),
         )
-    if found.front is not None:
-        front = found.front
+    if answers.front is not None:
+        front = answers.front
         yield Picture(
             "front",
             f"Between {' and '.join(front.figures)}" if len(front.figures) < 3 else "Tracking, stiffness, robustness",
             "Rings: the Pareto front. No other machine is better in one of them and as good in all others.",
             "Scatter of the machines with the Pareto front.",
-            lambda: pictures.front_chart(front, found.sample),
+            lambda: pictures.front_chart(front, answers.sample),
         )
 
 
-def _front(found: Answers) -> Table | None:
-    if found.front is None:
+def _front(answers: Answers) -> Table | None:
+    if answers.front is None:
         return None
-    rows, figures = found.front.rows, list(found.front.figures.values())
-    columns = found.study.columns
+    rows, figures = answers.front.rows, list(answers.front.figures.values())
+    columns = answers.study.columns
     body = [
         [
             int(rows.variant[i]),
-            *(value_cell(each, float(rows.figures[each.key][i])) for each in figures),
+            *(value_cell(figure, float(rows.figures[figure.key][i])) for figure in figures),
             "inside" if rows.inside[i] else "outside",
             *(_cell(rows.varied[name][i]) for name in columns),
         ]
         for i in range(min(_FRONT, rows.variant.size))
     ]
     beyond = f", the first {_FRONT}" if rows.variant.size > _FRONT else ""
-    said = f"{rows.variant.size:,} machines of which no other one is better in all{beyond}"
-    return Table(said, ["variant", *map(name_of, figures), "specification", *_columns(columns)], body)
+    title = f"{rows.variant.size:,} machines of which no other one is better in all{beyond}"
+    return Table(title, ["variant", *map(name_of, figures), "specification", *_columns(columns)], body)
 
 
-def _facts(found: Answers) -> list[tuple[str, str]]:
-    study = found.study
+def _facts(answers: Answers) -> list[tuple[str, str]]:
+    study = answers.study
     base = next(study.bases())
     return [
         ("Machine", base.job.machine.name),
@@ -271,9 +273,9 @@ def _facts(found: Answers) -> list[tuple[str, str]]:
     ]
 
 
-def summary(found: Answers) -> dict[str, Any]:
-    """All answers as plain numbers in SI; what does not occur is null."""
-    study = found.study
+def summary(answers: Answers) -> dict[str, Any]:
+    """All answers as plain numbers in SI; absent ones are null."""
+    study = answers.study
     return {
         "title": study.title,
         "digest": study.digest,
@@ -281,51 +283,51 @@ def summary(found: Answers) -> dict[str, Any]:
         "sampler": study.sampler,
         "seed": study.seed,
         "versions": versions(),
-        "sentences": found.sentences,
-        "yield": _share(found.yields.inside)
+        "sentences": answers.sentences,
+        "yield": _share(answers.yields.inside)
         | {
-            "without_figures": found.yields.bad,
+            "without_figures": answers.yields.bad,
             "bounds": {
-                each.bound.figure.key: {"least": each.bound.least, "most": each.bound.most}
-                | _share(each.kept)
-                | {"break_only_this": each.alone}
-                for each in found.yields.bounds
+                bound_yield.bound.figure.key: {"least": bound_yield.bound.least, "most": bound_yield.bound.most}
+                | _share(bound_yield.kept)
+                | {"break_only_this": bound_yield.alone}
+                for bound_yield in answers.yields.bounds
             },
             "choices": {
-                column: {value: _share(each) for value, each in shares.items()}
-                for column, shares in found.yields.choices.items()
+                column: {value: _share(share) for value, share in shares.items()}
+                for column, shares in answers.yields.choices.items()
             },
         },
         "worst": {
-            each.figure.key: [
+            worst.figure.key: [
                 {"variant": case.variant, "value": _plain(case.value), "varied": dict(case.varied)}
-                for case in each.cases
+                for case in worst.cases
             ]
-            for each in found.worst
+            for worst in answers.worst
         },
-        "bad": [{"variant": variant, "reason": reason} for variant, reason in found.bad],
+        "bad": [{"variant": variant, "reason": reason} for variant, reason in answers.bad],
         "sobol": {
-            each.output: {"points": each.points, "points_left_out": each.without, "factors": _factors(each)}
-            for each in found.sobol
+            indices.output: {"points": indices.points, "points_left_out": indices.without, "factors": _factors(indices)}
+            for indices in answers.sobol
         },
-        "rank_correlations": _ranked(found),
+        "rank_correlations": _ranked(answers),
         "bands": {
             name: {
                 over: band.x.tolist(),
                 "machines": band.machines,
-                **{f"quantile_{each:g}": [_plain(v) for v in band.at(each).tolist()] for each in QUANTILES},
+                **{f"quantile_{quantile:g}": [_plain(v) for v in band.at(quantile).tolist()] for quantile in QUANTILES},
             }
             for name, band, over in (
-                ("stiffness_N_per_m", found.stiffness, "frequency_Hz"),
-                ("following_error_m", found.error, "time_s"),
+                ("stiffness_N_per_m", answers.stiffness, "frequency_Hz"),
+                ("following_error_m", answers.error, "time_s"),
             )
             if band is not None
         },
         "front": None
-        if found.front is None
+        if answers.front is None
         else {
-            "figures": {subject: each.key for subject, each in found.front.figures.items()},
-            "variants": found.front.rows.variant.tolist(),
+            "figures": {subject: figure.key for subject, figure in answers.front.figures.items()},
+            "variants": answers.front.rows.variant.tolist(),
         },
     }
 
@@ -339,24 +341,24 @@ def _share(share: Share) -> dict[str, Any]:
     }
 
 
-def _factors(found: Any) -> Mapping[str, Any]:
+def _factors(indices: Any) -> Mapping[str, Any]:
     return {
         name: {
-            "alone": float(found.first[i]),
-            "alone_interval_95_percent": found.first_interval[:, i].tolist(),
-            "together": float(found.total[i]),
-            "together_interval_95_percent": found.total_interval[:, i].tolist(),
+            "alone": float(indices.first[i]),
+            "alone_interval_95_percent": indices.first_interval[:, i].tolist(),
+            "together": float(indices.total[i]),
+            "together_interval_95_percent": indices.total_interval[:, i].tolist(),
         }
-        for i, name in enumerate(found.factors)
+        for i, name in enumerate(indices.factors)
     }
 
 
-def _ranked(found: Answers) -> dict[str, dict[str, Any]]:
-    made: dict[str, dict[str, Any]] = {}
-    for each in found.correlations:
-        interval = None if each.interval is None else list(each.interval)
-        made.setdefault(each.output, {})[each.column] = {"value": each.value, "interval_95_percent": interval}
-    return made
+def _ranked(answers: Answers) -> dict[str, dict[str, Any]]:
+    ranked: dict[str, dict[str, Any]] = {}
+    for rank in answers.correlations:
+        interval = None if rank.interval is None else list(rank.interval)
+        ranked.setdefault(rank.output, {})[rank.column] = {"value": rank.value, "interval_95_percent": interval}
+    return ranked
 
 
 def _plain(value: float) -> float | str | None:

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 _DOTS = 1200  # of a scatter: the page stays small
 _PANELS = 12  # histograms
-_OUTPUTS = 4  # of which is shown what decides them
+_OUTPUTS = 4  # whose sensitivities are shown
 _FACTORS = 8  # of each
 _LETTERS = 30  # of the name of a factor
 
@@ -59,10 +59,10 @@ def _scale(unit: str) -> float:
     return USUAL.of(unit)[1]
 
 
-def yields_chart(found: Yield) -> Chart:
+def yields_chart(yields: Yield) -> Chart:
     """A row for each bound and one for all: the share that keeps it, with its interval."""
-    rows = [(bound_text(bound.bound), bound.kept) for bound in found.bounds]
-    rows.append(("all of them" if rows else "with figures", found.inside))
+    rows = [(bound_text(bound.bound), bound.kept) for bound in yields.bounds]
+    rows.append(("all of them" if rows else "with figures", yields.inside))
     lines, dots = list[Curve](), list[Curve]()
     for row, (_, share) in enumerate(rows):
         number = NEUTRAL if row == len(rows) - 1 else 0
@@ -75,7 +75,7 @@ def yields_chart(found: Yield) -> Chart:
     low = min((share.interval or (share.value,))[0] for _, share in rows)
     left = 100.0 * max(0.0, low - 0.08 * (1.0 - low) - 0.002)
     right = 100.0 + 100.0 * (0.03 * (1.0 - low) + 5e-4)
-    ticks = tuple(Tick(-float(row), said=text) for row, (text, _) in enumerate(rows))
+    ticks = tuple(Tick(-float(row), caption=text) for row, (text, _) in enumerate(rows))
     panel = Panel("", (*lines, *dots), ticks=ticks, low=0.6 - len(rows), high=0.6)
     label = "machines that keep it (%); lines: 95 % interval"
     return Chart(label, (panel,), low=left, high=right, height=0.9 + 0.36 * len(rows))
@@ -94,9 +94,9 @@ def histograms_chart(sample: Judged, banded: bool = False) -> Chart:
 
 
 def _figures(study: Study, banded: bool) -> list[Figure]:
-    """Those with a bound first."""
-    bounded = [each.figure for each in study.specification]
-    others = [each for each in study.measure if not (banded and isinstance(each.of, StiffnessAt))]
+    """Return the figures that are drawn, those with a bound first."""
+    bounded = [bound.figure for bound in study.specification]
+    others = [figure for figure in study.measure if not (banded and isinstance(figure.of, StiffnessAt))]
     return list(dict.fromkeys([*bounded, *others]))
 
 
@@ -106,7 +106,7 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
     panel = Panel("machines", abscissa=Abscissa(labelled(figure)))
     if values.size:
         panel = histogram(values, labelled(figure), "machines", values.size // 8)
-        panel = replace(panel, said=Text(f"median {Quantity(np.median(values) / factor, figure.unit, bare=True)}"))
+        panel = replace(panel, caption=Text(f"median {Quantity(np.median(values) / factor, figure.unit, bare=True)}"))
     ends = [factor * end for end in (() if bound is None else (bound.least, bound.most)) if end is not None]
     if ends and panel.abscissa is not None and panel.abscissa.low is not None and panel.abscissa.high is not None:
         low, high = panel.abscissa.low, panel.abscissa.high
@@ -122,18 +122,18 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
 def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: Sequence[RankCorrelation]) -> Chart:
     """Bars of what decides the figures of the specification: Sobol indices, or rank correlations, with intervals."""
     outputs = _outputs(study)
-    sobol = {found.output: found for found in indices if found.output in outputs}
-    ranks = {name: [found for found in correlations if found.output == name] for name in outputs}
+    sobol = {row.output: row for row in indices if row.output in outputs}
+    ranks = {name: [rank for rank in correlations if rank.output == name] for name in outputs}
     titles = {figure.key: name_of(figure) for figure in study.measure} | {INSIDE: "inside the specification"}
     shown = [name for name in outputs if (sobol if indices else ranks).get(name)]
     panels = [_indices(sobol[name]) if indices else _correlations(ranks[name]) for name in shown]
-    panels = [replace(panel, said=titles[name]) for panel, name in zip(panels, shown, strict=True)]
+    panels = [replace(panel, caption=titles[name]) for panel, name in zip(panels, shown, strict=True)]
     count = min(_FACTORS, len(study.vary) if indices else max((len(ranks[name]) for name in shown), default=0))
-    said = "share of the variance" if indices else "rank correlation, -1 to 1"
+    label = "share of the variance" if indices else "rank correlation, -1 to 1"
     low, high = (None, None) if indices else (-1.0, 1.0)
     return Chart(
-        f"{said}; lines: 95 % interval",
-        tuple(panels) or (Panel("", said="no output varies"),),
+        f"{label}; lines: 95 % interval",
+        tuple(panels) or (Panel("", caption="no output varies"),),
         low=low,
         high=high,
         height=0.7 + max(len(panels), 1) * (0.45 + 0.27 * count),
@@ -141,43 +141,43 @@ def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: S
 
 
 def _outputs(study: Study) -> list[str]:
-    """Which outputs are shown: those with a bound, and being inside; without bounds the first ones."""
-    bounded = [each.figure.key for each in study.specification][: _OUTPUTS - 1]
-    return [*bounded, INSIDE] if bounded else [each.key for each in _figures(study, True)][:_OUTPUTS]
+    """Return the outputs that are shown: figures with a bound, and `INSIDE`; without bounds the first figures."""
+    bounded = [bound.figure.key for bound in study.specification][: _OUTPUTS - 1]
+    return [*bounded, INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
 
 
-def _indices(found: SobolIndices) -> Panel:
-    order = found.order[:_FACTORS].tolist()
+def _indices(indices: SobolIndices) -> Panel:
+    order = indices.order[:_FACTORS].tolist()
     boxes, lines = list[Box](), list[Curve]()
     for offset, value, interval, number, name in (
-        (0.19, found.first, found.first_interval, 0, "alone"),
-        (-0.19, found.total, found.total_interval, 5, "with what it does together with others"),
+        (0.19, indices.first, indices.first_interval, 0, "alone"),
+        (-0.19, indices.total, indices.total_interval, 5, "with what it does together with others"),
     ):
         for row, i in enumerate(order):
             y, size = offset - row, float(value[i])
             boxes.append(Box(min(0.0, size), max(0.0, size), y - 0.18, y + 0.18, number, name))
             lines.append(Curve(interval[:, i], np.full(2, y), number=NEUTRAL))
-    return _rows([found.factors[i] for i in order], found.factors, boxes, lines)
+    return _rows([indices.factors[i] for i in order], indices.factors, boxes, lines)
 
 
-def _correlations(found: Sequence[RankCorrelation]) -> Panel:
-    some = found[:_FACTORS]
+def _correlations(correlations: Sequence[RankCorrelation]) -> Panel:
+    some = correlations[:_FACTORS]
     boxes = [
-        Box(min(0.0, each.value), max(0.0, each.value), -row - 0.31, -row + 0.31, int(each.value >= 0.0))
-        for row, each in enumerate(some)
+        Box(min(0.0, rank.value), max(0.0, rank.value), -row - 0.31, -row + 0.31, int(rank.value >= 0.0))
+        for row, rank in enumerate(some)
     ]
     lines = [
-        Curve(np.array(each.interval), np.full(2, -float(row)), number=NEUTRAL)
-        for row, each in enumerate(some)
-        if each.interval is not None
+        Curve(np.array(rank.interval), np.full(2, -float(row)), number=NEUTRAL)
+        for row, rank in enumerate(some)
+        if rank.interval is not None
     ]
-    panel = _rows([each.column for each in some], [each.column for each in found], boxes, lines)
+    panel = _rows([rank.column for rank in some], [rank.column for rank in correlations], boxes, lines)
     return replace(panel, levels=(Level(0.0, upright=True),))
 
 
 def _rows(some: Sequence[str], names: Sequence[str], boxes: Sequence[Box], lines: Sequence[Curve]) -> Panel:
-    said = short(names)
-    shown = [style.shortened(said[name], _LETTERS) for name in some]
+    short_names = short(names)
+    shown = [style.shortened(short_names[name], _LETTERS) for name in some]
     return Panel("", tuple(lines), boxes=tuple(boxes), ticks=listed(shown), low=0.55 - len(some), high=0.55)
 
 
@@ -196,15 +196,15 @@ def error_band_chart(band: Band) -> Chart:
 def _quantiles(band: Band, what: str) -> Panel:
     values = _scale(band.unit) * band.quantiles
     areas = Area(band.x, values[0], values[4], 0), Area(band.x, values[1], values[3], 0)
-    said = "line: median; dark: every second machine; light: nine of ten"
-    return Panel(f"{what} ({unit_name(band.unit)})", (Curve(band.x, values[2]),), bands=areas, said=said)
+    caption = "line: median; dark: every second machine; light: nine of ten"
+    return Panel(f"{what} ({unit_name(band.unit)})", (Curve(band.x, values[2]),), bands=areas, caption=caption)
 
 
-def front_chart(found: Front, sample: Judged) -> Chart:
+def front_chart(front: Front, sample: Judged) -> Chart:
     """The machines between tracking, stiffness and robustness; rings: those of the front."""
-    first, *others = found.figures.values()
+    first, *others = front.figures.values()
     some = np.linspace(0, sample.variant.size - 1, min(_DOTS, sample.variant.size)).astype(int)
-    kept = np.arange(found.rows.variant.size)[:_DOTS]
+    kept = np.arange(front.rows.variant.size)[:_DOTS]
     panels = list[Panel]()
     for other in others:
         curves = list[Curve]()
@@ -213,7 +213,7 @@ def front_chart(found: Front, sample: Judged) -> Chart:
             if chosen.size:
                 place = _place(sample.figures, first, other, chosen)
                 curves.append(Curve(*place, name, number, MARKERS, size=0.5))
-        ring = _place(found.rows.figures, first, other, kept)
+        ring = _place(front.rows.figures, first, other, kept)
         curves.append(Curve(*ring, "front", NEUTRAL, RING, size=1.45))
         low, high = _ends(curves, "y", 0.06)
         panels.append(Panel(labelled(other), tuple(curves), low=low, high=high))
@@ -229,6 +229,6 @@ def _ends(curves: Sequence[Curve], axis: Literal["x", "y"], part: float) -> tupl
 def _place(
     figures: Mapping[str, np.ndarray], first: Figure, other: Figure, chosen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    x, y = (_scale(each.unit) * figures[each.key][chosen] for each in (first, other))
+    x, y = (_scale(figure.unit) * figures[figure.key][chosen] for figure in (first, other))
     seen = np.isfinite(x) & np.isfinite(y)
     return x[seen], y[seen]

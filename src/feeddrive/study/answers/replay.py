@@ -22,26 +22,26 @@ def replay_files(study: Study, variant: int) -> dict[str, str]:
     """Texts by file name, the job first: `variant_00000012.toml` and `variant_00000012_machine.toml`.
 
     The machine has the control of the variant's law as its own, so that the job's only row is `today`.  Numbers are
-    written to the last bit; what of the process of a part program cuts is a coupling of the machine.
+    written to the last bit; the cutting process of a part program becomes a coupling of the machine.
     Raises ParameterError or StructureError for a variant whose numbers make no machine.
     """
     group = next(variant_groups(study, variants(study, variant, 1)))
     system = group.one(0)
     machine = system if isinstance(system, Machine) else Machine.of({group.axis: system})
     file = group.base.job.machine
-    limits = {axis: each for axis, each in file.limits.items() if axis in machine.axes()}
+    limits = {axis: axis_limits for axis, axis_limits in file.limits.items() if axis in machine.axes()}
     name = f"variant_{variant:08d}"
-    said = f"variant {variant} of the study {Path(study.file.name).name}, row '{group.base.row}'"
+    origin = f"variant {variant} of the study {Path(study.file.name).name}, row '{group.base.row}'"
     return {
-        f"{name}.toml": "\n".join(_job(study, group, f"{name}_machine.toml", said)),
-        f"{name}_machine.toml": machine_toml(machine, f"{file.name}, {said}", file.source, file.remark, limits),
+        f"{name}.toml": "\n".join(_job(study, group, f"{name}_machine.toml", origin)),
+        f"{name}_machine.toml": machine_toml(machine, f"{file.name}, {origin}", file.source, file.remark, limits),
     }
 
 
-def _job(study: Study, group: VariantGroup, machine: str, said: str) -> Iterator[str]:
+def _job(study: Study, group: VariantGroup, machine: str, origin: str) -> Iterator[str]:
     """The job file, section by section."""
     job = group.base.job
-    values: dict[str, Any] = {"title": f"{study.title}: {said}", "machine": machine, "axis": group.axis}
+    values: dict[str, Any] = {"title": f"{study.title}: {origin}", "machine": machine, "axis": group.axis}
     values |= {"seed": int(group.seed[0])} | ({} if group.duration is None else {"duration": group.duration})
     yield "\n".join(f"{key} = {_written(value)}" for key, value in values.items()) + "\n"
     references, loads = _by_axis(group.references, group.axis), _by_axis(group.loads, group.axis)
@@ -55,11 +55,11 @@ def _job(study: Study, group: VariantGroup, machine: str, said: str) -> Iterator
             yield to_toml(block, key, rotary=rotary[axis])
 
 
-def _by_axis(given: Any, axis: str) -> Mapping[str, Reference | Load]:
-    """Motions or loads by axis; of a single axis its own, if there is one."""
-    if given is None:
+def _by_axis(blocks: Any, axis: str) -> Mapping[str, Reference | Load]:
+    """Return motions or loads by the name of their axis; none if there are none."""
+    if blocks is None:
         return {}
-    return given if isinstance(given, Mapping) else {axis: given}
+    return blocks if isinstance(blocks, Mapping) else {axis: blocks}
 
 
 def _program(job: Job) -> str:
@@ -77,7 +77,7 @@ def _program(job: Job) -> str:
 def _written(value: Any) -> str:
     """A value as TOML: text, truth, number, or a table of them on one line."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{json.dumps(key)} = {_written(each)}" for key, each in value.items()) + " }"
+        return "{ " + ", ".join(f"{json.dumps(key)} = {_written(entry)}" for key, entry in value.items()) + " }"
     if isinstance(value, str | bool):
         return json.dumps(value, ensure_ascii=False)
     return repr(value)

@@ -11,7 +11,7 @@ MOST = 200_000  # rows; a quantile of so many is off by at most 0.4 % of the ran
 
 
 class Sampled:
-    """Rows of machines that were drawn; of more than `MOST` each with the same chance."""
+    """Collects a random sample of the drawn machines: all, or about `MOST` of more, each with the same probability."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -20,7 +20,7 @@ class Sampled:
         self._parts: list[Judged] = []
 
     def add(self, rows: Judged) -> None:
-        """Take some of some rows: those that the seed and the first of them decide."""
+        """Add a random part of some rows; the choice depends on the seed and the first variant of the rows only."""
         chosen = rows.drawn
         if self._share < 1.0 and chosen.any():
             rng = np.random.default_rng([self._study.seed, int(rows.variant[0])])

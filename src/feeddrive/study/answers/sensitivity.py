@@ -1,4 +1,4 @@
-"""What decides a figure: Sobol indices of a study of the sampler saltelli, and rank correlations of any other.
+"""Sensitivity of figures: Sobol indices of a study of the sampler saltelli, and rank correlations of any other.
 
 The first-order index of a factor is the share of the figure's variance that would be gone if the factor did not vary;
 the total one what would be left if it alone varied.  Source: Saltelli et al. 2010, by `scipy.stats.sobol_indices`.
@@ -17,7 +17,7 @@ from feeddrive.study.answers.shares import LEVEL
 from feeddrive.study.study import Study
 
 INSIDE = "inside"
-"""Beside the figures: 1 for a machine inside the specification, else 0."""
+"""An output beside the figures: 1 for a machine inside the specification, else 0."""
 _LEAST_POINTS = 32
 _RESAMPLES, _WORK = 999, 4e9  # of the bootstrap at most, and how many numbers they may look at
 
@@ -58,14 +58,14 @@ class RankCorrelation:
 
 
 class SaltelliRows:
-    """The outputs of all variants of a study of the sampler saltelli, a part of the rows after the other.
+    """Collects the outputs of all variants of a study of the sampler saltelli, part by part.
 
     Memory: 8 bytes for each variant and output.
     """
 
     def __init__(self, study: Study) -> None:
         self._study = study
-        names = [each.key for each in study.measure] + ([INSIDE] if study.specification else [])
+        names = [figure.key for figure in study.measure] + ([INSIDE] if study.specification else [])
         self._values = {name: np.full(study.count, np.nan) for name in names if study.sampler == "saltelli"}
 
     def add(self, rows: Judged) -> None:
@@ -74,10 +74,10 @@ class SaltelliRows:
             values[rows.variant] = rows.inside if name == INSIDE else rows.figures[name]
 
     def result(self) -> tuple[SobolIndices, ...]:
-        """Of each output that varies and has a number in enough points."""
-        factors = tuple(each.name for each in self._study.vary)
-        found = (sobol(name, values, factors, self._study.seed) for name, values in self._values.items())
-        return tuple(each for each in found if each is not None)
+        """Return the indices of each output that varies and is finite in enough points."""
+        factors = tuple(varied.name for varied in self._study.vary)
+        indices = (sobol(name, values, factors, self._study.seed) for name, values in self._values.items())
+        return tuple(row for row in indices if row is not None)
 
 
 def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int = 0) -> SobolIndices | None:
@@ -113,24 +113,31 @@ def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int =
         vectorized=False,
         rng=np.random.default_rng([seed, points]),
     )
-    found = indices(np.arange(points))
+    estimate = indices(np.arange(points))
     interval = np.stack([drawn.confidence_interval.low, drawn.confidence_interval.high])
     return SobolIndices(
-        output, factors, found[0], interval[:, 0], found[1], interval[:, 1], points, values.size // len(rows) - points
+        output,
+        factors,
+        estimate[0],
+        interval[:, 0],
+        estimate[1],
+        interval[:, 1],
+        points,
+        values.size // len(rows) - points,
     )
 
 
 def rank_correlations(sample: Judged) -> tuple[RankCorrelation, ...]:
-    """Of every figure with every number that varies, the largest of each figure first."""
+    """Correlate every figure with every varied number; the largest of each figure first."""
     numbers = {name: values.astype(float) for name, values in sample.varied.items() if _is_number(values)}
     outputs: Mapping[str, np.ndarray] = sample.figures
     if sample.study.specification:
         outputs = {**outputs, INSIDE: np.where(sample.bad, 0.0, sample.inside)}
-    found: list[RankCorrelation] = []
+    correlations: list[RankCorrelation] = []
     for output, values in outputs.items():
         own = list(_of_output(output, values, numbers, sample.study.sampler != "grid"))
-        found += sorted(own, key=lambda each: -abs(each.value))
-    return tuple(found)
+        correlations += sorted(own, key=lambda rank: -abs(rank.value))
+    return tuple(correlations)
 
 
 def _is_number(values: np.ndarray) -> bool:
@@ -147,10 +154,10 @@ def _of_output(
     if count < 4 or np.ptp(values[there]) == 0.0:
         return
     ranked = stats.rankdata(values[there])
-    for column, given in numbers.items():
-        if np.ptp(given[there]) == 0.0:
+    for column, drawn in numbers.items():
+        if np.ptp(drawn[there]) == 0.0:
             continue
-        value = float(np.corrcoef(ranked, stats.rankdata(given[there]))[0, 1])
+        value = float(np.corrcoef(ranked, stats.rankdata(drawn[there]))[0, 1])
         yield RankCorrelation(output, column, value, _fisher(value, count) if sampled else None)
 
 

@@ -33,12 +33,12 @@ def name_of(figure: Figure) -> str:
 
 def short(names: Sequence[str]) -> dict[str, str]:
     """The ends of dotted names that tell them apart: mass_load for axis.x.plant.mass_load."""
-    found: dict[str, str] = {}
+    shortest: dict[str, str] = {}
     for name in names:
         parts = name.split(".")
         ends = [".".join(parts[i:]) for i in range(len(parts) - 1, -1, -1)]
-        found[name] = next(end for end in ends if sum(f".{each}".endswith(f".{end}") for each in names) == 1)
-    return found
+        shortest[name] = next(end for end in ends if sum(f".{other}".endswith(f".{end}") for other in names) == 1)
+    return shortest
 
 
 def bound_text(bound: Bound) -> str:
@@ -75,23 +75,25 @@ def sentences(
     inside = yields.inside
     keep = "keep the specification" if study.specification else "have figures; the study states no specification"
     interval = inside.interval
-    said = f"{inside.kept:,} of {inside.of:,} machines ({_percent(inside.value)}"
+    counts = f"{inside.kept:,} of {inside.of:,} machines ({_percent(inside.value)}"
     if interval is not None:
-        said += f", 95 % interval {_percent(interval[0], bare=True)} to {_percent(interval[1])}"
-    found: list[str] = [Text(f"{said}) {keep}.")]
+        counts += f", 95 % interval {_percent(interval[0], bare=True)} to {_percent(interval[1])}"
+    texts: list[str] = [Text(f"{counts}) {keep}.")]
     if study.sampler == "grid":
-        found[0] += " They are the points of a grid and not a sample: the share has no interval."
+        texts[0] += " They are the points of a grid and not a sample: the share has no interval."
     if yields.bad and study.specification:
-        found.append(f"{yields.bad:,} of them have no figures, and count as outside.")
+        texts.append(f"{yields.bad:,} of them have no figures, and count as outside.")
     hardest = yields.hardest
     if hardest is not None:
-        found.append(_fails(hardest, inside))
-    measured = [each.bound.figure.key for each in yields.bounds] or [each.key for each in study.measure]
+        texts.append(_fails(hardest, inside))
+    measured = [bound_yield.bound.figure.key for bound_yield in yields.bounds] or [
+        figure.key for figure in study.measure
+    ]
     about = measured[0] if hardest is None else hardest.bound.figure.key
-    figure = next(each for each in study.measure if each.key == about)
-    names = short([*study.columns, *(each.name for each in study.vary if each.name not in study.columns)])
-    found += _decides(figure, sobol, names) or _goes_with(figure, correlations, names)
-    return found
+    figure = next(candidate for candidate in study.measure if candidate.key == about)
+    names = short([*study.columns, *(varied.name for varied in study.vary if varied.name not in study.columns)])
+    texts += _decides(figure, sobol, names) or _goes_with(figure, correlations, names)
+    return texts
 
 
 def _fails(hardest: BoundYield, inside: Share) -> str:
@@ -104,23 +106,23 @@ def _fails(hardest: BoundYield, inside: Share) -> str:
 
 
 def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, str]) -> list[str]:
-    """By Sobol indices; nothing if there are none of this figure."""
-    found = next((each for each in sobol if each.output == figure.key), None)
-    if found is None:
+    """Sentences on the variance of a figure by Sobol indices; empty if there are none of this figure."""
+    indices = next((row for row in sobol if row.output == figure.key), None)
+    if indices is None:
         return []
-    order = sorted(range(len(found.factors)), key=lambda i: -float(found.first[i]))
-    named = [i for i in order if found.first[i] >= _INFLUENCE][:_NAMED]
-    said: list[str] = []
+    order = sorted(range(len(indices.factors)), key=lambda i: -float(indices.first[i]))
+    named = [i for i in order if indices.first[i] >= _INFLUENCE][:_NAMED]
+    texts: list[str] = []
     if named:
         first, *others = [
-            (names[found.factors[i]], share_text(found.first[i], found.first_interval[:, i])) for i in named
+            (names[indices.factors[i]], share_text(indices.first[i], indices.first_interval[:, i])) for i in named
         ]
         rest = "".join(f", {name} {share}" for name, share in others)
-        said.append(Text(f"{first[0]} alone decides {first[1]} of the variance of {name_of(figure)}{rest}."))
-    together = 1.0 - float(np.sum(found.first))
+        texts.append(Text(f"{first[0]} alone decides {first[1]} of the variance of {name_of(figure)}{rest}."))
+    together = 1.0 - float(np.sum(indices.first))
     if together >= _INFLUENCE:
-        said.append(Text(f"{Quantity(together, 'share'):.0f} of it is decided by several together."))
-    return said
+        texts.append(Text(f"{Quantity(together, 'share'):.0f} of it is decided by several together."))
+    return texts
 
 
 def share_text(value: float, interval: np.ndarray) -> str:
@@ -134,21 +136,21 @@ def correlation(value: float) -> str:
     return f"{Quantity(value):+.2f}"
 
 
-def _between(found: RankCorrelation) -> str:
-    return "" if found.interval is None else " to ".join(map(correlation, found.interval))
+def _between(rank: RankCorrelation) -> str:
+    return "" if rank.interval is None else " to ".join(map(correlation, rank.interval))
 
 
 def _goes_with(figure: Figure, correlations: Sequence[RankCorrelation], names: Mapping[str, str]) -> list[str]:
-    """By rank correlations, where there are no Sobol indices."""
-    own = [each for each in correlations if each.output == figure.key and each.value**2 >= _INFLUENCE][:_NAMED]
+    """Sentences on the variance of a figure by rank correlations, for a study without Sobol indices."""
+    own = [rank for rank in correlations if rank.output == figure.key and rank.value**2 >= _INFLUENCE][:_NAMED]
     if not own:
         return []
-    said = [
-        f"{names[each.column]} ({', 95 % interval '.join(filter(None, (correlation(each.value), _between(each))))})"
-        for each in own
+    parts = [
+        f"{names[rank.column]} ({', 95 % interval '.join(filter(None, (correlation(rank.value), _between(rank))))})"
+        for rank in own
     ]
     name = name_of(figure)
     return [
-        Text(f"{name[:1].upper()}{name[1:]} goes most with {', '.join(said)}, by rank correlation."),
+        Text(f"{name[:1].upper()}{name[1:]} goes most with {', '.join(parts)}, by rank correlation."),
         'Shares of its variance need the sampler "saltelli".',
     ]

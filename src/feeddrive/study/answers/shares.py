@@ -12,9 +12,9 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Share:
-    """So many of all, and an interval of `LEVEL` for the share of all machines that could be built.
+    """A count of machines out of a total, with a confidence interval for the share of all machines that could be built.
 
-    sampled  whether the machines were drawn at random: of the points of a grid there is no interval
+    sampled  True if the machines were drawn at random: the points of a grid have no interval
     """
 
     kept: int
@@ -28,7 +28,7 @@ class Share:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """From least to most; None without a random sample."""
+        """The confidence interval of `LEVEL`, (low, high); None without a random sample."""
         if not self.sampled:
             return None
         low, high = clopper_pearson(self.kept, self.of)
@@ -36,7 +36,7 @@ class Share:
 
 
 def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]:
-    """The interval of all shares p under which neither so few nor so many are kept by a chance below (1 - level)/2.
+    """The Clopper-Pearson confidence interval of a share of which `kept` out of `of` were drawn.
 
         P(X >= kept | low) = P(X <= kept | high) = (1 - level) / 2,   X binomial
 

@@ -33,14 +33,14 @@ class Worst:
 
 
 class WorstKept:
-    """The worst so far, a part of the rows after the other; of equal values the lower number."""
+    """Collects the worst variants of the rows, part by part; of equal values the lower number."""
 
     def __init__(self, study: Study) -> None:
-        self._cases: dict[Figure, list[WorstVariant]] = {each: [] for each in study.measure if each.better}
+        self._cases: dict[Figure, list[WorstVariant]] = {figure: [] for figure in study.measure if figure.better}
         self.bad: list[tuple[int, str]] = []
 
     def add(self, rows: Judged) -> None:
-        """Look at some rows."""
+        """Add some rows."""
         for figure, cases in self._cases.items():
             sign = 1.0 if figure.better == "higher" else -1.0
             values = sign * rows.figures[figure.key]
@@ -53,7 +53,7 @@ class WorstKept:
             self.bad.append((int(rows.variant[place]), str(rows.reasons[place])))
 
     def result(self) -> tuple[Worst, ...]:
-        """Of each figure for which one direction is better."""
+        """Return the worst variants of each figure for which one direction is better."""
         return tuple(Worst(figure, tuple(cases)) for figure, cases in self._cases.items() if cases)
 
 

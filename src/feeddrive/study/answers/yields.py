@@ -1,4 +1,4 @@
-"""The yield: which share of the machines keeps the specification, which bounds the others break, and by choice."""
+"""The yield: the share of the machines that keep the specification, by bound and by choice."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOST_VALUES = 50  # of a choice that are told apart
 
 @dataclass(frozen=True)
 class BoundYield:
-    """One bound of the specification: who keeps it, and how many break no other one."""
+    """One bound of the specification: the share that keeps it, and how many machines break it and no other one."""
 
     bound: Bound
     kept: Share
@@ -43,12 +43,12 @@ class Yield:
     @property
     def hardest(self) -> BoundYield | None:
         """The bound that most machines break; None if all keep all."""
-        broken = [each for each in self.bounds if each.kept.kept < each.kept.of]
-        return min(broken, key=lambda each: each.kept.kept, default=None)
+        broken = [bound_yield for bound_yield in self.bounds if bound_yield.kept.kept < bound_yield.kept.of]
+        return min(broken, key=lambda bound_yield: bound_yield.kept.kept, default=None)
 
 
 class YieldCount:
-    """Counts, a part of the rows after the other."""
+    """Counts the machines that keep the bounds, part by part."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -73,11 +73,11 @@ class YieldCount:
                 count.update(zip(map(str, values[drawn]), rows.inside[drawn].tolist(), strict=True))
 
     def result(self) -> Yield:
-        """What was counted."""
+        """Return the yield of all rows that were added."""
         sampled = self._study.sampler != "grid"
         bounds = tuple(
-            BoundYield(each, Share(self._kept[each.figure.key], self._all, sampled), self._alone[each.figure.key])
-            for each in self._study.specification
+            BoundYield(bound, Share(self._kept[bound.figure.key], self._all, sampled), self._alone[bound.figure.key])
+            for bound in self._study.specification
         )
         choices: dict[str, dict[str, Share]] = {}
         for column, count in self._choices.items():
