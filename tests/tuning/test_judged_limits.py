@@ -55,7 +55,7 @@ def test_a_phase_margin_counts_by_its_size_in_proof_recommendation_and_search(
     assert proof.holds is kept
     assert (broken_limits([figures(lead)], limits) == "") is kept
     assert (slack_of_the_search(lead, limit) >= 0.0) is kept
-    assert f"phase margin {lead:g} deg" in proof.said
+    assert f"phase margin {lead:g} deg" in proof.text
 
 
 def test_what_does_not_occur_is_called_so_and_keeps_its_limit() -> None:

@@ -49,5 +49,5 @@ def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:
     found = tune_control(screw.control, point, limits=Limits(sensitivity_peak=2.0), filters="kept", starts=1)
     line = next(each for each in found.proof if RUN in each.what)
     assert line.holds is None
-    assert "--baseline" in line.said
+    assert "--baseline" in line.text
     assert "Against a force at the drive" in found.recommendation() or found.verdict is Verdict.LEAVE

@@ -293,7 +293,7 @@ def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
     for row in rows:
         if row.tuned is None:
             continue
-        open_lines = [f"{line.what} ({line.said})" for line in row.tuned.proof if line.holds is not True]
+        open_lines = [f"{line.what} ({line.text})" for line in row.tuned.proof if line.holds is not True]
         if open_lines:
             remarks.append(Text(f"'{row.name}': not proven: {joined('; ', open_lines)}."))
         if not row.settled:

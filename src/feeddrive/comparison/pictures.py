@@ -144,7 +144,7 @@ def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequen
                 ticks=names,
                 low=0.4 - len(laws),
                 high=0.6,
-                said=head,
+                caption=head,
                 abscissa=Abscissa("", LOG),
             )
         )

@@ -275,7 +275,7 @@ def _tuned(law: Competitor) -> dict[str, Any]:
         "not_settled": law.tuned.unsettled or None,
         "not_placed": law.unplaced or None,
         "spread_of_searches": law.tuned.spread,
-        "proof": {line.what: {"holds": line.holds, "said": line.said} for line in law.tuned.proof},
+        "proof": {line.what: {"holds": line.holds, "said": line.text} for line in law.tuned.proof},
     }
 
 

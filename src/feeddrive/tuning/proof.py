@@ -44,7 +44,7 @@ class Checked(NamedTuple):
 
     what: str
     holds: bool | None
-    said: str
+    text: str
 
 
 def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:

@@ -733,7 +733,7 @@ class Tuned(Result):
         rows += [["held back by", "", "", held.sentence()] for held in self.held]
         rows += [["to gain more", "", "", text] for text in self.advice]
         rows += [["notch", "", "", text] for text in self.notches]
-        rows += [[f"proof: {line.what}", "", _verdict(line.holds), line.said] for line in self.proof]
+        rows += [[f"proof: {line.what}", "", _verdict(line.holds), line.text] for line in self.proof]
         return Table(f"{self.rule}. {self.recommendation()}", ["what", "today", "new", "unit"], rows)
 
 
@@ -779,7 +779,7 @@ def recommendation(tuned: Tuned) -> str:
     """Return the recommendation with its reason, the limiting bounds, and the figures that are worse than today."""
     if tuned.verdict is Verdict.REFUSE:
         failed = [line for line in tuned.proof if line.holds is False]
-        return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said}).")
+        return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].text}).")
     worse = _worse(tuned)
     price = Text(f"Worse than today: {worse}.") if worse else ""
     first, then = (_advised(tuned), price) if tuned.verdict is Verdict.LEAVE else (price, _advised(tuned))

@@ -194,7 +194,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
             files["Certificate"] = report.parent / "certificate.json"
         files["Report"] = report
     verdict = {None: "not proven", True: "holds", False: "DOES NOT HOLD"}
-    proof = [(line.holds, Text(f"proof, {line.what}: {verdict[line.holds]} ({line.said})")) for line in tuned.proof]
+    proof = [(line.holds, Text(f"proof, {line.what}: {verdict[line.holds]} ({line.text})")) for line in tuned.proof]
     remarks: list[str] = [claim for holds, claim in proof if not holds]
     remarks += [*story.remarks, *(Text(f"held back by {held.sentence()}") for held in tuned.held), *tuned.advice]
     shown = tables(tuned, story)[:-1]

@@ -133,7 +133,7 @@ def tables(tuned: Tuned, story: Story) -> list[Table]:
         shown = loop.table()
         listed.append(replace(shown, title=f"{shown.title}, {name}"))
     proof = [
-        [line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.said]
+        [line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.text]
         for line in tuned.proof
     ]
     listed.append(Table("proof: computed anew in other ways", ["what", "", "figures"], proof))

@@ -123,7 +123,7 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
         shown.insert(0, laws.table())
     judgment = Judgment.TAKE_TUNING if best.better else Judgment.FEWER_ARE_GOOD
     judgment = judgment if best.tuned.holds else Judgment.DO_NOT_USE_TUNING
-    proof = [Text(f"proof, {line.what}: {line.said}") for line in best.tuned.proof]
+    proof = [Text(f"proof, {line.what}: {line.text}") for line in best.tuned.proof]
     return Outcome(
         best,
         shown,
@@ -151,7 +151,7 @@ def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
     best = laws.best
     remarks: list[str] = [Text(f"held back by {held.sentence()}") for held in best.tuned.held]
     remarks += [
-        Text(f"proof, {line.what}: does not hold ({line.said})") for line in best.tuned.proof if line.holds is False
+        Text(f"proof, {line.what}: does not hold ({line.text})") for line in best.tuned.proof if line.holds is False
     ]
     remarks += [Text(f"not settled: {best.unsettled}")] if best.unsettled else []
     kept = {bound.figure.key for bound in tuner.kept_bounds}

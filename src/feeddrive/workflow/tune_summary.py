@@ -38,7 +38,7 @@ def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe])
         },
         "standard_deviations_kept": tuned.sure,
         "probability_that_all_limits_hold": tuned.confidence,
-        "proof": {line.what: {"holds": line.holds, "said": line.said} for line in tuned.proof},
+        "proof": {line.what: {"holds": line.holds, "said": line.text} for line in tuned.proof},
     }
 
 
