@@ -21,9 +21,9 @@ import rounds
 import workload
 from single import PARAMETERS, STATES
 
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import GATHERED, simulate_batch
-from feeddrive.loop.work import Work
 
 SOURCE = (Path(__file__).parent / "batch.cpp").read_text()
 VARIANTS = 4096

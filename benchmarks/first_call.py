@@ -26,12 +26,12 @@ def child(what: str) -> None:
     import workload
 
     from feeddrive.language.machine_code import target
-    from feeddrive.loop.engine import native, time_loop
+    from feeddrive.loop.beginning import Work
+    from feeddrive.loop.engine import llvm as native
+    from feeddrive.loop.engine import llvm as time_loop
     from feeddrive.loop.engine.plan import plan
-    from feeddrive.loop.runner import Prepared
+    from feeddrive.loop.runner import Prepared, gathering
     from feeddrive.loop.simulate import simulate
-    from feeddrive.loop.statistics import gathering
-    from feeddrive.loop.work import Work
 
     marks = {"imports": time.process_time() - begun}
     last = time.process_time()

@@ -22,7 +22,7 @@ from feeddrive.blocks import SnapLimitedMove
 from feeddrive.cosimulation import simulate_with_fmu
 from feeddrive.export.fmu import fmu
 from feeddrive.export.layout import layout
-from feeddrive.loop.routine_trace import controller_routine, plant_routine
+from feeddrive.loop.routine import controller_routine, plant_routine
 
 ROUNDS, SAMPLES, CALLS = 9, 20_000, 2_000
 MOVE = SnapLimitedMove(distance=0.05, velocity=0.2, acceleration=4.0, jerk=200.0, snap=4e4)

@@ -17,7 +17,7 @@ from workload import loop, reference
 
 from feeddrive.blocks.friction.regularised import Regularised
 from feeddrive.language import tree
-from feeddrive.loop.engine.native import Native
+from feeddrive.loop.engine.llvm import Native
 from feeddrive.loop.gradient import gradient
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate

@@ -9,11 +9,10 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
-from feeddrive.identification.motion.delay import find_delay
 from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import refine
-from feeddrive.identification.motion.rigid import identify_rigid
+from feeddrive.identification.motion.rigid import find_delay, identify_rigid
 from feeddrive.loop.simulate import simulate
 
 ROUNDS = 7

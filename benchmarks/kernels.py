@@ -70,8 +70,7 @@ def run_times(rounds: int) -> None:
     import numpy as np
     from rounds import machine, measure, ratio, table
 
-    from feeddrive.language.kernels.kernel import interpreted
-    from feeddrive.language.kernels.module import THOROUGH
+    from feeddrive.language.kernels.kernel import THOROUGH, interpreted
 
     kernel_plan.plan_and_sample.unit.make(THOROUGH)
     paths = [arguments(seed) for seed in range(3)]

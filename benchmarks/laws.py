@@ -23,7 +23,7 @@ from feeddrive.blocks.plant.two_bodies import lag, two_bodies
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.graph import Graph
-from feeddrive.loop.engine.native import native
+from feeddrive.loop.engine.llvm import native
 from feeddrive.loop.engine.plan import Plan, plan
 from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.trace import Carried, Program, concrete, numbers

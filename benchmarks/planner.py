@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.path.geometry.segments import Pause
-from feeddrive.path.program.lines import Line
+from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Straight
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Prover

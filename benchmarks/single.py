@@ -23,10 +23,10 @@ import workload
 
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language import tree
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate
-from feeddrive.loop.work import Work
 
 SOURCE = (Path(__file__).parent / "single.c").read_text()
 # the order of `Parameters` and `State` in single.c

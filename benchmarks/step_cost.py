@@ -25,7 +25,7 @@ from feeddrive.export.cortex_m import Cost, step_cost, write_cortex_m
 from feeddrive.export.design import CONTROL, Design
 from feeddrive.export.layout import layout
 from feeddrive.files.machine import read_machine
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine
 
 BY_HAND = Path(__file__).parent / "hand_written"
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno"]

@@ -26,13 +26,13 @@ import rounds
 import workload
 from batch import BOUND, ByHand
 
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.machine import machine_toml
-from feeddrive.files.to_toml import to_toml
 from feeddrive.language import tree
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import GATHERED
-from feeddrive.loop.work import Work
 from feeddrive.study.study import Study, read_study
 from feeddrive.study.sweep import sweep
 from feeddrive.study.variants import variants

@@ -26,8 +26,7 @@ from feeddrive.blocks.catalogue import catalogue
 from feeddrive.files.from_toml import Hint, hints
 from feeddrive.files.from_toml import members as members_of
 from feeddrive.files.section import VARIED, Section
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import Declaration, Declared, declarations, defaults
+from feeddrive.language.block import Block, Declaration, Declared, declarations, defaults
 from feeddrive.language.lazy_package import public_names
 from feeddrive.workflow.schemas import FILES, schemas
 

@@ -25,8 +25,7 @@ from feeddrive.export.c_code import texts
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial
 from feeddrive.files.machine import read_machine
-from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import controller_routine, plant_routine
+from feeddrive.loop.routine import Routine, controller_routine, plant_routine
 
 MOVE = fd.blocks.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.05)
 PUSH, PUSHED_FROM = -100.0, 0.05  # N, s

@@ -29,8 +29,7 @@ from feeddrive.bus import ethercat
 from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS, PowerState
 from feeddrive.bus.client import DriveClient, driven_together, transport_of
 from feeddrive.bus.drive_file import DriveScaling
-from feeddrive.bus.play import listened, play_profile, play_together
-from feeddrive.bus.profile import Profile
+from feeddrive.bus.play import Profile, listened, play_profile, play_together
 from feeddrive.bus.transport import Claim, read_object, write_object
 from feeddrive.bus.virtual import ethercat_slave
 from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware, PdoMap

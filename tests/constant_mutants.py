@@ -26,7 +26,7 @@ MUTANT = "FEEDDRIVE_MUTANT"  # environment: module, line, number, number in its 
 
 # a module whose thresholds decide what a person is told, and the tests that hold them, those that fail soonest first
 MODULES = {
-    "feeddrive.machining.chatter_signs": "test_thresholds.py machining/test_chatter_signs.py",
+    "feeddrive.machining.lobes": "test_thresholds.py machining/test_chatter_signs.py",
     "feeddrive.workflow.friction": "test_thresholds.py cli/test_friction_command.py",
     "feeddrive.tuning.criteria": "test_thresholds.py tuning/test_shaping.py",
     "feeddrive.comparison.figures": "test_thresholds.py",
@@ -35,8 +35,8 @@ MODULES = {
 
 # mutants that nothing can tell from the original, or that only take longer, with the reason
 EQUIVALENT = {
-    ("feeddrive.machining.chatter_signs", "_PLACES", "32"): "a coarser search of the place in a tooth, good enough",
-    ("feeddrive.machining.chatter_signs", "_PLACES", "128"): "a finer search of the same",
+    ("feeddrive.machining.lobes", "_PLACES", "32"): "a coarser search of the place in a tooth, good enough",
+    ("feeddrive.machining.lobes", "_PLACES", "128"): "a finer search of the same",
     ("feeddrive.loop.guard", "SETPOINT_LIMIT", "500000000000.0"): "no axis comes within nine decades of it",
     ("feeddrive.loop.guard", "SETPOINT_LIMIT", "2000000000000.0"): "the same",
     ("feeddrive.loop.guard", "COMMAND_LIMIT", "5e+17"): "no drive comes within twelve decades of it",

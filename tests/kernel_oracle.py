@@ -16,8 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from feeddrive.language.kernels.kernel import Kernel, interpreted
-from feeddrive.language.kernels.module import QUICK, THOROUGH
+from feeddrive.language.kernels.kernel import QUICK, THOROUGH, Kernel, interpreted
 from feeddrive.language.kernels.source import BOOL, INT, Type
 
 SPECIAL = [

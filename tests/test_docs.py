@@ -197,7 +197,7 @@ def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: 
 def test_the_page_of_the_keys_has_each_that_a_file_may_hold():
     from feeddrive.files.from_toml import Hint, hints, members
     from feeddrive.files.section import Section
-    from feeddrive.language.declaration import declarations
+    from feeddrive.language.block import declarations
     from feeddrive.workflow.schemas import FILES
 
     spec = importlib.util.spec_from_file_location("gen_blocks", ROOT / "docs/gen_blocks.py")

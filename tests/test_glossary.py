@@ -14,8 +14,7 @@ import feeddrive.blocks
 import feeddrive.loop
 from feeddrive.blocks.catalogue import members
 from feeddrive.blocks.families import Law
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import Declaration, declarations
+from feeddrive.language.block import Block, Declaration, declarations
 from feeddrive.language.units import factor, measure
 from feeddrive.loop.linearize import INPUT_UNITS
 from feeddrive.loop.loop import UNITS

@@ -18,11 +18,9 @@ from feeddrive.files.read_log import read_log
 from feeddrive.identification.cogging import CoggingRun, identify_cogging
 from feeddrive.identification.friction_curve import fit_friction, runs_of, steady_runs
 from feeddrive.identification.motion.control_law import identify_control
-from feeddrive.identification.motion.delay import find_delay
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import JANOT, MotionLog
 from feeddrive.identification.motion.output_error import refine
-from feeddrive.identification.motion.preparation import JANOT
-from feeddrive.identification.motion.rigid import identify_rigid
+from feeddrive.identification.motion.rigid import find_delay, identify_rigid
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 EMPS, SCREW, COGGING = (DATA / name for name in ("emps/DATA_EMPS.mat", "leadscrew_epos", "odrive_cogging"))

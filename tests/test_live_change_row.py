@@ -16,7 +16,7 @@ from feeddrive.blocks.filter.biquad import below_nyquist, prewarped
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.language.block import Number, parameter
 from feeddrive.language.errors import StructureError
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine
 from feeddrive.testing import battery
 from feeddrive.testing.steady import bump, place
 

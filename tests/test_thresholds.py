@@ -23,7 +23,7 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.comparison.figures import beats, ranks
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.figures.of_loops import ROPE_SNAP
-from feeddrive.identification.estimate import TABLE
+from feeddrive.identification.regression import TABLE
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.learning.trajectory_prefilter import PrefilterFit
 from feeddrive.loop.axis import Axis
@@ -31,7 +31,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.guard import TRIP_FOLLOWING_ERROR, Guard
 from feeddrive.loop.loop import Loop
-from feeddrive.machining.chatter_signs import chatter_signs
+from feeddrive.machining.lobes import chatter_signs
 from feeddrive.tuning.criteria import require_covered, require_good
 from feeddrive.workflow.friction import kept_away
 

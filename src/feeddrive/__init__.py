@@ -73,8 +73,8 @@ make_lazy(
     __name__,
     {
         "": (
-            "analysis benchmark blocks bus certificate comparison cosimulation evaluation export figures "
-            "files identification jobs learning loop machining path plot study testing tuning workflow"
+            "analysis benchmark blocks bus certificate comparison cosimulation evaluation export figures files "
+            "identification jobs learning loop machining path plot study testing tuning workflow"
         ),
         "analysis.margins": "margins",
         "analysis.measured_loop": "measured_loop",
@@ -102,10 +102,10 @@ make_lazy(
         "version": "__version__",
         "workflow.certify": "certify read_certificate write_certificate",
         "workflow.compare": "compare",
+        "workflow.export": "verify",
         "workflow.identify": "identify",
         "workflow.run_job": "run",
         "workflow.tune": "tune",
-        "workflow.verify": "verify",
     },
     _moved,
 )

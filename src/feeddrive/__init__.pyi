@@ -58,7 +58,7 @@ from feeddrive.workflow.certify import certify as certify
 from feeddrive.workflow.certify import read_certificate as read_certificate
 from feeddrive.workflow.certify import write_certificate as write_certificate
 from feeddrive.workflow.compare import compare as compare
+from feeddrive.workflow.export import verify as verify
 from feeddrive.workflow.identify import identify as identify
 from feeddrive.workflow.run_job import run as run
 from feeddrive.workflow.tune import tune as tune
-from feeddrive.workflow.verify import verify as verify

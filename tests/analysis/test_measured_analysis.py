@@ -10,8 +10,7 @@ import pytest
 import feeddrive as fd
 from feeddrive.analysis.conversion import as_frf
 from feeddrive.analysis.loop_model import loop_model
-from feeddrive.analysis.margin_intervals import FIGURES, margin_intervals
-from feeddrive.analysis.margins import margins, sensitivity
+from feeddrive.analysis.margins import FIGURES, margin_intervals, margins, sensitivity
 from feeddrive.analysis.stability import encirclement
 from feeddrive.analysis.stiffness import stiffness
 from feeddrive.blocks.actuator.actuator import Actuator

@@ -9,8 +9,18 @@ import numpy as np
 import pytest
 
 from feeddrive.analysis import oscilloscope
-from feeddrive.analysis.oscilloscope import AUTO, NORMAL, SINGLE, Oscilloscope, Recording, Rows, Shown, readout
-from feeddrive.analysis.trigger import FALLING, Trigger
+from feeddrive.analysis.oscilloscope import (
+    AUTO,
+    FALLING,
+    NORMAL,
+    SINGLE,
+    Oscilloscope,
+    Recording,
+    Rows,
+    Shown,
+    Trigger,
+    readout,
+)
 from feeddrive.language.errors import ParameterError
 
 H = 1e-3

@@ -10,11 +10,10 @@ import feeddrive as fd
 from feeddrive.analysis.step_response import settling_time, step_response
 from feeddrive.language.errors import UnstableError
 from feeddrive.language.quantity import Units
-from feeddrive.loop.linearize import StateSpace, linearize
-from feeddrive.loop.poles_and_zeros import continuous, natural, zeros
+from feeddrive.loop.linearize import StateSpace, continuous, linearize, natural, zeros
 from feeddrive.plot.chart import ALERT, CROSS, RING, Chart, Curve
-from feeddrive.plot.pole_map import damping_chart, plane_chart
-from feeddrive.plot.settling import step_response_chart
+from feeddrive.plot.complex_plane import damping_chart, plane_chart
+from feeddrive.plot.over_time import step_response_chart
 
 T, MASS, KV, KP, TN = 1e-3, 100.0, 20.0, 5000.0, 0.04
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.analysis.trigger import FALLING, RISING, Crossings, Trigger
+from feeddrive.analysis.oscilloscope import FALLING, RISING, Crossings, Trigger
 from feeddrive.language.errors import ParameterError
 
 # few different values, so that samples at the level and at the edge of the hysteresis are common; NaN is a gap

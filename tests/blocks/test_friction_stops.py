@@ -22,7 +22,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Feedforward
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.identification.friction_stops import stretches
+from feeddrive.identification.friction_curve import stretches
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

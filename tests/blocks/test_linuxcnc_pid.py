@@ -14,7 +14,7 @@ from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.blocks.controller.stock_pid import StockPid
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.export.linuxcnc_session import halrun
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import declarations
 from fresh_draws import Seeded
 from hal_programs import needs_linuxcnc
 

@@ -12,8 +12,7 @@ import scipy.linalg
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.stability import stability
-from feeddrive.blocks.controller.lqg import LQG
-from feeddrive.blocks.controller.riccati import steady
+from feeddrive.blocks.controller.lqg import LQG, steady
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix

@@ -24,6 +24,7 @@ from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language.block import enforce
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.plan import lazy_branches, plan
 from feeddrive.loop.loop import Loop
@@ -31,7 +32,6 @@ from feeddrive.loop.machine import Machine
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.loop.trace import concrete
-from feeddrive.loop.work import Work
 
 CHIP = 1e-4  # m
 # Al 7075-T6, carbide, 4 teeth, 12 mm, 30 degrees of helix, 6 mm deep

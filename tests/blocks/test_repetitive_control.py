@@ -19,7 +19,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine
 from feeddrive.loop.simulate import simulate
 from field_laws import R, T, loop
 from fresh_draws import Seeded

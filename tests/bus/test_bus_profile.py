@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bus_bench import drive
-from feeddrive.bus import pace as clock
-from feeddrive.bus.pace import Pace, urgent
-from feeddrive.bus.profile import read_plan_profiles, read_profile
+from feeddrive.bus import transport as clock
+from feeddrive.bus.play import read_plan_profiles, read_profile
+from feeddrive.bus.transport import Pace, urgent
 from feeddrive.files.run_files import write_run_csv
 from feeddrive.language.errors import ParameterError
 

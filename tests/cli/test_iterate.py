@@ -14,7 +14,7 @@ from feeddrive.blocks.families import Feedforward
 from feeddrive.files.from_toml import read_block
 from feeddrive.files.run_files import write_run_csv
 from feeddrive.files.toml_file import read_toml
-from feeddrive.workflow.iterate import MOVE
+from feeddrive.workflow.learn import MOVE
 
 LOG = Path(__file__).parents[3] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 needs_log = pytest.mark.skipif(not LOG.exists(), reason=f"NOT RUN: the measured log {LOG.name} is not in ../shared")

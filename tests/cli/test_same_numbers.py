@@ -22,7 +22,7 @@ from feeddrive.files.mapping import Mapping
 from feeddrive.language import tree
 from feeddrive.language.progress import Progress
 from feeddrive.studio.recipe import recipe_of
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 from feeddrive.workflow import identify
 from feeddrive.workflow.identify import machine_text
 from plain_drive import Cascade, PlainAxis, write_columns

@@ -19,9 +19,9 @@ from feeddrive.jobs.measured import measured_signals
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.studio.room import Asked
+from feeddrive.studio.desk import Asked
 from feeddrive.studio.rooms.bring import Bring
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 from feeddrive.workflow import frf, identify
 from feeddrive.workflow.drive_logs import drive_with
 from plain_drive import Cascade, PlainAxis, write_columns

@@ -35,7 +35,7 @@ from feeddrive.language.errors import (
     ParameterError,
 )
 from feeddrive.language.judgment import Judgment
-from feeddrive.loop.routine_trace import plant_routine
+from feeddrive.loop.routine import plant_routine
 from foreign_fmu import DESCRIPTION, damaged, slide
 from slow_share import all_but
 

@@ -9,8 +9,7 @@ import numpy as np
 
 import feeddrive as fd
 from feeddrive.language import tree
-from feeddrive.language.block import Rule, enforce
-from feeddrive.language.declaration import Declaration
+from feeddrive.language.block import Declaration, Rule, enforce
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.graph import reachable
 from feeddrive.loop.routine import Routine, Variable

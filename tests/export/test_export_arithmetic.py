@@ -19,7 +19,7 @@ from feeddrive.export.cortex_m import EmulatorError, write_cortex_m
 from feeddrive.export.design import Design, read_design
 from feeddrive.export.trial import trial
 from feeddrive.language.errors import FileError
-from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine import run
 from hal_programs import needs_linuxcnc
 
 needs_gcc, needs_tcc, needs_clang = (

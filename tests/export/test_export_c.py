@@ -21,11 +21,10 @@ from feeddrive.export.design import read_design
 from feeddrive.export.fmu import model_description, variables
 from feeddrive.export.layout import Layout, layout
 from feeddrive.export.manifest import readme
-from feeddrive.export.structured_text_control import program
+from feeddrive.export.structured_text import program
 from feeddrive.export.trial import BROKEN, Trial, trial
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
-from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine, plant_routine
+from feeddrive.loop.routine import controller_routine, plant_routine, run
 from fresh_draws import Seeded
 from slow_share import all_but
 

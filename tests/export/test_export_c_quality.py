@@ -15,7 +15,7 @@ from exported import LOOPS
 from feeddrive.export.c_bundle import self_test
 from feeddrive.export.c_code import FUNCTIONS, texts
 from feeddrive.export.layout import layout
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine
 from slow_share import all_but
 
 # rule -> why it is not kept; docs/c_quality.md has the same list

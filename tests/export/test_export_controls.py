@@ -18,8 +18,7 @@ from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.routine_run import ControllerRun
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import ControllerRun, controller_routine
 from feeddrive.loop.simulate import simulate
 
 HAS_GCC = pytest.mark.skipif(

@@ -21,8 +21,7 @@ from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError
-from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine, run
 from slow_share import all_but
 
 needs_tools = pytest.mark.skipif(

@@ -26,9 +26,7 @@ from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine, plant_routine
+from feeddrive.loop.routine import Routine, controller_routine, plant_routine, run
 from slow_share import all_but
 
 fmpy = pytest.importorskip("fmpy", reason="FMUs are run by FMPy: pip install 'feeddrive[fmu]'")

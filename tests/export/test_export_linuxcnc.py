@@ -32,8 +32,7 @@ from feeddrive.export.linuxcnc import (
 from feeddrive.export.linuxcnc_session import HalError, answers, halrun
 from feeddrive.export.trial import trial
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError, StructureError
-from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine, run
 from slow_share import all_but
 
 

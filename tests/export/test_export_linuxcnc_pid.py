@@ -31,7 +31,7 @@ from feeddrive.export.linuxcnc_session import halrun, session
 from feeddrive.language.errors import FileError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.routine_trace import plant_routine
+from feeddrive.loop.routine import plant_routine
 from feeddrive.loop.simulate import simulate
 from hal_programs import needs_linuxcnc
 from slow_share import all_but

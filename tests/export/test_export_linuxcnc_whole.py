@@ -12,7 +12,7 @@ from feeddrive.export.design import read_design
 from feeddrive.export.linuxcnc import hal, input_pin, write_linuxcnc
 from feeddrive.export.linuxcnc_session import HalError
 from feeddrive.language.errors import MissingProgramError
-from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine import run
 
 
 def _missing() -> str:

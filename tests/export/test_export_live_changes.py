@@ -15,9 +15,7 @@ from feeddrive.blocks import GeneralizedPredictive, PolePlacement
 from feeddrive.export.c_bundle import streamed
 from feeddrive.export.trial import Trial
 from feeddrive.language import tree
-from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import Routine, controller_routine, run
 from fresh_draws import Seeded, mixed
 from slow_share import all_but
 

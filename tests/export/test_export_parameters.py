@@ -26,8 +26,7 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.export import linuxcnc_pid
 from feeddrive.export.design import Design, read_design
 from feeddrive.export.drive_quantities import CONSEQUENCES, DriveTrain, drive_train, items, lost, read_cascade
-from feeddrive.export.makers import SINUMERIK, lines_of
-from feeddrive.export.parameters import MAKERS, write_parameters
+from feeddrive.export.parameters import MAKERS, SINUMERIK, lines_of, write_parameters
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard

@@ -26,10 +26,9 @@ from feeddrive.export.c_code import header_only, texts
 from feeddrive.export.fmu import fmu, library_place
 from feeddrive.export.identifiers import ascii_text
 from feeddrive.export.layout import layout
-from feeddrive.export.structured_text_control import program
+from feeddrive.export.structured_text import program
 from feeddrive.language import tree
-from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import controller_routine, plant_routine
+from feeddrive.loop.routine import Routine, controller_routine, plant_routine
 from feeddrive.tuning.candidates import candidates
 from slow_share import all_but
 

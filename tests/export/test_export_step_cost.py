@@ -13,7 +13,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.export.trial import trial
-from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine import run
 from slow_share import all_but
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"

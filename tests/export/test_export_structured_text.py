@@ -23,14 +23,11 @@ from exported import LAWS, LOOPS, T
 from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import read_design
 from feeddrive.export.layout import layout
-from feeddrive.export.structured_text import NAMESPACE, structured_text_files, write_structured_text
-from feeddrive.export.structured_text_control import Program, program
+from feeddrive.export.structured_text import NAMESPACE, Program, program, structured_text_files, write_structured_text
 from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.guard import TRIP_READING
-from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import Routine, controller_routine, run
 from slow_share import all_but
 
 # beside the laws: feedforwards and a prefilter, functions of the text's own, a table

@@ -12,8 +12,7 @@ import pytest
 import feeddrive as fd
 from feeddrive.figures import catalogue
 from feeddrive.figures.figure import HIGHER, MODEL, Figure, Goal, Limit
-from feeddrive.figures.linear_loop import LinearLoop
-from feeddrive.figures.of_loops import COMPLIANCE_PEAK, OF_LOOPS, PHASE_MARGIN, SENSITIVITY_PEAK
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK, OF_LOOPS, PHASE_MARGIN, SENSITIVITY_PEAK, LinearLoop
 from feeddrive.figures.slopes import compliance_peak_slope
 from feeddrive.files.run_files import figure_key
 from feeddrive.language.errors import ParameterError

@@ -15,13 +15,11 @@ from hypothesis import strategies as st
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Force, Friction, Law, Plant, Reference
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.files.from_toml import read_block, read_section
+from feeddrive.files.from_toml import read_block, read_section, to_toml
 from feeddrive.files.section import Section, text
-from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language import tree, units
-from feeddrive.language.block import Block, choice, parameter, part, table
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, choice, declarations, parameter, part, table
 from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

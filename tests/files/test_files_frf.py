@@ -14,9 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.files.frf import encoders, read_controllers, read_frf, read_frfs, write_frf
+from feeddrive.files.frf import encoders, named, read_controllers, read_frf, read_frfs, write_frf
 from feeddrive.files.read_log import read_log
-from feeddrive.files.readers.frf_columns import named
 from feeddrive.language.errors import FileError, LogError, MissingExtraError, ParameterError
 from feeddrive.loop.frequency_response import FRF
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from feeddrive.files.columns import Column
-from feeddrive.files.guess import guess_roles, read_name, unit_in_name, words_of, write_roles
 from feeddrive.files.log import Log
+from feeddrive.files.mapping import guess_roles, read_name, unit_in_name, words_of, write_roles
 from feeddrive.files.read_log import read_log, read_request
 from feeddrive.language.errors import ParameterError
 

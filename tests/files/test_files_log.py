@@ -17,7 +17,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.files import columns, formats
+from feeddrive.files import columns
+from feeddrive.files import read_log as formats
 from feeddrive.files.columns import Column
 from feeddrive.files.log import Log
 from feeddrive.files.read_log import checked_clock, read_log

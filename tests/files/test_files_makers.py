@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.files.formats import read_columns
-from feeddrive.files.read_log import read_arrays, read_log
+from feeddrive.files.read_log import read_arrays, read_columns, read_log
 from feeddrive.language.errors import LogError
 
 RNG = np.random.default_rng(3)

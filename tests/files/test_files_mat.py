@@ -15,8 +15,7 @@ import scipy.io
 import scipy.sparse
 
 from feeddrive.files import columns
-from feeddrive.files.formats import read_columns
-from feeddrive.files.read_log import read_log
+from feeddrive.files.read_log import read_columns, read_log
 from feeddrive.files.readers import arrays
 from feeddrive.files.readers import hdf5 as reader
 from feeddrive.files.readers.arrays import read_mat

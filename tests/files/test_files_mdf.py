@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from mdf_files import mdf4
 
-from feeddrive.files.formats import read_columns
-from feeddrive.files.read_log import read_log
+from feeddrive.files.read_log import read_columns, read_log
 from feeddrive.language.errors import LogError
 
 

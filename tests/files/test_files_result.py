@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from pyarrow import parquet
 
-from feeddrive.files.formats import read_columns
 from feeddrive.files.log import Log, write_log
-from feeddrive.files.read_log import read_log
+from feeddrive.files.read_log import read_columns, read_log
 from feeddrive.files.run_files import run_stream, write_run_csv, write_run_parquet
 from feeddrive.language.errors import FileError, LogError, ParameterError
 

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from feeddrive.files.columns import OWN_UNIT, ROLES, Column
-from feeddrive.files.guess import guess_roles, write_roles
-from feeddrive.files.mapping import Mapping
+from feeddrive.files.mapping import Mapping, guess_roles, write_roles
 from feeddrive.files.read_log import read_log, read_request
 from feeddrive.language.errors import LogError, ParameterError
 

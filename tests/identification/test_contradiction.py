@@ -122,7 +122,7 @@ def test_the_dead_time_that_is_worse_for_the_other_way_is_not_taken() -> None:
 
 def test_of_two_masses_that_contradict_each_other_the_one_is_taken_that_leaves_less_force() -> None:
     from feeddrive.identification.motion.identify import better
-    from feeddrive.identification.motion.preparation import Preparation
+    from feeddrive.identification.motion.motion_log import Preparation
     from feeddrive.identification.motion.rigid import identify_rigid
 
     log, how = pushed(0.0), Preparation()

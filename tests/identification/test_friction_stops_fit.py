@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.identification.friction_stops import LearnedStops, learned_stops, stretches
-from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.motion.preparation import Preparation
+from feeddrive.identification.friction_curve import LearnedStops, learned_stops, stretches
+from feeddrive.identification.motion.motion_log import MotionLog, Preparation
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 
 T = 2e-4

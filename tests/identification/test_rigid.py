@@ -11,12 +11,10 @@ import pytest
 from drive_logs import TRUTH, T, changed, loop, set_positions, simulated
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.identification.motion.control_law import identify_control
-from feeddrive.identification.motion.delay import find_delay
 from feeddrive.identification.motion.identify import identify_motion, with_rigid
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import JANOT, MotionLog, central_difference, decimated, kept, zero_phase
 from feeddrive.identification.motion.output_error import refine
-from feeddrive.identification.motion.preparation import JANOT, central_difference, decimated, kept, zero_phase
-from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
+from feeddrive.identification.motion.rigid import RigidFit, find_delay, identify_rigid
 from feeddrive.identification.regression import errors, ols_covariance, robust_covariance
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError

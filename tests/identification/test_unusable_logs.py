@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.identification.motion.delay import find_delay
 from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.motion.rigid import identify_rigid
+from feeddrive.identification.motion.rigid import find_delay, identify_rigid
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
 
 ROWS = 10000
@@ -67,7 +66,7 @@ def test_the_reason_is_the_right_one() -> None:
 
 def test_a_log_at_20_khz_is_decimated_by_a_filter_that_is_stable() -> None:
     """Eighth order, edge at 0.4 % of Nyquist: as one polynomial its rounding explodes; a slow sine passes unchanged."""
-    from feeddrive.identification.motion.preparation import decimated
+    from feeddrive.identification.motion.motion_log import decimated
 
     t = np.arange(100000) * 5e-5
     wave = np.sin(2.0 * np.pi * 2.0 * t)

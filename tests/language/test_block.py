@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.language.block import Block, Number, choice, parameter, part, snake_case, table
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, Number, choice, declarations, parameter, part, snake_case, table
 from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from kernel_records import Counted, Ramp, Stretch
 
-from feeddrive.language.kernels.kernel import interpreted
-from feeddrive.language.kernels.module import THOROUGH
+from feeddrive.language.kernels.kernel import THOROUGH, interpreted
 from feeddrive.language.kernels.plain import columns, rows_for
 from feeddrive.language.kernels.source import KernelError
 from kernel_oracle import written

@@ -20,9 +20,8 @@ import numpy as np
 import pytest
 
 from feeddrive.language import ops
-from feeddrive.language.kernels import module
-from feeddrive.language.kernels.kernel import Kernel, _address, interpreted
-from feeddrive.language.kernels.module import QUICK, THOROUGH, Unit
+from feeddrive.language.kernels import kernel as module
+from feeddrive.language.kernels.kernel import QUICK, THOROUGH, Kernel, Unit, _address, interpreted
 from feeddrive.language.kernels.source import KernelError
 from fresh_draws import Seeded
 from kernel_oracle import bits, compare, drawn, written

@@ -21,8 +21,14 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
 from feeddrive.language.errors import StructureError
-from feeddrive.learning.error_model import filtered, true_error_model
-from feeddrive.learning.iterative_feedforward import begin_compensation, compensator, next_iteration, regressors
+from feeddrive.learning.iterative_feedforward import (
+    begin_compensation,
+    compensator,
+    filtered,
+    next_iteration,
+    regressors,
+    true_error_model,
+)
 from feeddrive.learning.trial import simulated_trial
 from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.axis import Axis

@@ -19,14 +19,16 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, ParameterError, StructureError, UnstableError
-from feeddrive.learning.error_model import error_model, filtered, true_error_model
 from feeddrive.learning.iterative_feedforward import (
     begin_compensation,
     compensated,
     compensator,
     convergence,
+    error_model,
+    filtered,
     next_iteration,
     regressors,
+    true_error_model,
 )
 from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.lifting import Lifted

@@ -15,9 +15,16 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.learning.filtered_splines import _Columns, _least, cardinal_spline, filtered_splines
-from feeddrive.learning.set_path import ChangedReference, set_path
-from feeddrive.learning.zero_phase import inverse_path, zero_phase
+from feeddrive.learning.set_path import (
+    ChangedReference,
+    _Columns,
+    _least,
+    cardinal_spline,
+    filtered_splines,
+    inverse_path,
+    set_path,
+    zero_phase,
+)
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop

@@ -20,16 +20,17 @@ from feeddrive.language import machine_code, tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import ELEMENTARY, Graph
 from feeddrive.language.recent import Recent
-from feeddrive.loop import groups, runner
+from feeddrive.loop import runner
+from feeddrive.loop import runner as groups
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.engine import plan as lazy_branches
-from feeddrive.loop.engine.native import native
+from feeddrive.loop.engine.llvm import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete, evaluate
-from feeddrive.loop.work import Work
 from heard import Heard
 from slow_share import all_but
 
@@ -418,7 +419,7 @@ def test_python_runs_on_while_native_code_runs():
 
 def test_what_stays_the_same_costs_nothing_in_the_loop():
     """The text has no division of parameters in its loop, and states that never change are not carried."""
-    from feeddrive.loop.engine import time_loop
+    from feeddrive.loop.engine import llvm as time_loop
 
     loop = loops.common()
     prepared = Prepared(loop, Work(loop, REFERENCE).first())

@@ -14,8 +14,7 @@ from feeddrive.blocks.families import Filter, Law, Observer, Prefilter
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.loop.guard import COMMAND_LIMIT, SETPOINT_LIMIT, TRIP_READING
-from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine, run
 from fresh_draws import Seeded
 from loop.controls import CONTROLS as RETUNED
 from loop.controls import T, loop_of

@@ -10,10 +10,11 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.recent import Recent
-from feeddrive.loop import beginning, work
+from feeddrive.loop import beginning
+from feeddrive.loop import beginning as work
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate
-from feeddrive.loop.work import Work
 
 MOVE = SnapLimitedMove(distance=0.002, velocity=0.1, acceleration=1.0, jerk=50.0, snap=5e3)
 DURATION = 0.1  # s, inside the move

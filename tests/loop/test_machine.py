@@ -30,6 +30,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import reachable
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.control import Control
 from feeddrive.loop.gradient import gradient
 from feeddrive.loop.linearize import linearize
@@ -38,8 +39,7 @@ from feeddrive.loop.machine import Machine
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import concrete
-from feeddrive.loop.work import Work
-from feeddrive.testing import c_loop as c
+from feeddrive.testing import exercise as c
 from loop import engine_loops as loops
 
 T, COUNT = 2e-4, 750

@@ -19,7 +19,7 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter
 from feeddrive.language.errors import NoSlopeError, ParameterError, UnstableError
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine
 from feeddrive.tuning.control_response import ControlResponse
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -28,21 +28,21 @@ from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.ring import History, Ring, Track
-from feeddrive.loop import routine_run
+from feeddrive.loop import routine as routine_run
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.control import Control
-from feeddrive.loop.engine.native import native
+from feeddrive.loop.engine.llvm import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.gradient import gradient
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import controller_routine
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete
-from feeddrive.loop.work import Work
-from feeddrive.testing import c_loop as c
+from feeddrive.testing import exercise as c
 from fresh_draws import Seeded
 from loop.engine_loops import Saw, Sway
 from slow_share import all_but

@@ -18,8 +18,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
-from feeddrive.machining.chatter_signs import ChatterSigns, chatter_signs
-from feeddrive.machining.lobes import cut_stability, stability_lobes
+from feeddrive.machining.lobes import ChatterSigns, chatter_signs, cut_stability, stability_lobes
 from feeddrive.machining.regeneration import regeneration
 from feeddrive.machining.tool_point import tool_point
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from feeddrive.path.motion import ARC, LINE, POLYNOMIAL, Part, Pieces, derivatives
-from feeddrive.path.program.lines import Line
+from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Point, Spline, Straight
 from feeddrive.path.proof.prove import Prover
 from feeddrive.path.setpoints import planned

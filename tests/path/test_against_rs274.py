@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from feeddrive.language.errors import ProgramError
-from feeddrive.path.program.commands import canonical_text
+from feeddrive.path.program.moves import canonical_text
 from feeddrive.path.program.reading import read_commands
 from fresh_draws import Seeded
 

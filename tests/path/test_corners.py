@@ -13,8 +13,7 @@ from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.motion import Motion, Part, Pieces
 from feeddrive.path.proof.prove import Proof, Prover
-from feeddrive.path.schedule.corner import ROWS, overlapped, straight, width
-from feeddrive.path.schedule.crossing import Crossings
+from feeddrive.path.schedule.corner import ROWS, Crossings, overlapped, straight, width
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler
 from fresh_draws import Seeded

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from counting import lines_run
 from feeddrive.language.errors import FileError, ProgramError
-from feeddrive.path.program.expressions import read_offsets
+from feeddrive.path.program.blocks import read_offsets
 from feeddrive.path.program.moves import Arc, Offsets, Spline, Straight, ToolChange
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.program.state import read_tools

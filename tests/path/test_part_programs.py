@@ -13,8 +13,20 @@ import pytest
 
 from feeddrive.language.errors import FileError, ParameterError, ProgramError
 from feeddrive.path.program.blocks import G_CODES, M_CODES, REFUSED, name_of
-from feeddrive.path.program.commands import Command, canonical_text, read_command
-from feeddrive.path.program.moves import Arc, Feed, Message, Move, PathMode, Spline, Straight, Switch, Synchronized
+from feeddrive.path.program.moves import (
+    Arc,
+    Command,
+    Feed,
+    Message,
+    Move,
+    PathMode,
+    Spline,
+    Straight,
+    Switch,
+    Synchronized,
+    canonical_text,
+    read_command,
+)
 from feeddrive.path.program.reading import read_commands, read_program
 
 GCODE = Path(__file__).parents[3] / "shared" / "data" / "gcode"

@@ -50,11 +50,11 @@ from feeddrive.plot.chart import (
     stairs,
 )
 from feeddrive.plot.drawing import drawn
-from feeddrive.study import robust_picture as of_robust
-from feeddrive.study.answers import pictures as of_study
-from feeddrive.study.answers.sensitivity import INSIDE, RankCorrelation, SobolIndices
-from feeddrive.study.answers.shares import Share
-from feeddrive.study.specification import Bound
+from feeddrive.study import robust as of_robust
+from feeddrive.study.answers import page as of_study
+from feeddrive.study.answers.rows import Share
+from feeddrive.study.answers.statistics import INSIDE, RankCorrelation, SobolIndices
+from feeddrive.study.study import Bound
 
 KEEPS_QUANTITIES = True
 SOURCE = Path(fd.__file__).parent

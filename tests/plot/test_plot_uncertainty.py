@@ -21,10 +21,9 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.plot.chart import DOTS, LOG
 from feeddrive.plot.complex_plane import nyquist_chart
 from feeddrive.plot.drawing import drawn
-from feeddrive.plot.friction import friction_chart
+from feeddrive.plot.identification import friction_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
-from feeddrive.plot.responses import Overlay, estimates_chart, overlay_chart
-from feeddrive.plot.uncertainty import doubtful, magnitude_band, phase_band
+from feeddrive.plot.responses import Overlay, doubtful, estimates_chart, magnitude_band, overlay_chart, phase_band
 
 F = np.geomspace(1.0, 1000.0, 31)
 GAIN = 40.0 / (2j * np.pi * F / 30.0 * (1.0 + 1j * F / 200.0))

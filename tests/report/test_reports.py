@@ -37,7 +37,7 @@ TAG = re.compile(
     r"|span|a|pre|html|head|body|main|nav|header|b|i|em|strong)\b[^>]*>"
 )
 # a table in a notebook, and the two pages of the studio before it is open: its password, and its address
-OTHERS = {"language/table.py", "studio/opening.py", "studio/protection.py"}
+OTHERS = {"language/table.py", "studio/command.py", "studio/protection.py"}
 KEEPS_QUANTITIES = True  # in the f-strings of this module
 
 

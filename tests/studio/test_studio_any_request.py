@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from feeddrive.studio.bench import bench_of
-from feeddrive.studio.room import Room
-from feeddrive.studio.session import Session
+from feeddrive.studio.desk import Room
+from feeddrive.studio.server import Session
 
 _ODD = (
     None,

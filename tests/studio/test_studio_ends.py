@@ -18,8 +18,7 @@ import pytest
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio import server
-from feeddrive.studio.server import PAGE, Outbox, Sessions
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import PAGE, Outbox, Session, Sessions
 from studio_server import FEEDDRIVE, Served, alive, descendants, needs_proc
 
 pytestmark = pytest.mark.skipif(

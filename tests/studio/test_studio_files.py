@@ -25,7 +25,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.live import Followable
 from feeddrive.studio.rooms.compare import Compare
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 from feeddrive.studio.uploads import keep
 from feeddrive.studio.works import Shown
 from feeddrive.tuning.by_hand import ByHand

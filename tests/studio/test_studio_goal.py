@@ -17,10 +17,10 @@ import feeddrive as fd
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.studio.bench import bench_of
+from feeddrive.studio.desk import Asked, Said
 from feeddrive.studio.jobs import CANCELLED, DONE
 from feeddrive.studio.recipe import recipe_of
-from feeddrive.studio.room import Asked, Said
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 
 SLOW = "ball_screw"  # its search takes long enough to be stopped
 

@@ -14,7 +14,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import CANCELLED, DONE, FAILED, Found
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 
 
 def counted(of: int, progress: Progress) -> int:

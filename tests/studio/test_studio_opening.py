@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from feeddrive.studio import opening
-from feeddrive.studio.opening import remove_redirect, write_redirect
+from feeddrive.studio import command as opening
+from feeddrive.studio.command import remove_redirect, write_redirect
 from feeddrive.studio.server import PAGE
 from studio_server import FEEDDRIVE, needs_proc
 

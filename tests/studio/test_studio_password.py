@@ -16,8 +16,8 @@ from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio import command as command_of_studio
 from feeddrive.studio.command import StudioRequest, studio
-from feeddrive.studio.password import read_password
-from feeddrive.study.places import place
+from feeddrive.studio.protection import read_password
+from feeddrive.study.store import place
 from feeddrive.workflow.request import fields_of
 
 WORD = "seventeen räder & 4"

@@ -17,7 +17,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.studio.bench import Bench, bench_of, bench_of_responses
 from feeddrive.studio.pictures import PICTURES, USUAL
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 
 
 @pytest.fixture(scope="module")

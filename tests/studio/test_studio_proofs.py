@@ -17,7 +17,7 @@ from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED, DONE
 from feeddrive.studio.recipe import recipe_of
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 from feeddrive.workflow.compare import TAKEN, CompareRequest, names
 
 WANTED = ["P-PI", "P-PI + compensator", "P-PI + recovery"]

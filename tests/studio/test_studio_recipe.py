@@ -19,7 +19,7 @@ import feeddrive as fd
 from feeddrive.language import tree
 from feeddrive.studio.bench import bench_of
 from feeddrive.studio.recipe import recipe_of
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 from feeddrive.workflow.tune import TuneRequest
 
 

@@ -23,7 +23,7 @@ from feeddrive.files.growing import Pipe
 from feeddrive.files.read_log import read_log
 from feeddrive.studio import live
 from feeddrive.studio.live import Followable
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 
 
 def ask(session: Session, do: str, **more: Any) -> dict[str, Any]:
@@ -404,7 +404,7 @@ DRIVEN = """
 import json, sys, time
 from pathlib import Path
 from feeddrive.studio.live import Followable
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 
 sys.path[:0] = {here!r}
 from test_studio_scope import ask, curve, until

@@ -12,7 +12,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.studio.command import StudioRequest
 from feeddrive.studio.rooms import ROOMS
 from feeddrive.studio.rooms.tour import STEPS
-from feeddrive.studio.session import Session
+from feeddrive.studio.server import Session
 from feeddrive.workflow.command import COMMANDS
 
 

@@ -16,18 +16,12 @@ from feeddrive.files.job import read_job
 from feeddrive.jobs.run_laws import numbers, run_laws
 from feeddrive.language.errors import ParameterError
 from feeddrive.report.page import html
-from feeddrive.study import points
-from feeddrive.study.answers import sampled
-from feeddrive.study.answers.answers import Answers, answers_of
-from feeddrive.study.answers.bands import QUANTILES
-from feeddrive.study.answers.fronts import front
-from feeddrive.study.answers.judged import judged, parts
+from feeddrive.study import distributions as points
+from feeddrive.study.answers import rows as sampled
+from feeddrive.study.answers.answers import Answers, answers_of, short
 from feeddrive.study.answers.page import report_files, study_report, write_report
-from feeddrive.study.answers.sampled import Sampled
-from feeddrive.study.answers.sensitivity import INSIDE, rank_correlations, sobol
-from feeddrive.study.answers.sentences import short
-from feeddrive.study.answers.shares import Share, clopper_pearson
-from feeddrive.study.answers.yields import YieldCount
+from feeddrive.study.answers.rows import Sampled, Share, clopper_pearson, judged, parts
+from feeddrive.study.answers.statistics import INSIDE, QUANTILES, YieldCount, front, rank_correlations, sobol
 from feeddrive.study.chunk import run_chunk
 from feeddrive.study.study import Study, read_study
 

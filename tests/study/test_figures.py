@@ -11,12 +11,12 @@ from feeddrive.analysis.loop_model import loop_model
 from feeddrive.comparison.figures import linear
 from feeddrive.figures.catalogue import figure, figures, measurable
 from feeddrive.figures.figure import Figure, Statistics
-from feeddrive.figures.linear_loop import LinearLoop
+from feeddrive.figures.of_loops import LinearLoop
 from feeddrive.files.job import read_job
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.simulate import simulate, simulate_batch
-from feeddrive.study.specification import Bound
+from feeddrive.study.study import Bound
 
 PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
 LOOP = read_job("ball_screw").loops["today"]

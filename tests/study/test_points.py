@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from feeddrive.study.points import grid, latin_hypercube, permuted, saltelli, sobol, uniform
+from feeddrive.study.distributions import grid, latin_hypercube, permuted, saltelli, sobol, uniform
 
 TOTAL = 3000
 SAMPLERS: dict[str, Callable[[int, int], np.ndarray]] = {

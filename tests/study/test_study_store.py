@@ -22,7 +22,7 @@ from pyarrow import parquet
 
 from feeddrive.files import atomic_io
 from feeddrive.language.errors import FileError, ParameterError
-from feeddrive.study.chunk_file import chunk_bytes
+from feeddrive.study.chunk import chunk_bytes
 from feeddrive.study.store import Manifest, Store
 from fresh_draws import Seeded
 

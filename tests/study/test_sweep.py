@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as arrow
 import pytest
 
-from feeddrive.figures.linear_loop import LinearLoop
+from feeddrive.figures.of_loops import LinearLoop
 from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import CancelledError, FileError, ParameterError
 from feeddrive.language.progress import Progress
@@ -21,8 +21,7 @@ from feeddrive.loop.simulate import Batch, simulate, simulate_batch
 from feeddrive.study.chunk import run_chunk
 from feeddrive.study.study import Study, read_study
 from feeddrive.study.sweep import sweep
-from feeddrive.study.variant_groups import variant_groups
-from feeddrive.study.variants import variants
+from feeddrive.study.variants import variant_groups, variants
 from feeddrive.workflow.sweep import SweepRequest
 from feeddrive.workflow.sweep import sweep as command
 

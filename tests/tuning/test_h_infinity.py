@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from feeddrive.analysis.coprime_margin import coprime_margin
 from feeddrive.analysis.loop_model import loop_model
-from feeddrive.analysis.margins import margins
+from feeddrive.analysis.margins import coprime_margin, margins
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF

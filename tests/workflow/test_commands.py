@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 import feeddrive as fd
 from feeddrive.cli import commands
 from feeddrive.cli.commands import OFFERED, app, offered
-from feeddrive.files import formats
+from feeddrive.files import read_log as formats
 from feeddrive.language import units
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress

@@ -24,8 +24,7 @@ from feeddrive.workflow.force import force
 from feeddrive.workflow.frf import frf
 from feeddrive.workflow.friction import friction
 from feeddrive.workflow.identify import identify
-from feeddrive.workflow.iterate import iterate
-from feeddrive.workflow.prefilter import prefilter
+from feeddrive.workflow.learn import iterate, prefilter
 from feeddrive.workflow.tune import tune
 
 EMPS = Path(__file__).parents[2] / ".." / "shared" / "data" / "emps" / "DATA_EMPS.mat"

@@ -1,4 +1,4 @@
-// Names beside marks, each where it covers neither a mark nor another name, as in the reports (plot/mark_names.py).
+// Names beside marks, each where it covers neither a mark nor another name, as in the reports (plot/drawing.py).
 
 import { pixel, type Axis } from "./axis";
 import { color, type Look } from "./look";

@@ -7,17 +7,16 @@ make_lazy(
     {
         "contour_control": "ContourGain MatchedDynamics contour_gain contour_gains matched_dynamics",
         "conversion": "as_frf",
-        "coprime_margin": "coprime_margin",
         "friction_map": "FrictionMap friction_map",
-        "margin_intervals": "MarginIntervals margin_intervals",
-        "margins": "Margins complementary_sensitivity margins sensitivity",
+        "margins": (
+            "coprime_margin MarginIntervals margin_intervals Margins complementary_sensitivity margins sensitivity"
+        ),
         "measured_loop": "MeasuredLoop measured_loop",
-        "oscilloscope": "Oscilloscope readout",
+        "oscilloscope": "Oscilloscope readout Trigger",
         "replay": "Observation Replay observe replay",
         "spectrum": "Spectrum spectrum",
         "stability": "Encirclement Stability encirclement stability",
         "step_response": "StepResponse step_response",
         "stiffness": "Stiffness stiffness",
-        "trigger": "Trigger",
     },
 )

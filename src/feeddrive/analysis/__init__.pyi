@@ -8,18 +8,19 @@ from feeddrive.analysis.contour_control import contour_gain as contour_gain
 from feeddrive.analysis.contour_control import contour_gains as contour_gains
 from feeddrive.analysis.contour_control import matched_dynamics as matched_dynamics
 from feeddrive.analysis.conversion import as_frf as as_frf
-from feeddrive.analysis.coprime_margin import coprime_margin as coprime_margin
 from feeddrive.analysis.friction_map import FrictionMap as FrictionMap
 from feeddrive.analysis.friction_map import friction_map as friction_map
-from feeddrive.analysis.margin_intervals import MarginIntervals as MarginIntervals
-from feeddrive.analysis.margin_intervals import margin_intervals as margin_intervals
+from feeddrive.analysis.margins import MarginIntervals as MarginIntervals
 from feeddrive.analysis.margins import Margins as Margins
 from feeddrive.analysis.margins import complementary_sensitivity as complementary_sensitivity
+from feeddrive.analysis.margins import coprime_margin as coprime_margin
+from feeddrive.analysis.margins import margin_intervals as margin_intervals
 from feeddrive.analysis.margins import margins as margins
 from feeddrive.analysis.margins import sensitivity as sensitivity
 from feeddrive.analysis.measured_loop import MeasuredLoop as MeasuredLoop
 from feeddrive.analysis.measured_loop import measured_loop as measured_loop
 from feeddrive.analysis.oscilloscope import Oscilloscope as Oscilloscope
+from feeddrive.analysis.oscilloscope import Trigger as Trigger
 from feeddrive.analysis.oscilloscope import readout as readout
 from feeddrive.analysis.replay import Observation as Observation
 from feeddrive.analysis.replay import Replay as Replay
@@ -35,4 +36,3 @@ from feeddrive.analysis.step_response import StepResponse as StepResponse
 from feeddrive.analysis.step_response import step_response as step_response
 from feeddrive.analysis.stiffness import Stiffness as Stiffness
 from feeddrive.analysis.stiffness import stiffness as stiffness
-from feeddrive.analysis.trigger import Trigger as Trigger

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.frequency_response import FRF, transfer
 from feeddrive.loop.lifting import Lifted, gain_of, lifted
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.transfer import transfer
 
 _LOWEST = 1e-5  # of Nyquist: where the lines of a loop gain begin
 _LINES = 40  # a decade

@@ -8,8 +8,14 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
-from feeddrive.analysis.margin_intervals import MarginIntervals, margin_intervals
-from feeddrive.analysis.margins import Margins, complementary_sensitivity, margins, sensitivity
+from feeddrive.analysis.margins import (
+    MarginIntervals,
+    Margins,
+    complementary_sensitivity,
+    margin_intervals,
+    margins,
+    sensitivity,
+)
 from feeddrive.analysis.stability import Encirclement, encirclement
 from feeddrive.analysis.stiffness import Stiffness, stiffness
 from feeddrive.blocks.plant.two_mass import TwoMass

@@ -27,7 +27,7 @@ from feeddrive.evaluation.case import Case, content_digest
 from feeddrive.evaluation.engine import Engine
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
-from feeddrive.figures.linear_loop import LinearLoop
+from feeddrive.figures.of_loops import LinearLoop
 from feeddrive.files.run_files import versions
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest

@@ -17,8 +17,7 @@ from feeddrive.files.job import read_job
 from feeddrive.files.section import Section, numbers, text
 from feeddrive.files.toml_file import TomlFile, read_toml
 from feeddrive.language import tree
-from feeddrive.language.block import Number, choice, parameter, part
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Number, choice, declarations, parameter, part
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

@@ -8,8 +8,7 @@ from dataclasses import MISSING, dataclass
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from feeddrive.language import ops
-from feeddrive.language.block import Block, Number
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, Number, declarations
 from feeddrive.language.errors import StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 

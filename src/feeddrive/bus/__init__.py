@@ -7,8 +7,7 @@ make_lazy(
     {
         "client": "DriveClient transport_of",
         "drive_file": "BusDrive BusLimits DriveScaling read_drive",
-        "play": "play_profile",
-        "profile": "read_profile",
+        "play": "play_profile read_profile",
         "sampling": "DriveSamples",
     },
 )

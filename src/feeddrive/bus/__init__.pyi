@@ -9,5 +9,5 @@ from feeddrive.bus.drive_file import BusLimits as BusLimits
 from feeddrive.bus.drive_file import DriveScaling as DriveScaling
 from feeddrive.bus.drive_file import read_drive as read_drive
 from feeddrive.bus.play import play_profile as play_profile
-from feeddrive.bus.profile import read_profile as read_profile
+from feeddrive.bus.play import read_profile as read_profile
 from feeddrive.bus.sampling import DriveSamples as DriveSamples

@@ -29,8 +29,7 @@ from feeddrive.bus.cia402 import (
 )
 from feeddrive.bus.drive_file import BusDrive, DriveScaling, interpolation_time
 from feeddrive.bus.ethercat import EtherCAT, Segment
-from feeddrive.bus.pace import Pace
-from feeddrive.bus.transport import RefusedError, Transport, has_object, read_object, write_object
+from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.language.errors import BusError
 from feeddrive.language.quantity import Quantity
 

@@ -20,8 +20,7 @@ from feeddrive.analysis.oscilloscope import Rows
 from feeddrive.bus.cia402 import TOLD, VIRTUAL, Layout, state_of
 from feeddrive.bus.client import check_scaling, identify, transport_of
 from feeddrive.bus.drive_file import BusDrive, DriveFile, DriveScaling
-from feeddrive.bus.pace import Pace
-from feeddrive.bus.transport import Transport, has_object
+from feeddrive.bus.transport import Pace, Transport, has_object
 from feeddrive.language.errors import BusError, FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text

@@ -14,7 +14,7 @@ from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.catalogue import figures as catalogue
 from feeddrive.figures.figure import Figure
-from feeddrive.figures.linear_loop import LinearLoop
+from feeddrive.figures.of_loops import LinearLoop
 from feeddrive.files.run_files import figure_key
 from feeddrive.language.quantity import Units
 from feeddrive.loop.loop import Loop

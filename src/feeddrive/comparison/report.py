@@ -18,8 +18,8 @@ from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import CROSSOVER, DELAY_MARGIN, NOISE_GAIN, SENSITIVITY_PEAK
 from feeddrive.figures.of_runs import SNAP_SETTLING
 from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.run_files import file_names, summary_text
-from feeddrive.files.to_toml import to_toml
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.table import UNIT, Cell, Table

@@ -21,12 +21,10 @@ from feeddrive.language.errors import DivergedError, FeeddriveError, ParameterEr
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
+from feeddrive.loop.beginning import Work
 from feeddrive.loop.loop import SETPOINT, Loop, Signals
-from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_run import ControllerRun
-from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.routine import ControllerRun, Routine, controller_routine
 from feeddrive.loop.simulate import Run, sample_count
-from feeddrive.loop.work import Work
 
 
 def simulate_with_fmu(

@@ -19,8 +19,7 @@ from feeddrive.export.layout import Layout, LayoutRun
 from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.trial import Answers, Trial, trial
 from feeddrive.language.errors import FileError, MissingProgramError
-from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine import Routine, run
 
 # C programs that run an export, a self-test and one that reads samples, and the compiler that builds them.
 

@@ -22,8 +22,7 @@ import numpy as np
 from feeddrive.export.identifiers import C_WORDS, ascii_text, bare, identifier
 from feeddrive.export.layout import Layout, truths, word
 from feeddrive.language import mathematics
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import LARGEST
+from feeddrive.language.block import LARGEST, Block
 from feeddrive.language.graph import ELEMENTARY, Graph, arguments, reachable
 from feeddrive.language.matrix import SQUARINGS, TOO_LARGE
 from feeddrive.language.naming import Name

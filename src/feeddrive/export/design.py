@@ -25,8 +25,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.lifting import MOST, loop_gain, period_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import System
-from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import controller_routine, machine_routine, plant_routine
+from feeddrive.loop.routine import Routine, controller_routine, machine_routine, plant_routine
 from feeddrive.version import __version__
 
 LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation

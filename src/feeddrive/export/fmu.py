@@ -30,7 +30,7 @@ from feeddrive.export.layout import Layout
 from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.trial import Answers, Trial
 from feeddrive.files.atomic_io import check_directory
-from feeddrive.language.declaration import Declaration
+from feeddrive.language.block import Declaration
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.units import measure
 from feeddrive.loop.guard import TRIPS

@@ -23,8 +23,7 @@ from feeddrive.language.errors import DivergedError, ParameterError, StructureEr
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.routine import Routine, Variable
-from feeddrive.loop.routine_trace import plant_routine
+from feeddrive.loop.routine import Routine, Variable, plant_routine
 from feeddrive.loop.simulate import simulate
 
 # The .comp files of a controller and of a simulated axis: HAL names, declarations, and the C text behind them.

@@ -12,8 +12,7 @@ import numpy as np
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import require_stable, stability
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
-from feeddrive.blocks.controller.stock_biquad import StockBiquad
-from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.blocks.controller.stock_pid import StockBiquad, StockPid
 from feeddrive.blocks.families import Filter
 from feeddrive.blocks.filter.biquad import Section
 from feeddrive.blocks.filter.low_pass import LowPass
@@ -24,7 +23,7 @@ from feeddrive.export.identifiers import HAL_LENGTH
 from feeddrive.export.linuxcnc import servo_period
 from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.language import tree
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import declarations
 from feeddrive.language.errors import DivergedError, ParameterError, StructureError, UnstableError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.control import Control

@@ -1,19 +1,29 @@
-"""Files of the target `parameters`: a text file per maker, halcmd lines, a CSV, and a README."""
+"""The target `parameters`: a design in the names and units of makers, and its files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import csv
+import io
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from feeddrive.analysis.stability import stability
+from feeddrive.blocks.families import Filter
+from feeddrive.blocks.filter.low_pass import LowPass
+from feeddrive.blocks.filter.low_pass2 import LowPass2
+from feeddrive.blocks.filter.notch import Notch
+from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.export.design import Design
 from feeddrive.export.drive_quantities import (
+    QUANTITIES,
     SAFETY,
     Cascade,
     DriveTrain,
     LostPart,
+    at_shaft,
     drive_train,
     kv_lines,
     lost,
@@ -21,16 +31,570 @@ from feeddrive.export.drive_quantities import (
     read_cascade,
 )
 from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS, left_out, period, stock_law, stock_loop
-from feeddrive.export.makers import NOT_CHECKED, ODRIVE, SINUMERIK, TWINCAT, Line, Maker, csv_text, lines_of
 from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.language import tree
+from feeddrive.language import tree, units
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
+
+# The rows of a maker's file: names and units; ODrive's, and the CSV for all others.
+
+NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common use"
+
+
+class Row(NamedTuple):
+    """A parameter of a maker.
+
+    unit      as the maker writes it, and `measure` the same for `language.units`
+    source    manual and page; empty if no manual was available
+    linear    name, unit and measure for a linear motor, where they differ
+    scale     on top of the unit: -1 for a lower limit
+    decimals  that the control keeps, and `most` the largest value that it takes
+    """
+
+    name: str
+    quantity: str
+    unit: str
+    measure: str
+    meaning: str
+    source: str = ""
+    linear: tuple[str, str, str] | None = None
+    scale: float = 1.0
+    decimals: int | None = None
+    most: float | None = None
+
+
+class Line(NamedTuple):
+    """A number as a file holds it, with its path in the machine file and its value in SI."""
+
+    name: str
+    text: str
+    unit: str
+    meaning: str
+    path: str
+    si: str
+    source: str
+
+
+class Filtered(NamedTuple):
+    """The lines of a filter, or the reason why the maker has no such filter."""
+
+    lines: tuple[Line, ...] = ()
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Maker:
+    """A control or drive of a maker: its rows, its filters, and how its files are written.
+
+    notes    lines at the head of its file: which loop is meant, how the integral is switched off, and the like
+    rotary   whether it supports rotary motors only
+    held     kinds of items (`quantities.Item`) that it represents completely; `outside`: why not others
+    filters  (filter, place among the filters, drive train) -> its lines
+    """
+
+    key: str
+    title: str
+    comment: str
+    rows: Sequence[Row]
+    held: Sequence[str]
+    outside: Mapping[str, tuple[str, str]]
+    filters: Callable[[Filter, int], Filtered]
+    notes: Sequence[str] = ()
+    rotary: bool = False
+    always: Sequence[LostPart] = field(default_factory=tuple[LostPart, ...])
+
+
+def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Line], list[LostPart]]:
+    """Return the numbers that a maker's file holds, and the parts that it cannot represent."""
+    lines: list[Line] = []
+    lost: list[LostPart] = []
+    for row in maker.rows:
+        name, unit, measure = (row.name, row.unit, row.measure) if train.rotary or not row.linear else row.linear
+        value = at_shaft(cascade, train, row.quantity, measure) if name else None
+        if value is None:
+            continue
+        text = number(row.scale * value, row.decimals)
+        path, si = QUANTITIES[row.quantity].path, in_si(cascade, train, row.quantity)
+        problem = _problem(row, row.scale * value, text)
+        if problem:
+            lost.append(LostPart(path, f"{row.scale * value:.6g} {unit} in {name}", *problem))
+        else:
+            lines.append(Line(name, text, unit, row.meaning, path, si, row.source or NOT_CHECKED))
+    for i, block in enumerate(cascade.loop.control.filters):
+        lines += maker.filters(block, i).lines
+    return lines, lost
+
+
+def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
+    """Return why a value cannot be entered, and the consequence; None if it can."""
+    if row.most is not None and abs(value) > row.most:
+        return f"{row.name} takes at most {row.most:g}", "the loop cannot be set up there: the gain stays lower"
+    if value != 0.0 and abs(float(text) - value) > 0.01 * abs(value):
+        return f"{row.name} keeps {row.decimals} decimals", f"the value would be {text}, more than 1 % off"
+    return None
+
+
+def number(value: float, decimals: int | None = None) -> str:
+    """Return a number with six significant digits, or with the decimals that a control keeps."""
+    return f"{value:.6g}" if decimals is None else f"{value:.{decimals}f}"
+
+
+def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
+    """Return a quantity in SI at the table, to the last digit."""
+    own = {"lead": train.lead, "gear": train.gear}
+    value = own[quantity] if quantity in own else cascade.values[quantity]
+    return f"{value!r} {QUANTITIES[quantity].table}".rstrip()
+
+
+def filter_line(
+    name: str, value: float, unit: str, meaning: str, path: str, source: str, decimals: int | None = None
+) -> Line:
+    """Return the line of a filter's number."""
+    return Line(
+        name, number(value, decimals), unit, meaning, path, f"{float(value)!r} {unit}".rstrip(), source or NOT_CHECKED
+    )
+
+
+_ODRIVE_SOURCE = (
+    "odriverobotics/ODrive, Firmware/MotorControl/controller.hpp (firmware 0.5), the units beside the fields"
+)
+_NO_FILTER = "there is no filter between velocity controller and torque"
+_CONFIG = "odrv0.axis0.controller.config"
+
+ODRIVE_ROWS = (
+    Row(f"{_CONFIG}.pos_gain", "Kv", "(turn/s)/turn", "1/s", "position gain", _ODRIVE_SOURCE),
+    Row(f"{_CONFIG}.vel_gain", "Kp", "Nm/(turn/s)", "N m s/rev", "velocity gain", _ODRIVE_SOURCE),
+    Row(f"{_CONFIG}.vel_integrator_gain", "Kp/Tn", "Nm/(turn/s * s)", "N m/rev", "Kp/Tn", _ODRIVE_SOURCE),
+    Row(f"{_CONFIG}.vel_limit", "velocity_limit", "turn/s", "rev/s", "speed limit of the velocity command"),
+    Row(
+        "odrv0.axis0.motor.config.torque_lim",
+        "force_limit",
+        "Nm",
+        "N m",
+        "torque limit; firmware 0.6: odrv0.axis0.config.torque_soft_max",
+    ),
+    Row(
+        f"{_CONFIG}.inertia",
+        "mass",
+        "Nm/(turn/s^2)",
+        "kg m2",
+        "inertia, used by the input modes that make an acceleration themselves",
+        scale=2.0 * math.pi,
+    ),
+)
+
+
+ODRIVE = Maker(
+    key="odrive",
+    title="ODrive, as commands of odrivetool",
+    comment="#",
+    rows=ODRIVE_ROWS,
+    held=("force_limit",),
+    filters=lambda *_: Filtered(why=_NO_FILTER),
+    rotary=True,
+    outside={
+        "filters": (_NO_FILTER, ""),
+        "back_calculation": ("the integral leaks away while a limit acts", ""),
+        "inertia": (
+            "with input_mode PASSTHROUGH the sender must supply the torque for an acceleration: input_torque",
+            "send mass · acceleration, as a torque, with every setpoint",
+        ),
+        "viscous_feedforward": ("the sender must supply it: input_torque", "send it with every setpoint"),
+        "half_sample": ("the sender sets the timing", "shift the setpoints by half a period of the sender"),
+        "friction_feedforward": ("the sender must supply it: input_torque", "send it with every setpoint"),
+        "velocity_limit": ("vel_limit bounds the command; vel_limit_tolerance times it trips", "check that factor"),
+        "following_error_limit": ("it watches the velocity only", ""),
+        "travel": ("it has no software end positions in this mode", "watch them in the sender of the setpoints"),
+        "broken_readings": ("encoder faults disarm it", ""),
+    },
+    notes=(
+        "turn: of the motor's shaft.  vel_integrator_gain is Kp/Tn, not 1/Tn; set it to 0 where there is no Tn.",
+        "The sender supplies the velocity feedforward: the share times the set velocity, as input_vel.",
+    ),
+    always=(
+        LostPart(
+            "control.law.velocity_feedforward",
+            "",
+            "the sender must supply the set velocity: input_vel",
+            "without it the following error is v/Kv",
+        ),
+        LostPart(
+            "sample_time",
+            "",
+            "its loop runs at 8 kHz, the encoder is observed with encoder.config.bandwidth",
+            "that bandwidth is a delay in the velocity loop that this design does not include",
+        ),
+    ),
+)
+
+
+HEAD = ("name", "value", "unit", "meaning", "SI value", "SI unit")
+_MEANINGS = {
+    "Kv": "position gain: velocity per following error",
+    "Kp": "velocity gain: force or torque per velocity",
+    "Kp/Tn": "integral gain of the velocity loop",
+    "Tn": "integral time of the velocity loop",
+    "velocity_feedforward": "share of the set velocity that is fed forward",
+    "mass": "mass or inertia that is fed forward",
+    "viscous": "viscous friction that is fed forward",
+    "force_limit": "largest force or torque",
+    "following_error_limit": "following error that trips",
+    "velocity_limit": "speed that trips",
+    "travel_least": "lower end of the travel",
+    "travel_most": "upper end of the travel",
+    "weight": "force or torque that carries a hanging axis",
+    "lead": "table motion in one turn of the screw",
+    "gear": "turns of the motor in one turn of the screw",
+}
+_COMMON = {
+    "Kv": (("(m/min)/mm", "m_per_min_per_mm"),),
+    "Tn": (("ms", "ms"),),
+    "following_error_limit": (("mm", "mm"),),
+    "travel_least": (("mm", "mm"),),
+    "travel_most": (("mm", "mm"),),
+    "lead": (("mm", "mm"),),
+}
+_AT_SHAFT = {"velocity_limit": ("rpm",)}
+
+
+def csv_text(cascade: Cascade, train: DriveTrain | None, head: list[str]) -> str:
+    """Return the CSV file: comment lines with `#`, then a head and a row for each number."""
+    out = io.StringIO()
+    for line in head:
+        out.write(f"# {line}".rstrip() + "\n")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(HEAD)
+    linear = DriveTrain(None)
+    shaft = train if train is not None and train.rotary else None
+    for quantity, meaning in _MEANINGS.items():
+        kind = QUANTITIES[quantity]
+        place = shaft if shaft is not None and quantity in ("lead", "gear") else linear
+        value = at_shaft(cascade, place, quantity, kind.table)
+        if value is None:
+            continue
+        si = (repr(float(value)), kind.table)
+        writer.writerow([quantity, f"{value:.9g}", kind.table, meaning, *si])
+        for unit, measure in _COMMON.get(quantity, ()):
+            writer.writerow([quantity, f"{value / units.factor(measure, kind.table):.9g}", unit, meaning, *si])
+        if shaft is None or not kind.power:
+            continue
+        for unit in (kind.shaft, *_AT_SHAFT.get(quantity, ())):
+            turned = at_shaft(cascade, shaft, quantity, unit)
+            writer.writerow([f"{quantity} at the motor", f"{turned:.9g}", unit, meaning, *si])
+    for i, block in enumerate(cascade.loop.control.filters):
+        for name, value in tree.leaves(block):
+            unit, meaning = _declared(block, name)
+            label = f"filters.{i} {block.kind}.{name}"
+            writer.writerow([label, f"{value:.9g}", unit, meaning, repr(float(value)), unit])
+    return out.getvalue()
+
+
+def _declared(block: Block, name: str) -> tuple[str, str]:
+    declared = declarations(type(block))[name]
+    return declared.unit, declared.meaning
+
+
+# Parameters of SINUMERIK with SINAMICS drives: axis machine data and drive parameters.
+
+_GAIN = "SINUMERIK 808D ADVANCED Parameter Manual, 08/2015, p. 234"
+_SETS = "SINUMERIK 840D sl/828D Basic Functions, 09/2011, G2, p. 378 (the name; the unit is that in common use)"
+_ENDS = "SINUMERIK 840D sl/828D Basic Functions, 01/2015, Z1, p. 1591 (the name; the unit is that in common use)"
+_PITCH = "SINUMERIK 840D sl/828D Basic Functions, 01/2015, G2, p. 349"
+_FORM = (
+    "form of the filter: SINAMICS S120 Function Manual FH1, 07/2007, p. 81; "
+    "its parameter numbers were NOT CHECKED against the list manual"
+)
+
+SINUMERIK_ROWS = (
+    Row("MD31030 $MA_LEADSCREW_PITCH", "lead", "mm/rev", "mm", "lead of the screw; must be there already", _PITCH),
+    Row("MD32200 $MA_POSCTRL_GAIN[0]", "Kv", "1000/min = (m/min)/mm", "m_per_min_per_mm", "servo gain Kv", _GAIN),
+    Row("MD32610 $MA_VELO_FFW_WEIGHT[0]", "velocity_feedforward", "1 = 100 %", "", "share of the set velocity", _SETS),
+    Row(
+        "MD32650 $MA_AX_INERTIA",
+        "mass",
+        "kg m2",
+        "kg m2",
+        "inertia at the motor for torque precontrol",
+        linear=("MD32652 $MA_AX_MASS", "kg", "kg"),
+    ),
+    Row("MD36200 $MA_AX_VELO_LIMIT[0]", "table_velocity_limit", "mm/min", "mm_per_min", "speed that trips", _SETS),
+    Row("MD36100 $MA_POS_LIMIT_MINUS", "travel_least", "mm", "mm", "software limit", _ENDS),
+    Row("MD36110 $MA_POS_LIMIT_PLUS", "travel_most", "mm", "mm", "software limit", _ENDS),
+    Row(
+        "p1460[0]", "Kp", "Nms/rad", "N m s/rad", "P gain of the speed controller", linear=("p1460[0]", "Ns/m", "N s/m")
+    ),
+    Row("p1462[0]", "Tn", "ms", "ms", "integral time of the speed controller"),
+    Row("p1520[0]", "force_limit", "Nm", "N m", "upper torque limit", linear=("p1520[0]", "N", "N")),
+    Row("p1521[0]", "force_limit", "Nm", "N m", "lower torque limit", linear=("p1521[0]", "N", "N"), scale=-1.0),
+)
+
+FILTERS = 4  # current setpoint filters of a drive
+PT2, GENERAL = 1, 2  # types of p1657
+_FIRST, _STEP = 1657, 5  # p1657 .. p1661 are the first filter, p1662 .. p1666 the second
+
+
+def sinumerik_filters(block: Filter, place: int) -> Filtered:
+    """Return the lines of a current setpoint filter: PT2 or general second order, as natural
+    frequencies and dampings.
+    """
+    if place >= FILTERS:
+        return Filtered(why=f"a drive has {FILTERS} current setpoint filters")
+    path = f"control.filters.{place}"
+    if isinstance(block, LowPass2):
+        return Filtered(tuple(_filter(place, PT2, path, (block.frequency, block.damping), ("frequency", "damping"))))
+    if isinstance(block, Notch):
+        numbers = (block.frequency, block.damping_pole, block.frequency, block.damping_zero)
+        keys = ("frequency", "damping_pole", "frequency", "damping_zero")
+        return Filtered(tuple(_filter(place, GENERAL, path, numbers, keys)))
+    if isinstance(block, SecondOrder):
+        keys = ("frequency_pole", "damping_pole", "frequency_zero", "damping_zero")
+        return Filtered(tuple(_filter(place, GENERAL, path, tuple(getattr(block, key) for key in keys), keys)))
+    return Filtered(why="current setpoint filters are PT2 or general second order")
+
+
+def _filter(place: int, kind: int, path: str, numbers: tuple[float, ...], keys: tuple[str, ...]) -> Iterator[Line]:
+    base = _FIRST + _STEP * place
+    what = "PT2 low pass" if kind == PT2 else "general second order"
+    yield Line(f"p1656[0].{place}", "1", "bit", f"switches current setpoint filter {place + 1} on", path, "on", _FORM)
+    yield Line(f"p{base}[0]", str(kind), "type", what, path, what, _FORM)
+    meanings = (
+        ("Hz", "natural frequency of the denominator"),
+        ("", "damping of the denominator"),
+        ("Hz", "natural frequency of the numerator"),
+        ("", "damping of the numerator"),
+    )
+    for i, (value, key) in enumerate(zip(numbers, keys, strict=True)):
+        unit, meaning = meanings[i]
+        yield filter_line(f"p{base + 1 + i}[0]", value, unit, meaning, f"{path}.{key}", _FORM)
+
+
+SINUMERIK = Maker(
+    key="sinumerik",
+    title="SINUMERIK machine data and SINAMICS drive parameters",
+    comment=";",
+    rows=SINUMERIK_ROWS,
+    held=("inertia", "force_limit", "velocity_limit", "travel"),
+    filters=sinumerik_filters,
+    outside={
+        "filters": ("the drive's current setpoint filters have another form", ""),
+        "back_calculation": ("the drive holds its integral at the torque limit in its own way", ""),
+        "following_error_limit": (
+            "MD36400 $MA_CONTOUR_TOL watches the error against a model of the axis, not the following error",
+            "set it by hand, from the error at the highest speed",
+        ),
+        "viscous_feedforward": ("torque precontrol takes an inertia only", ""),
+        "half_sample": (
+            "the control times its precontrol by MD32800 and MD32810 (equivalent times)",
+            "measure them at the axis: too small ones overshoot, and axes that interpolate need equal ones",
+        ),
+        "friction_feedforward": (
+            "the control has another friction compensation, which learns at the machine",
+            "run its friction or quadrant-error compensation after commissioning",
+        ),
+        "broken_readings": ("encoder faults are watched by the drive", "the reaction is the drive's: check it"),
+        "alignment": ("the control watches two encoders by MD36510", "set its tolerance by hand"),
+        "safe_force": ("the weight is carried by an electronic counterbalance of the drive, or by the brake", ""),
+    },
+    notes=(
+        "Parameter set 0; repeat for the sets of other gear stages.  MD32620 $MA_FFW_MODE chooses the precontrol.",
+        "If the design has no integral time, see the list manual how the speed controller is run without one.",
+    ),
+    always=(
+        LostPart(
+            "sample_time",
+            "",
+            "position control runs in the control's cycle, the speed loop in the drive's",
+            "the margins hold for these delays only: check them with the control's frequency response",
+        ),
+        LostPart(
+            "control.filters",
+            "",
+            "current setpoint filters stand behind the sum of feedback and precontrol",
+            "the feedforward passes the filters and is delayed by them",
+        ),
+    ),
+)
+
+# Parameters of TwinCAT NC axes with AX5000 or AX8000 drives.
+#
+# Kv has two units here: (mm/s)/mm in the NC, where the NC closes the position loop, and 1000/min in the
+# AX5000, where the drive does.
+
+_NC = "Beckhoff Infosys, TF50x0 TC3 NC PTP, Position Control Loop (the name; the unit is NOT CHECKED)"
+_ADS = "Beckhoff Infosys, TC3 ADS, controller parameters (index group 0x6000 + ID)"
+_AX5 = "Beckhoff Infosys, AX5000 IDN description, {}"
+_AX8 = "Beckhoff Infosys, AX8xxx object description, {}"
+
+TWINCAT_ROWS = (
+    Row(
+        "NC: Position control: Proportional Factor Kv",
+        "Kv",
+        "(mm/s)/mm",
+        "mm_per_s_per_mm",
+        "position gain, if the drive follows a velocity (CSV)",
+        _NC,
+    ),
+    Row(
+        "NC: weight of the velocity pre-control (0x0B)",
+        "velocity_feedforward",
+        "1 = 100 %",
+        "",
+        "share of the set velocity",
+        _ADS,
+    ),
+    Row(
+        "NC: Maximum Position Lag Value (0x12)",
+        "following_error_limit",
+        "mm",
+        "mm",
+        "following error that stops the axis",
+        _ADS,
+    ),
+    Row(
+        "S-0-0104",
+        "Kv",
+        "1000/min",
+        "m_per_min_per_mm",
+        "AX5000: position gain, if the drive follows a position",
+        _AX5.format("S-0-0104"),
+        decimals=2,
+        most=100.0,
+    ),
+    Row(
+        "S-0-0296",
+        "velocity_feedforward",
+        "%",
+        "percent",
+        "AX5000: velocity feedforward, with S-0-0104",
+        _AX5.format("S-0-0296"),
+        decimals=2,
+        most=120.0,
+    ),
+    Row(
+        "S-0-0100",
+        "Kp",
+        "Nm/(rad/s)",
+        "N m s/rad",
+        "AX5000: gain of the velocity loop; P-0-0010 bit 15 must be set",
+        _AX5.format("S-0-0100"),
+        linear=("S-0-0100", "N/(m/s)", "N s/m"),
+        decimals=3,
+    ),
+    Row(
+        "S-0-0101",
+        "Tn",
+        "ms",
+        "ms",
+        "AX5000: integral time of the velocity loop; 0 is without",
+        _AX5.format("S-0-0101"),
+        decimals=1,
+        most=6000.0,
+    ),
+    Row(
+        "0x3140:01",
+        "Kp",
+        "Nm/(rad/s)",
+        "N m s/rad",
+        "AX8000: gain of the velocity loop; 0x3005:09 must be 0x9000",
+        _AX8.format("3140:01"),
+        linear=("", "", ""),
+    ),
+    Row("0x3140:02", "Tn", "s", "s", "AX8000: integral time of the velocity loop", _AX8.format("3140:02"), most=5.0),
+    Row(
+        "0x3062:01",
+        "velocity_feedforward",
+        "1 = 100 %",
+        "",
+        "AX8000: velocity feedforward, if the drive follows a position",
+        _AX8.format("3062:01"),
+        most=1.2,
+    ),
+)
+
+_AX5_FILTERS = ("P-0-0513", "P-0-0515", "P-0-0516", "P-0-0517")
+_AX8_FILTERS = ("0x3163", "0x3183", "0x31A3", "0x31C3")
+_LARGEST_DAMPING = 0.99999999
+LOW_PASS_1, LOW_PASS_2 = 1, 3  # filter types, the same numbers in both drives
+
+
+def twincat_filters(block: Filter, place: int) -> Filtered:
+    """Return the low passes of both drives; a notch is refused, since the use of its four numbers is not documented."""
+    if place >= len(_AX5_FILTERS):
+        return Filtered(why=f"a drive has {len(_AX5_FILTERS)} current command filters")
+    if not isinstance(block, LowPass | LowPass2):
+        return Filtered(why="the manual does not say how the four numbers of notch and phase filter act")
+    second = isinstance(block, LowPass2)
+    if isinstance(block, LowPass2) and block.damping > _LARGEST_DAMPING:
+        return Filtered(why=f"the damping of a low pass is at most {_LARGEST_DAMPING:g}")
+    kind, what = (LOW_PASS_2, "low pass of second order") if second else (LOW_PASS_1, "low pass of first order")
+    path, lines = f"control.filters.{place}", list[Line]()
+    for drive, base, source, join in (
+        ("AX5000", _AX5_FILTERS[place], _AX5.format(_AX5_FILTERS[place]), ", {}"),
+        ("AX8000", _AX8_FILTERS[place], _AX8.format("3163"), ":0{}"),
+    ):
+        fields = ("Filter type", "Low pass frequency", "Low pass damping") if drive == "AX5000" else ("5", "1", "2")
+        named = [base + join.format(field) for field in fields]
+        lines.append(Line(named[0], str(kind), "type", f"{drive}: {what}", path, what, source))
+        lines.append(filter_line(named[1], block.frequency, "Hz", f"{drive}: its corner", f"{path}.frequency", source))
+        if isinstance(block, LowPass2):
+            lines.append(filter_line(named[2], block.damping, "", f"{drive}: its damping", f"{path}.damping", source))
+    return Filtered(tuple(lines))
+
+
+TWINCAT = Maker(
+    key="twincat",
+    title="TwinCAT NC axis and AX5000 or AX8000 drive",
+    comment="//",
+    rows=TWINCAT_ROWS,
+    held=("following_error_limit",),
+    filters=twincat_filters,
+    outside={
+        "filters": ("the drive's current command filters have another form", ""),
+        "back_calculation": ("the drive holds its integral at the torque limit in its own way", ""),
+        "inertia": (
+            "acceleration feedforward of the drives is a share of an inertia that they know (AX8000: 0x3062:03 and "
+            "0x3140:07)",
+            "enter the load's inertia and 100 % by hand, or following errors in acceleration stay",
+        ),
+        "viscous_feedforward": ("the drives feed an acceleration and a velocity setpoint, no viscous force", ""),
+        "half_sample": ("the drive's own timing", "tracking differs by its delay"),
+        "friction_feedforward": ("AX8000 has its own (0x3144), AX5000 none", ""),
+        "force_limit": (
+            "S-0-0092 is a share of P-0-0092, the drive's own base",
+            "enter it by hand: the design was proven with this limit",
+        ),
+        "velocity_limit": ("the base of the drive's speed limits is its own", "set it by hand"),
+        "travel": ("software end positions are set in the NC axis", "set them by hand"),
+        "broken_readings": ("encoder faults are watched by the drive", "the reaction is the drive's: check it"),
+        "safe_force": ("AX8000 has a weight counterbalance (0x3140:05)", "set it by hand, or use the brake"),
+    },
+    notes=(
+        "Either the NC closes the position loop, with Kv in (mm/s)/mm = 1/s, or the drive does: AX5000 in 1000/min.",
+        "Enter one of the two: the same number in both is 16.667 times off in one of them.",
+        "S-0-0100 without P-0-0010 bit 15 is in A/(rad/s): another number, not this one.",
+    ),
+    always=(
+        LostPart(
+            "sample_time",
+            "",
+            "the NC task and the drive have their own cycles",
+            "the margins hold for these delays only: with Kv in the NC the bus delay is in the position loop",
+        ),
+        LostPart(
+            "AX8000: position gain",
+            "",
+            "its object was not found in the manual",
+            "set Kv of an AX8000 that follows a position in its Drive Manager, by the units shown there",
+        ),
+    ),
+)
+
 
 MAKERS = {maker.key: maker for maker in (SINUMERIK, TWINCAT, ODRIVE)}
 OTHERS = ("linuxcnc", "csv")
 
-Row = TypeVar("Row", Line, LostPart)
+Entry = TypeVar("Entry", Line, LostPart)
 
 
 class Part(NamedTuple):
@@ -119,7 +683,7 @@ def write_parameters(
     return write_bundle(design, "parameters", out, files, makers=wanted, lead=lead, gear=gear)
 
 
-def _in_paths(loop: Loop, rows: Sequence[Row]) -> list[Row]:
+def _in_paths(loop: Loop, rows: Sequence[Entry]) -> list[Entry]:
     """Return lines or losses with the paths of the machine file."""
     return [row._replace(path=tree.in_paths(loop, row.path)) for row in rows]
 
@@ -181,9 +745,9 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
 
 
 STOCK_UNITS = 1000.0  # machine units in a meter: mm
-_SOURCE = "LinuxCNC manual page pid(9); tested bit for bit against the component of LinuxCNC 2.9"
+_PID_MANUAL = "LinuxCNC manual page pid(9); tested bit for bit against the component of LinuxCNC 2.9"
 _BIQUAD = "LinuxCNC manual page biquad(9); tested as the pids; it stands between two sum2, see the target linuxcnc-pid"
-_MEANINGS = {
+_PID_MEANINGS = {
     "position.Pgain": ("1/s, that is (mm/s)/mm", "position gain", "control.law.Kv"),
     "position.FF1": ("(mm/s)/(mm/s)", "share of the set velocity", "control.law.velocity_feedforward"),
     "velocity.Pgain": ("output/(mm/s)", "velocity gain", "control.law.Kp"),
@@ -205,12 +769,12 @@ def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
         if value:
             meaning = f"gain of sum2 at velocity.bias: {quantity} that is fed forward"
             si = f"{cascade.values[quantity] or 0.0!r} {'kg' if quantity == 'mass' else 'N s/m'}"
-            lines.append(Line(name, f"{value:.9g}", unit, meaning, f"control.feedforward, {quantity}", si, _SOURCE))
+            lines.append(Line(name, f"{value:.9g}", unit, meaning, f"control.feedforward, {quantity}", si, _PID_MANUAL))
     if law.velocity.bias:
         si = f"{cascade.values['weight']!r} N"
         meaning = "offset of the same sum2: the weight of a hanging axis"
         value = f"{law.velocity.bias:.9g}"
-        lines.append(Line("forward.offset", value, "output", meaning, "control.guard.safe_force", si, _SOURCE))
+        lines.append(Line("forward.offset", value, "output", meaning, "control.guard.safe_force", si, _PID_MANUAL))
     for i, (block, design) in enumerate(zip(law.filters, cascade.loop.control.filters, strict=True)):
         for name in COEFFICIENTS:
             meaning = f"biquad {i}, type 0, at a period of {1e3 * period(cascade.loop):.6g} ms: {numbers(design)}"
@@ -224,10 +788,10 @@ def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
 def _gains(cascade: Cascade, name: str, pid: object) -> Iterator[Line]:
     for gain in GAINS:
         value, key = getattr(pid, gain), f"{name}.{gain}"
-        if value and key in _MEANINGS:
-            unit, meaning, path = _MEANINGS[key]
-            yield Line(key, f"{value:.9g}", unit, meaning, path, _si(cascade, path), _SOURCE)
-    yield Line(f"{name}.error-previous-target", "0", "bit", "error against the present command", "", "", _SOURCE)
+        if value and key in _PID_MEANINGS:
+            unit, meaning, path = _PID_MEANINGS[key]
+            yield Line(key, f"{value:.9g}", unit, meaning, path, _si(cascade, path), _PID_MANUAL)
+    yield Line(f"{name}.error-previous-target", "0", "bit", "error against the present command", "", "", _PID_MANUAL)
 
 
 def _si(cascade: Cascade, path: str) -> str:

@@ -7,15 +7,17 @@ import re
 import textwrap
 import uuid
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import CONTROL, Design
-from feeddrive.export.identifiers import bare
-from feeddrive.export.layout import Layout
+from feeddrive.export.identifiers import ST_WORDS, ascii_text, bare, identifier
+from feeddrive.export.layout import Field, Layout, LayoutRun
 from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.structured_text_code import (
     CONSTANTS,
@@ -24,17 +26,559 @@ from feeddrive.export.structured_text_code import (
     OUTPUTS,
     VARIABLES,
     WIDTH,
+    Assignment,
     Declared,
+    Section,
     Structure,
     Unit,
     decimal,
+    expression,
+    functions,
     literal,
+    plain,
 )
-from feeddrive.export.structured_text_control import Program, program
 from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import ParameterError
-from feeddrive.loop.routine_run import run
+from feeddrive.language.graph import Graph, arguments, reachable
+from feeddrive.language.naming import Name
+from feeddrive.loop.guard import TRIPS
+from feeddrive.loop.routine import Variable, off_outputs, run
 from feeddrive.version import __version__
+
+# Design values that are fixed at export because computing them takes too many operations for a PLC.
+#
+# A filter takes some 30 operations, the gains of a pole placement 100, a matrix exponential 700 to 10 000.  What is
+# above the bound is written as initial values, and the parameters that it depends on cannot be changed on the PLC: a
+# change needs a new export.
+
+MOST_OPERATIONS = 500  # behind one design number
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """The parts fixed by the export: design numbers with their values, and the parameters behind them.
+
+    nodes  values of the nodes that depend on fixed parameters alone and are read by rules on others
+    """
+
+    fields: Mapping[str, float]
+    parameters: tuple[Variable, ...]
+    nodes: Mapping[int, float]
+
+
+def fixed(layout: Layout) -> Fixed:
+    """Return the design numbers that take too many operations, and those that depend on the same parameters alone."""
+    leaves = layout.leaves
+    held: set[int] = set()
+    below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}
+    for nodes in below.values():
+        if len(nodes) > MOST_OPERATIONS:
+            held |= {node for node in nodes if leaves.get(node, ("", 0))[0] == "parameter"}
+    values = LayoutRun(layout).design
+    constants: dict[str, float] = {}
+    for field in layout.design:
+        behind = {node for node in below[field.name] if leaves.get(node, ("", 0))[0] == "parameter"}
+        if behind and behind <= held:
+            constants[field.name] = float(values[field.node])
+    routine = layout.routine
+    return Fixed(
+        constants, tuple(routine.parameters[leaves[node][1]] for node in sorted(held)), _read_by_rules(layout, held)
+    )
+
+
+def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
+    """Return operations on fixed parameters that rules on other parameters read, with their values."""
+    graph, leaves = layout.graph, layout.leaves
+    moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
+    stands = _depending(graph, held)
+    rules = [rule for rule in layout.conditions[len(layout.routine.parameters) :] if moves[rule]]
+    read = {i for index in reachable(graph, rules) if moves[index] for i in arguments(graph.nodes[index])}
+    wanted = {i for i in read if stands[i] and not moves[i] and graph.nodes[i][0] not in ("const", "truth", "input")}
+    values = LayoutRun(layout, wide=True).values(sorted(wanted))
+    return dict(zip(sorted(wanted), values, strict=True))
+
+
+def _depending(graph: Graph, others: set[int]) -> list[bool]:
+    """True for each node that is one of `others` or depends on one."""
+    depends: list[bool] = []
+    for index, node in enumerate(graph.nodes):
+        depends.append(index in others or any(depends[i] for i in arguments(node)))
+    return depends
+
+
+class Printing(Protocol):
+    """The interface of the printer that `configure` uses: its layout, legal names and statements."""
+
+    layout: Layout
+    fixed: Fixed
+    name: str
+    real: str
+    parameters: dict[str, str]
+    design: dict[str, str]
+
+    def section(self, leaves: Mapping[int, str], taken: Iterable[str], real: str) -> Section:
+        """Start a section of statements, with the texts of existing values and the names that are taken."""
+        ...
+
+    def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
+        """Return the statements for some nodes."""
+        ...
+
+    def parameter(self, struct: str, i: int) -> str:
+        """Return the text of a parameter."""
+        ...
+
+    def narrow(self, text: str) -> str:
+        """Convert a long real to the stored type."""
+        ...
+
+
+def configure(printer: Printing) -> Unit:
+    """Return the function block that computes the design, always in long reals, then rounded once for storage.
+
+    Bounds are checked first, then the rules between parameters, then the design is computed, each only if all before
+    hold: what is refused divides nothing by zero.
+    """
+    layout = printer.layout
+    wanted = [field for field in layout.design if field.name not in printer.fixed.fields]
+    leaves: dict[int, str] = {node: literal(value) for node, value in printer.fixed.nodes.items()}
+    for node, (kind, i) in layout.leaves.items():
+        if kind == "sample_time":
+            leaves[node] = literal(layout.routine.sample_time)
+        elif kind == "parameter":
+            leaves[node] = printer.parameter("parameters", i)
+    section = printer.section(leaves, ["parameters", "design", "rule"], "LREAL")
+    for node, (kind, i) in layout.leaves.items():
+        if kind == "table":  # one that is read at fixed places: what a law computes of it depends on parameters only
+            section.table(node, layout.routine.tables[i][0], [float(x) for x in layout.routine.tables[i][2]])
+    lines = ["rule := 0;"]
+    bounds = len(layout.routine.parameters)
+    for code, (node, variable) in enumerate(zip(layout.conditions, layout.routine.parameters, strict=False), 1):
+        if variable.path in printer.parameters:
+            lines += _refused(layout, _inline(layout, node, section, printer.name), code)
+    rules = [
+        (code, node) for code, node in enumerate(layout.conditions[bounds:], bounds + 1) if _is_tunable(printer, node)
+    ]
+    inner = printer.computed(section, [node for _, node in rules])
+    for code, node in rules:
+        inner += _refused(layout, section.statements.texts[node], code)
+    lines += _unless_broken(inner)
+    places = {field.node: f"design.{printer.design[field.name]}" for field in wanted}
+    section.places = places if printer.real == "LREAL" else {}
+    inner = printer.computed(section, places)
+    for field in wanted:
+        text, place = section.statements.texts[field.node], places[field.node]
+        if text != place:
+            inner += Assignment(place, text if field.truth else printer.narrow(text)).lines()
+    lines += _unless_broken(inner)
+    return Unit(
+        f"{printer.name}_configure",
+        "What depends on parameters only: once, not in every sample. `rule` is 0, or the code of the first rule\n"
+        "that the parameters break, which the README explains; the design is then not to be used.",
+        sections={
+            INPUTS: [Declared("parameters", f"{printer.name}_parameters")],
+            OUTPUTS: [
+                Declared("design", f"{printer.name}_design"),
+                Declared("rule", "DINT", "0", "0, or the broken rule"),
+            ],
+            VARIABLES: section.variables,
+            CONSTANTS: section.constants(),
+        },
+        body=lines,
+    )
+
+
+def _is_tunable(printer: Printing, node: int) -> bool:
+    """True if a node depends on a parameter that can be changed on the PLC."""
+    for i in reachable(printer.layout.graph, [node]):
+        kind, place = printer.layout.leaves.get(i, ("", 0))
+        if kind == "parameter" and printer.layout.routine.parameters[place].path in printer.parameters:
+            return True
+    return False
+
+
+def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
+    """Return the comparisons of a bound, in one expression."""
+    name, *values = layout.graph.nodes[node]
+    if name == "and":
+        return f"({' AND '.join(_inline(layout, i, section, prefix) for i in values)})"
+    texts = [section.statements.texts.get(i) or literal(float.fromhex(layout.graph.nodes[i][1])) for i in values]
+    return expression(name, texts, prefix)
+
+
+def _refused(layout: Layout, holds: str, code: int) -> list[str]:
+    """Return lines that keep the code of the first condition that does not hold."""
+    sentence = plain(ascii_text(layout.routine.sentences[code]))
+    return [f"(* {code}: {sentence} *)", f"IF (rule = 0) AND (NOT {holds}) THEN", f"{INDENT}rule := {code};", "END_IF;"]
+
+
+def _unless_broken(lines: list[str]) -> list[str]:
+    """Return the lines guarded by the test that no rule is broken so far."""
+    return ["IF rule = 0 THEN", *(f"{INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
+
+
+# A control as structures and function blocks: the law in one block, what is done once in three others.
+#
+# axis_x             one sample; a reset in the first cycle, and a retune at a rising edge
+# axis_x_configure   parameters -> design numbers
+# axis_x_reset       design, inputs -> state: off, where the axis is
+# axis_x_retune      state, parameters and design before and after -> state
+
+CYCLE_TOLERANCE = 1e-6  # of the sample time: a task's cycle is known better
+
+
+@dataclass(frozen=True)
+class Program:
+    """All units, in the order that a compiler needs; `names` are those of parameters by dotted name."""
+
+    structures: tuple[Structure, ...]
+    units: tuple[Unit, ...]
+    fixed: Fixed
+    names: Mapping[str, str]
+
+    @property
+    def block(self) -> Unit:
+        """The function block that a PLC calls."""
+        return self.units[-1]
+
+    def text(self) -> str:
+        """Return the program as one source file."""
+        return "\n".join(part.text() for part in (*self.structures, *self.units))
+
+
+def program(layout: Layout, heading: str) -> Program:
+    """Return the program of a controller; `heading` is the comment above its function block.
+
+    Raises StructureError for a table with too many entries.
+    """
+    return Printer(layout, heading).program()
+
+
+class Printer:
+    """Prints a layout; names of fields are made legal once, and used everywhere."""
+
+    def __init__(self, layout: Layout, heading: str) -> None:
+        self.layout, self.heading = layout, heading
+        self.routine, self.name = layout.routine, layout.routine.name
+        self.real = "LREAL" if layout.precision == "double" else "REAL"
+        self.fixed = fixed(layout)
+        self.values = {variable.path: variable.value for variable in self.fixed.parameters}
+        self.parameters = _legal((v.path, v.name) for v in self.routine.parameters if v.path not in self.values)
+        self.design = _legal((f.name, f.name) for f in layout.design)
+        self.states = _legal((v.path, v.name) for v in self.routine.states)
+        self.used: dict[str, set[str]] = {"LREAL": set(), "REAL": set()}
+
+    def program(self) -> Program:
+        """Return structures, functions and function blocks."""
+        reset = self._reset()
+        blocks = [configure(self), reset, self._retune(), self._step(reset.sections[INPUTS][1:])]
+        own = [unit for real, used in self.used.items() for unit in functions(used, self.name, real)]
+        return Program(self._structures(), (*own, *blocks), self.fixed, self.parameters)
+
+    def _structures(self) -> tuple[Structure, ...]:
+        parameters = [
+            Declared(self.parameters[v.path], "LREAL", decimal(v.value), _meaning(v))
+            for v in self.routine.parameters
+            if v.path in self.parameters
+        ]
+        prepared = {node: path for path, node in self.layout.prepared if node not in self.layout.leaves}
+        meanings = self.routine.meanings
+        design = [
+            (
+                Declared(self.design[f.name], self._kind(f), self._fixed_value(f)),
+                meanings.get(prepared.get(f.node, ""), ""),
+            )
+            for f in self.layout.design
+        ]
+        states = [(Declared(self.states[v.path], self.real), meanings.get(v.path, "")) for v in self.routine.states]
+        return (
+            Structure(f"{self.name}_parameters", "What can be changed while the loop runs, by retune.", parameters),
+            Structure(f"{self.name}_design", self._design_comment(), _grouped(design)),
+            Structure(f"{self.name}_state", "State from sample to sample.", _grouped(states)),
+        )
+
+    def _design_comment(self) -> str:
+        """Return the comment on the design numbers: the parameters that are fixed by the export."""
+        lines = ["Numbers that depend on parameters only."]
+        if self.fixed.parameters:
+            lines += ["", "Those with a value are fixed by the export. They were computed for these parameters:"]
+            lines += [f"  {v.path} = {decimal(v.value)} {v.unit}".rstrip() for v in self.fixed.parameters]
+        return "\n".join(lines)
+
+    def _kind(self, field: Field) -> str:
+        return "BOOL" if field.truth else self.real
+
+    def _fixed_value(self, field: Field) -> str:
+        value = self.fixed.fields.get(field.name)
+        if value is None:
+            return ""
+        return ("TRUE" if value else "FALSE") if field.truth else decimal(value, self.real)
+
+    def parameter(self, struct: str, i: int) -> str:
+        """Return the field of a parameter, or its value if it is fixed."""
+        path = self.routine.parameters[i].path
+        return literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
+
+    def _reset(self) -> Unit:
+        inputs = self._inputs()
+        section = self._sampled([variable.name for variable in inputs])
+        lines = self.computed(section, self.layout.reset.states)
+        lines += section.assign(self._targets(self.layout.reset.states))
+        words = set(re.findall(r"\w+", "\n".join(lines)))
+        return Unit(
+            f"{self.name}_reset",
+            "The state of a loop that is off and has no trip, where the axis is.",
+            sections={
+                INPUTS: [
+                    Declared("design", f"{self.name}_design"),
+                    *(variable for variable in inputs if variable.name in words),
+                ],
+                OUTPUTS: [Declared("state", f"{self.name}_state")],
+                VARIABLES: section.variables,
+                CONSTANTS: section.constants(),
+            },
+            body=lines,
+        )
+
+    def _retune(self) -> Unit:
+        """Return the live change, in long reals like configure."""
+        retune = self.layout.retune
+        assert retune is not None, "a control can be retuned, an axis is not printed"
+        states = [f"state.{self.states[v.path]}" for v in self.routine.states]
+        leaves: dict[int, str] = {}
+        for node, (kind, i) in retune.leaves.items():
+            if kind == "state":
+                leaves[node] = self._wide(states[i])
+            elif kind in ("old", "new"):
+                leaves[node] = self.parameter("before" if kind == "old" else "after", i)
+            elif i in self.routine.prepared_leaves:
+                source = self.layout.prepared[self.routine.prepared_leaves.index(i)][1]
+                leaves[node] = self._prepared("design_before" if kind == "old_prepared" else "design_after", source)
+        taken = ["before", "after", "design_before", "design_after", "state", "retuned"]
+        section = self.section(leaves, taken, "LREAL", (retune.graph, retune.names, retune.makers))
+        changed = [
+            (f"retuned.{self.states[variable.path]}", node)
+            for i, (variable, node) in enumerate(zip(self.routine.states, retune.states, strict=True))
+            if retune.leaves.get(node) != ("state", i)
+        ]
+        lines = self.computed(section, [node for _, node in changed])
+        lines.append("retuned := state;")
+        for place, node in changed:
+            lines += Assignment(place, self.narrow(section.statements.texts[node])).lines()
+        structs = {"before": "parameters", "after": "parameters", "design_before": "design", "design_after": "design"}
+        return Unit(
+            f"{self.name}_retune",
+            "The state after a live change: forces and estimates go on without a jump.",
+            sections={
+                INPUTS: [Declared(n, f"{self.name}_{kind}") for n, kind in (structs | {"state": "state"}).items()],
+                OUTPUTS: [Declared("retuned", f"{self.name}_state")],
+                VARIABLES: section.variables,
+            },
+            body=lines,
+        )
+
+    def _prepared(self, struct: str, node: int) -> str:
+        """Return a prepared number: a constant, or a variable of the design; none if it is never read."""
+        constant = self.layout.graph.nodes[node]
+        if constant[0] == "const":
+            return literal(float.fromhex(constant[1]))
+        name = next((field.name for field in self.layout.design if field.node == node), None)
+        return "" if name is None else self._wide(f"{struct}.{self.design[name]}")
+
+    def _step(self, reset_inputs: list[Declared]) -> Unit:
+        inputs, T = self._inputs(), self.routine.sample_time
+        more = [
+            Declared(
+                "cycle_time",
+                self.real,
+                decimal(T, self.real),
+                "s: cycle of the calling task; the loop stays off unless it is the sample time",
+            ),
+            Declared("reset", "BOOL", "FALSE", "TRUE: start anew where the axis is, off and without a trip"),
+            Declared("retune", "BOOL", "FALSE", "rising edge: take the parameters over while the loop runs"),
+            Declared("parameters", f"{self.name}_parameters", "", "read in the first cycle, at a reset and a retune"),
+        ]
+        outputs = [self._output(v) for v in self.routine.outputs]
+        outputs.append(Declared("cycle_wrong", "BOOL", "", "TRUE: the cycle of the task is not the sample time"))
+        outputs.append(Declared("broken_rule", "DINT", "0", "0, or the rule that refused parameters break: see README"))
+        own = [
+            Declared("started", "BOOL", "FALSE", "whether there is a state"),
+            Declared("retuned", "BOOL", "FALSE", "retune in the cycle before"),
+            Declared("fresh", "BOOL"),
+            Declared("switched_on", "BOOL"),
+            Declared("active", f"{self.name}_parameters", "", "parameters in use"),
+            Declared("design", f"{self.name}_design"),
+            Declared("state", f"{self.name}_state"),
+            Declared("configuring", f"{self.name}_configure"),
+            Declared("resetting", f"{self.name}_reset"),
+            Declared("retuning", f"{self.name}_retune"),
+        ]
+        section = self._sampled([declared.name for declared in (*inputs, *more, *outputs, *own)])
+        step = self.layout.step
+        lines = self.computed(section, [*step.states, *step.outputs])
+        lines += ["", "(* the outputs, and the state for the next sample *)"]
+        for variable, node in zip(self.routine.outputs, step.outputs, strict=True):
+            lines += self._put(variable.name, section.statements.texts[node])
+        lines += section.assign(self._targets(step.states))
+        first = _FIRST.format(
+            inputs="".join(f",\n            {declared.name} := {declared.name}" for declared in reset_inputs),
+            T=literal(T, self.real),
+            tolerance=literal(CYCLE_TOLERANCE * T, self.real),
+        )
+        return Unit(
+            self.name,
+            self.heading,
+            sections={
+                INPUTS: [*inputs, *more],
+                OUTPUTS: outputs,
+                VARIABLES: [*own, *section.variables],
+                CONSTANTS: section.constants(),
+            },
+            body=[
+                *first.splitlines(),
+                "",
+                "IF started THEN",
+                *(f"{INDENT}{line}".rstrip() for line in lines),
+                "ELSE",
+                *(INDENT + line for line in self._off()),
+                "END_IF;",
+            ],
+        )
+
+    def _off(self) -> list[str]:
+        """Return the outputs without valid parameters: the safe force of the machine file."""
+        printed: list[str] = []
+        for name, value in off_outputs(self.routine).items():
+            text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(literal(value, self.real))
+            printed.append(f"{name} := {text};")
+        return printed
+
+    def _inputs(self) -> list[Declared]:
+        special = {"enable": Declared("enable", "BOOL", "FALSE", "TRUE: the loop shall run")}
+        return [special.get(v.name, Declared(v.name, self.real, "", _meaning(v))) for v in self.routine.inputs]
+
+    def _output(self, variable: Variable) -> Declared:
+        codes = ", ".join(f"{code:.0f} {text}" for code, text in TRIPS.items())
+        special = {
+            "trip": ("INT", f"0 none, {codes}"),
+            "enabled": ("BOOL", "TRUE while the loop runs, FALSE while it is off or tripped"),
+        }
+        kind, meaning = special.get(variable.name, (self.real, _meaning(variable)))
+        return Declared(variable.name, kind, "", meaning)
+
+    def _put(self, name: str, text: str) -> list[str]:
+        """Assign an output, in the type that a PLC program expects."""
+        if name == "trip":
+            return [f"trip := {self.real}_TO_INT({text});"]
+        if name == "enabled":
+            return [f"enabled := {text} > {literal(0.5, self.real)};"]
+        return Assignment(name, text).lines()
+
+    def _wide(self, text: str) -> str:
+        """Convert a stored number to a long real."""
+        return text if self.real == "LREAL" else f"REAL_TO_LREAL({text})"
+
+    def narrow(self, text: str) -> str:
+        """Convert a long real to the stored type."""
+        return text if self.real == "LREAL" else f"LREAL_TO_REAL({text})"
+
+    def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
+        """Return statements for some nodes, and register the functions that they call."""
+        lines = section.compute(nodes)
+        self.used[section.real] |= section.statements.used
+        return lines
+
+    def _sampled(self, taken: Iterable[str]) -> Section:
+        """Return a section that reads inputs, state and design."""
+        layout, routine = self.layout, self.routine
+        fields = {field.node: f"design.{self.design[field.name]}" for field in layout.design}
+        leaves: dict[int, str] = {}
+        for node, (kind, i) in layout.leaves.items():
+            if kind == "input":
+                leaves[node] = routine.inputs[i].name
+            elif kind == "state":
+                leaves[node] = f"state.{self.states[routine.states[i].path]}"
+        section = self.section(leaves | fields, [*taken, "state", "design"], self.real)
+        section.statements.bounds = set(fields)
+        for node, (kind, i) in layout.leaves.items():
+            if kind == "table":
+                section.table(node, routine.tables[i][0], [float(x) for x in routine.tables[i][2]])
+            elif kind == "input" and routine.inputs[i].name == "enable":
+                section.switch(node)
+        return section
+
+    def section(
+        self,
+        leaves: Mapping[int, str],
+        taken: Iterable[str],
+        real: str,
+        traced: tuple[Graph, Mapping[int, Name], Mapping[int, str]] | None = None,
+    ) -> Section:
+        """Start a section for the statements of one block."""
+        layout = self.layout
+        graph, names, makers = traced or (layout.graph, layout.names, layout.makers)
+        return Section(self.name, dict(self.routine.blocks), graph, leaves, names, makers, real, taken)
+
+    def _targets(self, nodes: Iterable[int]) -> list[tuple[str, int]]:
+        pairs = zip(self.routine.states, nodes, strict=True)
+        return [(f"state.{self.states[variable.path]}", node) for variable, node in pairs]
+
+
+_FIRST = """\
+(* The parameters are taken over in the first cycle, at a reset and at a retune. *)
+fresh := reset OR (NOT started);
+IF fresh OR (retune AND (NOT retuned)) THEN
+    configuring(parameters := parameters);
+    broken_rule := configuring.rule;
+END_IF;
+IF (fresh OR (retune AND (NOT retuned))) AND (broken_rule = 0) THEN
+    IF fresh THEN
+        resetting(
+            design := configuring.design{inputs});
+        state := resetting.state;
+    ELSE
+        retuning(
+            before := active,
+            after := parameters,
+            design_before := design,
+            design_after := configuring.design,
+            state := state);
+        state := retuning.retuned;
+    END_IF;
+    active := parameters;
+    design := configuring.design;
+    started := TRUE;
+ELSIF fresh THEN
+    started := FALSE;
+END_IF;
+retuned := retune;
+
+(* A law is designed for its sample time: in a task with another cycle the loop stays off. *)
+cycle_wrong := NOT (ABS(cycle_time - {T}) <= {tolerance});
+switched_on := enable AND (NOT cycle_wrong);
+"""
+
+
+def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Return, by key, a name that is legal in Structured Text."""
+    taken: set[str] = set()
+    return {key: identifier(name, taken, ST_WORDS) for key, name in names}
+
+
+def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
+    """Return fields, with a comment above the first of several that share it."""
+    grouped: list[Declared] = []
+    last = ""
+    for field, meaning in fields:
+        grouped.append(field._replace(above=meaning if meaning != last else ""))
+        last = meaning
+    return grouped
+
+
+def _meaning(variable: Variable) -> str:
+    """Return unit and meaning, without the remark on an absent parameter."""
+    meaning = re.sub(r"; absent[^;]*$", "", variable.meaning)
+    return f"{variable.unit}: {meaning}" if variable.unit else meaning
 
 
 def structured_text_files(design: Design) -> dict[str, str]:

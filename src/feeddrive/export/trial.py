@@ -11,8 +11,7 @@ import numpy as np
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.guard import Guard
-from feeddrive.loop.routine import Routine, Variable
-from feeddrive.loop.routine_trace import on_target
+from feeddrive.loop.routine import Routine, Variable, on_target
 
 _DRAWS = 5  # until a change is one that the block allows
 BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # readings that no encoder should give, and some do

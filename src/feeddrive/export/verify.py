@@ -21,8 +21,7 @@ from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import joined
-from feeddrive.loop.routine import target_name
-from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine import run, target_name
 from feeddrive.version import __version__
 
 MOST = 20_000_000  # samples

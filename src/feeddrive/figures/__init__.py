@@ -7,7 +7,7 @@ make_lazy(
     {
         "catalogue": "figure figures goals limitable",
         "figure": "Figure Goal Limit Limitable Statistics",
-        "linear_loop": "LinearLoop",
+        "of_loops": "LinearLoop",
         "slopes": "Slope",
     },
 )

@@ -11,5 +11,5 @@ from feeddrive.figures.figure import Goal as Goal
 from feeddrive.figures.figure import Limit as Limit
 from feeddrive.figures.figure import Limitable as Limitable
 from feeddrive.figures.figure import Statistics as Statistics
-from feeddrive.figures.linear_loop import LinearLoop as LinearLoop
+from feeddrive.figures.of_loops import LinearLoop as LinearLoop
 from feeddrive.figures.slopes import Slope as Slope

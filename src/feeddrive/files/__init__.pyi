@@ -11,11 +11,9 @@ from feeddrive.files.frf import read_controllers as read_controllers
 from feeddrive.files.frf import read_frf as read_frf
 from feeddrive.files.frf import read_frfs as read_frfs
 from feeddrive.files.frf import write_frf as write_frf
+from feeddrive.files.from_toml import to_toml as to_toml
 from feeddrive.files.growing import GrowingFile as GrowingFile
 from feeddrive.files.growing import GrowingTable as GrowingTable
-from feeddrive.files.guess import Guess as Guess
-from feeddrive.files.guess import guess_roles as guess_roles
-from feeddrive.files.guess import write_roles as write_roles
 from feeddrive.files.handover import write_csv as write_csv
 from feeddrive.files.handover import write_mat as write_mat
 from feeddrive.files.job import Job as Job
@@ -24,8 +22,10 @@ from feeddrive.files.log import Log as Log
 from feeddrive.files.log import write_log as write_log
 from feeddrive.files.machine import MachineFile as MachineFile
 from feeddrive.files.machine import read_machine as read_machine
+from feeddrive.files.mapping import Guess as Guess
 from feeddrive.files.mapping import Mapping as Mapping
+from feeddrive.files.mapping import guess_roles as guess_roles
+from feeddrive.files.mapping import write_roles as write_roles
 from feeddrive.files.read_log import read_arrays as read_arrays
 from feeddrive.files.read_log import read_log as read_log
 from feeddrive.files.read_log import read_request as read_request
-from feeddrive.files.to_toml import to_toml as to_toml

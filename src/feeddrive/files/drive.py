@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.blocks.actuator.screw import Screw
-from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
-from feeddrive.identification.estimate import lever
+from feeddrive.files.read_log import OpenedFile
+from feeddrive.identification.regression import lever
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop

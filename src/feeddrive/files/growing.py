@@ -22,8 +22,8 @@ import numpy as np
 from feeddrive.analysis.oscilloscope import Rows
 from feeddrive.files.atomic_io import refusal
 from feeddrive.files.columns import Column, factor_of, is_time
-from feeddrive.files.formats import reader_of
-from feeddrive.files.guess import unit_in_name
+from feeddrive.files.mapping import unit_in_name
+from feeddrive.files.read_log import reader_of
 from feeddrive.files.readers.csv_text import (
     CsvLayout,
     is_skipped,

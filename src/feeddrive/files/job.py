@@ -40,8 +40,7 @@ from feeddrive.files.read_log import LogRequest, log_request
 from feeddrive.files.section import Section, file_name, named, numbers, text
 from feeddrive.files.toml_file import Key, TomlFile, TomlTable, read_toml
 from feeddrive.language import tree
-from feeddrive.language.block import Number, choice, parameter, part
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Number, choice, declarations, parameter, part
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control

@@ -13,8 +13,7 @@ from typing import Any, TypeAlias
 
 from feeddrive.files.from_toml import Hint, hints, members, options_of_type
 from feeddrive.files.section import VARIED, Section
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import Declaration, declarations, defaults
+from feeddrive.language.block import Block, Declaration, declarations, defaults
 
 Schema: TypeAlias = dict[str, Any]
 

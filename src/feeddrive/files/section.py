@@ -24,8 +24,18 @@ from types import MappingProxyType
 from typing import Any, ClassVar, dataclass_transform
 
 from feeddrive.files.toml_file import Key, TomlTable
-from feeddrive.language.block import checked, choice, parameter, part, snake_case, table
-from feeddrive.language.declaration import Declaration, Declared, declarations, defaults
+from feeddrive.language.block import (
+    Declaration,
+    Declared,
+    checked,
+    choice,
+    declarations,
+    defaults,
+    parameter,
+    part,
+    snake_case,
+    table,
+)
 from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 
 VARIED = "*"

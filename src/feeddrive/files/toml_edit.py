@@ -1,4 +1,4 @@
-"""Changes of single values in a TOML file; comments, order and spaces of the rest are kept.
+"""Values of a TOML file: quoted, replaced and edited; comments, order and spaces of the rest are kept.
 
     edit = TomlEdit(text, "machine.toml")
     edit.set(("axis", "x", "plant", "mass"), 95.2, "kg")     # finds mass, mass_kg or mass_g and keeps its unit
@@ -11,12 +11,44 @@ tomlkit would add 8000 lines for these three operations, and may accept other te
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
 
-from feeddrive.files.toml_file import Key, is_rotary, lines_of_keys, parse_toml, spans_of_values
+from feeddrive.files.toml_file import Key, TomlFile, is_rotary, lines_of_keys, parse_toml, spans_of_values
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.text import plain
+
+
+def quoted(text: str) -> str:
+    """Return a text as a basic string of TOML; no character of it is lost."""
+    # JSON's escapes are TOML's, but JSON leaves DEL as it is, which TOML forbids
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
+
+
+def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:
+    """Return the file with other values of some keys, as if they were written in it; lines stay.
+
+    Raises ParameterError for a key in a section that is not there.
+    """
+    content: Any = deepcopy(file.content)
+    for key, value in values.items():
+        table: Any = content
+        for part in key[:-1]:
+            inside = isinstance(table, dict) and part in table
+            if not inside and not (isinstance(table, list) and isinstance(part, int) and part < len(table)):
+                raise ParameterError(f"{file.name}: there is no section [{'.'.join(map(str, key[:-1]))}]")
+            held: Any = table  # by a name or by a number, as has just been asked
+            table = held[part]
+        if not isinstance(table, dict):
+            raise ParameterError(f"{file.name}: {'.'.join(map(str, key[:-1]))} is no section")
+        table[key[-1]] = value
+    return replace(file, content=content)
+
 
 _HEADER_COMMENT = re.compile(r"^[ \t]*\[[^\]#\"']*\]+([ \t]*#[^\n]*)")
 _HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)

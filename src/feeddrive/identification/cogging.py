@@ -9,8 +9,7 @@ import numpy as np
 
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
-from feeddrive.identification.estimate import Estimate
-from feeddrive.identification.regression import ols_covariance, strays, strays_said
+from feeddrive.identification.regression import Estimate, ols_covariance, strays, strays_said
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table

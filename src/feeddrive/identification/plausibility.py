@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.identification.estimate import SHAFT, TABLE, TURNING, Frame
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import identify_rigid
+from feeddrive.identification.regression import SHAFT, TABLE, TURNING, Frame
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined

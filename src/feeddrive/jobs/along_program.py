@@ -22,8 +22,8 @@ from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run
-from feeddrive.machining.at_part import on_part
 from feeddrive.machining.cutting_force import cutting_forces
+from feeddrive.machining.elements import on_part
 from feeddrive.machining.load import SpindleLoad, spindle_load
 from feeddrive.machining.part_run import PartRun, part_run
 from feeddrive.machining.regeneration import ToothPassage, regeneration

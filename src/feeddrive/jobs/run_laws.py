@@ -46,7 +46,7 @@ from feeddrive.machining.part_run import PartRun
 from feeddrive.plot.chart import Chart
 from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents
 from feeddrive.report.laws_report import laws_report
-from feeddrive.report.part_report import laws_table
+from feeddrive.report.machining_report import laws_table
 from feeddrive.report.report import Report
 from feeddrive.report.sentences import block_sentence, described
 

@@ -16,8 +16,17 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from feeddrive.language import ops
-from feeddrive.language.block import STRUCTURE, Block, Number, Rule, check_tree, checked, enforce
-from feeddrive.language.declaration import Declaration, declarations
+from feeddrive.language.block import (
+    STRUCTURE,
+    Block,
+    Declaration,
+    Number,
+    Rule,
+    check_tree,
+    checked,
+    declarations,
+    enforce,
+)
 from feeddrive.language.errors import ParameterError, StructureError, nearest
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring

@@ -5,15 +5,14 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "error_model": "error_model",
-        "filtered_splines": "filtered_splines",
-        "iterative_feedforward": "Convergence Iteration begin_compensation compensated convergence next_iteration",
+        "iterative_feedforward": (
+            "error_model Convergence Iteration begin_compensation compensated convergence next_iteration"
+        ),
         "repetitive": "RepetitiveDesign tune_repetitive",
-        "set_path": "ChangedReference",
+        "set_path": "filtered_splines ChangedReference inverse_path zero_phase",
         "stops": "learn_stops",
         "trajectory_prefilter": "PrefilterFit fit_prefilter fit_prefilter_to_log tune_prefilter",
         "trial": "Trial measured_trial simulated_trial",
-        "trials": ("MachineTrials SignalTrials Trials iterate_machine iterate_trials learn_signal tune_prefilters"),
-        "zero_phase": "inverse_path zero_phase",
+        "trials": "MachineTrials SignalTrials Trials iterate_machine iterate_trials learn_signal tune_prefilters",
     },
 )

@@ -2,17 +2,19 @@
 
 # written by `make stubs`
 
-from feeddrive.learning.error_model import error_model as error_model
-from feeddrive.learning.filtered_splines import filtered_splines as filtered_splines
 from feeddrive.learning.iterative_feedforward import Convergence as Convergence
 from feeddrive.learning.iterative_feedforward import Iteration as Iteration
 from feeddrive.learning.iterative_feedforward import begin_compensation as begin_compensation
 from feeddrive.learning.iterative_feedforward import compensated as compensated
 from feeddrive.learning.iterative_feedforward import convergence as convergence
+from feeddrive.learning.iterative_feedforward import error_model as error_model
 from feeddrive.learning.iterative_feedforward import next_iteration as next_iteration
 from feeddrive.learning.repetitive import RepetitiveDesign as RepetitiveDesign
 from feeddrive.learning.repetitive import tune_repetitive as tune_repetitive
 from feeddrive.learning.set_path import ChangedReference as ChangedReference
+from feeddrive.learning.set_path import filtered_splines as filtered_splines
+from feeddrive.learning.set_path import inverse_path as inverse_path
+from feeddrive.learning.set_path import zero_phase as zero_phase
 from feeddrive.learning.stops import learn_stops as learn_stops
 from feeddrive.learning.trajectory_prefilter import PrefilterFit as PrefilterFit
 from feeddrive.learning.trajectory_prefilter import fit_prefilter as fit_prefilter
@@ -28,5 +30,3 @@ from feeddrive.learning.trials import iterate_machine as iterate_machine
 from feeddrive.learning.trials import iterate_trials as iterate_trials
 from feeddrive.learning.trials import learn_signal as learn_signal
 from feeddrive.learning.trials import tune_prefilters as tune_prefilters
-from feeddrive.learning.zero_phase import inverse_path as inverse_path
-from feeddrive.learning.zero_phase import zero_phase as zero_phase

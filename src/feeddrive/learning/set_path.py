@@ -1,14 +1,16 @@
-"""The response of an axis's table to set positions, for setpoints that are changed before they are run."""
+"""Set paths through the inverse of a loop: its lifted response, filtered splines, and zero phase."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.loop.lifting import lifted
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
@@ -95,3 +97,246 @@ def changed(positions: np.ndarray, wanted: np.ndarray, sample_time: float, lead:
         raise ParameterError("the changed set positions are not finite: the model of the loop is not stable")
     both = (Recorded(position=row, sample_time=sample_time) for row in (positions, wanted))
     return ChangedReference(*both, lead=lead * sample_time)
+
+
+_SETTLED = 1e-9  # of its peak: below it the answer of a spline has ended
+_LONGEST = 40_000  # samples that an answer may take
+_WHOLE = 20_000  # samples that are fitted at once, without a window
+_RIDGE = 1e-6  # of the largest column: weight of the coefficients' own size in a window
+
+
+def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
+    """Return a cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values, which sum to
+    1.
+    """
+    from scipy.interpolate import BSpline  # not for commands that only read
+
+    t = np.arange((degree + 1) * spacing + 1) / spacing
+    spline = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)(t)
+    return np.nan_to_num(spline)
+
+
+class _Columns:
+    """The table's responses to splines that begin every `spacing` samples."""
+
+    def __init__(self, path: SetPath, degree: int, spacing: int) -> None:
+        self.spline, self.spacing, self.period = cardinal_spline(degree, spacing), spacing, path.period
+        phases = {(i * spacing) % path.period for i in range(path.period)}
+        self.answers = {phase: self._answer(path, phase) for phase in phases}
+
+    def _answer(self, path: SetPath, phase: int) -> np.ndarray:
+        """Return the table's response to the spline until it has settled."""
+        rows = 2 * self.spline.size
+        while True:
+            positions = np.zeros((rows, 1))
+            positions[: self.spline.size, 0] = self.spline
+            answer = path.answers(positions, phase)[:, 0]
+            above = np.flatnonzero(np.abs(answer) > _SETTLED * np.max(np.abs(answer)))
+            if not np.all(np.isfinite(answer)) or (above[-1] >= rows - 2 and rows > _LONGEST):
+                raise ParameterError(
+                    f"the answer of the table to one spline has not settled after {rows} samples: the loop is not "
+                    f"stable, or hardly damped"
+                )
+            if above[-1] < rows - 2:
+                return answer[: above[-1] + 1]
+            rows *= 2
+
+    def matrix(self, first: int, last: int, begin: int, end: int, *, answered: bool = True) -> np.ndarray:
+        """Return rows begin .. end of the splines (or their responses) first .. last; spline i begins at row i ·
+        spacing.
+        """
+        columns = np.zeros((end - begin, last - first))
+        for i in range(first, last):
+            at = i * self.spacing
+            column = self.answers[at % self.period] if answered else self.spline
+            low, high = max(at, begin), min(at + column.size, end)
+            if low < high:
+                columns[low - begin : high - begin, i - first] = column[low - at : high - at]
+        return columns
+
+
+def filtered_splines(
+    loop: Loop,
+    reference: Reference,
+    *,
+    spacing: int = 20,
+    degree: int = 5,
+    window: int | None = None,
+    kept: int | None = None,
+) -> ChangedReference:
+    """Return set positions as splines whose simulated responses fit a reference best: tracking without an inverse.
+
+        x_r' = Φ p,   p = argmin |x_r - Ψ p|²,   Ψ_i = answer of the table to the spline Φ_i (degree, knots)
+
+    spacing  samples between knots; spacing · T <= 1/(6 f) of a mode with frequency f
+    window   coefficients that are found at once, for a path of which only so much is known ahead; window · spacing · T
+             should be 1/f at least, and 10 coefficients at least.  None: all at once
+    kept     coefficients of a window that are kept before it slides; default: a quarter of it
+    Windows are solved by QR, with a ridge of 1e-6: normal equations would lose all digits.
+
+    Raises ParameterError for a spacing below the degree, and for a path of more than 20000 samples without a window.
+    When to use: for modes that no encoder sees, and for zeros outside the unit circle, known ahead of time.  When not:
+    against disturbances; an error of the model is paid in full.
+    Source: Okwudire, Ramani & Duan 2016; Duan, Yoon & Okwudire 2018 (limited preview).
+    """
+    if not 3 <= degree <= 5 or spacing < degree:
+        raise ParameterError(
+            f"degree = {degree} must be 3 to 5, and spacing = {spacing} samples at least the degree: below, the "
+            f"coefficients cannot be told apart"
+        )
+    T = float(loop.sample_time)
+    columns = _Columns(set_path(loop), degree, spacing)
+    around = (degree + 1) * spacing  # rows of rest on both sides, for splines that begin before the motion
+    wanted = sampled(reference, T, around, around)
+    rows, shifted = wanted.size, wanted - wanted[0]
+    first, last = -degree, rows // spacing + 1
+    if window is None:
+        if rows > _WHOLE:
+            raise ParameterError(
+                f"{rows} samples without a window (at most {_WHOLE}): give window, as 20 coefficients of {spacing} "
+                f"samples"
+            )
+        p = _least(columns.matrix(first, last, 0, rows), shifted, 0.0)
+    else:
+        p = _slid(columns, shifted, first, last, window, max(1, window // 4) if kept is None else kept)
+    at = np.zeros(rows)
+    for i, coefficient in enumerate(p, start=first):
+        low, high = max(i * spacing, 0), min(i * spacing + columns.spline.size, rows)
+        at[low:high] += coefficient * columns.spline[low - i * spacing : high - i * spacing]
+    return changed(wanted[0] + at, wanted, T, around)
+
+
+def _slid(columns: _Columns, wanted: np.ndarray, first: int, last: int, window: int, kept: int) -> np.ndarray:
+    """Return the coefficients window by window, after subtracting what the windows before have fixed."""
+    if window < 10 or not 1 <= kept <= window:
+        raise ParameterError(
+            f"window = {window} coefficients, {kept} of them kept: at least 10, of which 1 to all are kept; with "
+            f"shorter windows the recursion diverges"
+        )
+    p = np.zeros(last - first)
+    left = wanted.copy()
+    done = first
+    while done < last:
+        stop = min(done + window, last)
+        begin, end = max(done * columns.spacing, 0), min(stop * columns.spacing, wanted.size)
+        if end > begin:
+            some = _least(columns.matrix(done, stop, begin, end), left[begin:end], _RIDGE)
+        else:
+            some = np.zeros(stop - done)
+        fixed = stop if stop == last else done + kept
+        p[done - first : fixed - first] = some[: fixed - done]
+        left -= columns.matrix(done, fixed, 0, wanted.size) @ some[: fixed - done]
+        done = fixed
+    return p
+
+
+def _least(Psi: np.ndarray, right: np.ndarray, ridge: float) -> np.ndarray:
+    """Return argmin |right - Ψ p|² + (ridge · |Ψ|)² |p|² by QR of the stacked matrix; columns without rows give 0."""
+    from scipy.linalg import lstsq
+
+    size = np.sqrt(np.sum(Psi**2, axis=0))
+    there = size > _SETTLED * np.max(size)
+    coefficients = np.zeros(Psi.shape[1])
+    rows = [Psi[:, there] / size[there]]
+    if ridge > 0.0:
+        rows.append(ridge * np.eye(int(there.sum())))
+    full = np.concatenate([right, np.zeros(rows[-1].shape[0] if ridge > 0.0 else 0)])
+    solved: Any = lstsq(np.vstack(rows), full, lapack_driver="gelsy")
+    coefficients[there] = solved[0] / size[there]
+    return coefficients
+
+
+_ORIGIN = 1e-6  # of |z|: poles below are delays
+_LEFT = 0.6  # |z| from which a zero left of the imaginary axis would ring: it is not inverted
+_REST = 1e-6  # of the largest coefficient: what is below it in the numerator is rounding
+_SETTLING = 0.05  # s of rest after the end
+
+
+@dataclass(frozen=True, eq=False)
+class InversePath:
+    """The closed loop from set position to table, T_r = q^r B⁺ B⁻ / A in q = z⁻¹, coefficients from q⁰ on.
+
+    B⁻, normalized to begin with 1, holds the zeros that are not inverted: |z| >= 1, or left of 0 with |z| > 0.6.
+    """
+
+    A: np.ndarray
+    inverted: np.ndarray
+    kept: np.ndarray
+    delay: int
+
+    @property
+    def preview(self) -> int:
+        """The samples r + s that the set path must be known ahead, s = deg B⁻."""
+        return self.delay + self.kept.size - 1
+
+    def gain(self, frequency: np.ndarray, sample_time: float) -> np.ndarray:
+        """Return |B⁻(e^jω)|² / B⁻(1)²: the product of T_r and the filter, whose phase is 0."""
+        z = np.exp(-2j * np.pi * frequency * sample_time)
+        return np.abs(np.polyval(self.kept[::-1], z)) ** 2 / np.sum(self.kept) ** 2
+
+    def filtered(self, wanted: np.ndarray) -> np.ndarray:
+        """Return x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r), for a wanted path at rest at both ends."""
+        from scipy.signal import lfilter  # not for commands that only read
+
+        s = self.kept.size - 1
+        ahead = np.concatenate([wanted - wanted[0], np.full(self.preview, wanted[-1] - wanted[0])])
+        smooth = np.convolve(ahead, self.kept[::-1])[s + self.delay :][: wanted.size]
+        return wanted[0] + lfilter(self.A, self.inverted * np.sum(self.kept) ** 2, smooth)
+
+
+def inverse_path(loop: Loop | SetPath) -> InversePath:
+    """Return the closed loop as polynomials: A from its poles, B from its Markov parameters, which loses no digits.
+
+    Raises UnstableError for a loop that is not stable, and ParameterError for one with a slow part.
+    """
+    path = loop if isinstance(loop, SetPath) else set_path(loop)
+    if path.period > 1:
+        raise ParameterError(
+            f"zero phase error tracking needs a loop that is the same in every sample; this one repeats itself after "
+            f"{path.period}: take filtered splines"
+        )
+    poles = np.linalg.eigvals(path.samples[0].A)
+    if np.max(np.abs(poles)) >= 1.0:
+        raise UnstableError(f"the loop is unstable: a pole has |z| = {number(np.max(np.abs(poles)), 6)}")
+    A = np.real(np.poly(poles[np.abs(poles) > _ORIGIN ** (1.0 / 3.0)]))
+    rows = 2 * poles.size + 4
+    impulse = np.zeros((rows, 1))
+    impulse[0] = 1.0
+    whole = np.convolve(A, path.answers(impulse)[:, 0])[:rows]
+    there = np.flatnonzero(np.abs(whole) > _REST * np.max(np.abs(whole)))
+    delay, B = int(there[0]), whole[there[0] : there[-1] + 1]
+    zeros = np.roots(B)
+    away = (np.abs(zeros) >= 1.0) | ((zeros.real < 0.0) & (np.abs(zeros) > _LEFT))
+    kept = np.real(np.poly(zeros[away]))
+    return InversePath(A, B[0] * np.real(np.poly(zeros[~away])), kept, delay)
+
+
+def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
+    """Return set positions with which the table follows a reference without phase error, by the linear model of the
+    loop.
+
+        T_r = q^r B⁺ B⁻ / A,    x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r)
+
+    The motion begins r + s samples later (`lead`), since the path is looked at so far ahead.
+    When to use: on smooth moves with a loop that is known and linear.  When not: against friction, for which it does
+    nothing; with gains that are turned afterwards; with 20 % of unknown load most of its advantage is gone.
+    Raises ParameterError where the polynomials lose their digits, from about degree 10 on (filters, two encoders).
+    Source: Tomizuka 1987; which zeros are kept, and B by Markov parameters, are this library's.
+    """
+    model, T = set_path(loop), float(loop.sample_time)
+    path = inverse_path(model)
+    wanted = sampled(reference, T, path.preview, round(_SETTLING / T))
+    filtered = path.filtered(wanted)
+    before, after = (_left(model, positions, wanted) for positions in (wanted, filtered))
+    if not after < before:
+        raise ParameterError(
+            f"the model of the loop itself is {Quantity(after, 'm')} off the path with this inverse, and "
+            f"{Quantity(before, 'm')} without: polynomials of degree {path.A.size - 1} have lost their digits; take "
+            "filtered splines"
+        )
+    return changed(filtered, wanted, T, path.preview)
+
+
+def _left(model: SetPath, positions: np.ndarray, wanted: np.ndarray) -> float:
+    """Return the largest distance of the model's table from the wanted path, m."""
+    return float(np.max(np.abs(model.answers((positions - wanted[0])[:, None])[:, 0] - (wanted - wanted[0]))))

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.identification.friction_stops import LearnedStops, learned_stops
-from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.motion.preparation import HOLD, Preparation
+from feeddrive.identification.friction_curve import LearnedStops, learned_stops
+from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 

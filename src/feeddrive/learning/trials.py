@@ -18,13 +18,15 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, form_unit, number, unit_name
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.learning.error_model import decay, error_model, true_error_model
 from feeddrive.learning.iterative_feedforward import (
     Iteration,
     begin_compensation,
     compensated,
     compensator,
+    decay,
+    error_model,
     next_iteration,
+    true_error_model,
 )
 from feeddrive.learning.trajectory_prefilter import REGRESSORS, fit_prefilter
 from feeddrive.learning.trial import Trial, simulated_trial

@@ -10,8 +10,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Force, Friction, Mechanics, Nothing, Plant, Sensor
 from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import matrix, ops
-from feeddrive.language.block import Block, Number, Rule, choice, part
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, Number, Rule, choice, declarations, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Matrix, Row
 from feeddrive.language.quantity import Quantity

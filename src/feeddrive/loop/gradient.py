@@ -1,33 +1,394 @@
-"""Exact gradient of a scalar cost of a run with respect to any parameters, at about the cost of three runs."""
+"""Exact derivatives: of a graph, of a traced linear model, and of a scalar cost of a run."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.language import tree
+from feeddrive.language import ops, tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NoSlopeError, ParameterError
-from feeddrive.language.graph import Graph, Symbol, arguments
+from feeddrive.language.graph import Graph, Line, Symbol, arguments, reachable
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import Column, Result, Table
-from feeddrive.loop.beginning import STARTS, TracedBeginning, each_axis, traced_beginning
-from feeddrive.loop.engine.native import Native, native
+from feeddrive.loop.beginning import STARTS, TracedBeginning, Work, each_axis, traced_beginning
+from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.machine import System, check_system
 from feeddrive.loop.runner import Prepared, by_lane
 from feeddrive.loop.simulate import known, sample_count
 from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
-from feeddrive.loop.traced_model import push
-from feeddrive.loop.work import Work
+
+
+@dataclass(frozen=True, eq=False)
+class TracedModel:
+    """The matrix [A B; C D] of a linear model as nodes of a graph: the entries that are not plain zeros.
+
+    Rows are the `states` followed by the outputs, columns the states followed by the inputs.  `leaves` are the graph's
+    inputs by name.
+    """
+
+    graph: Graph
+    states: int
+    shape: tuple[int, int]
+    entries: tuple[tuple[int, int, int], ...]  # row, column, node
+    leaves: Mapping[str, int]
+
+    def trimmed(self) -> TracedModel:
+        """Return the model without states that no input reaches or no output sees."""
+        n = self.states
+        links = {(i, j) for i, j, _ in self.entries}
+        reached = {i for i, j in links if j >= n and i < n}
+        seen = {j for i, j in links if i >= n and j < n}
+        for _ in range(n):
+            reached |= {i for i, j in links if i < n and j in reached}
+            seen |= {j for i, j in links if j < n and i in seen}
+        kept = sorted(reached & seen)
+        rows = {old: new for new, old in enumerate([*kept, *range(n, self.shape[0])])}
+        columns = {old: new for new, old in enumerate([*kept, *range(n, self.shape[1])])}
+        entries = tuple((rows[i], columns[j], node) for i, j, node in self.entries if i in rows and j in columns)
+        return replace(self, states=len(kept), shape=(len(rows), len(columns)), entries=entries)
+
+    def at(self, values: Mapping[str, Any], names: Sequence[str] = ()) -> LinearModel:
+        """Return the model at values of all leaves, with its slopes to the leaves in `names`."""
+        nodes = [node for _, _, node in self.entries]
+        results = node_values(self.graph, nodes, values)
+        places = [(i, j) for i, j, _ in self.entries]
+        matrix, slopes = np.zeros(self.shape), np.zeros((len(places), len(names)))
+        for (i, j), entry in zip(places, nodes, strict=True):
+            matrix[i, j] = results[entry]
+        if names:
+            eye = np.eye(len(names))
+            seeds = {self.leaves[name]: eye[i] for i, name in enumerate(names) if self.leaves.get(name) in results}
+            with np.errstate(all="ignore"):
+                tangents = push(self.graph, nodes, results, seeds)
+            for place, tangent in enumerate(tangents):
+                if tangent is not None:
+                    slopes[place] = tangent
+        return LinearModel(self.states, matrix, np.array(places, int).reshape(-1, 2), slopes)
+
+
+class LinearModel(NamedTuple):
+    """[A B; C D] in numbers, the (row, column) of its traced entries, and their slopes of shape (entries, leaves)."""
+
+    states: int
+    matrix: np.ndarray
+    places: np.ndarray
+    slopes: np.ndarray
+
+    def is_finite(self) -> bool:
+        """True if all numbers are finite."""
+        return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.slopes)))
+
+    def poles(self) -> np.ndarray:
+        """Return the eigenvalues of A."""
+        n = self.states
+        return np.linalg.eigvals(self.matrix[:n, :n]) if n else np.zeros(0)
+
+    def response(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return G = C (z - A)⁻¹ B + D at complex z (sampled) or s (continuous), and its slopes.
+
+            ∂G = [w 1] ∂[A B; C D] [x; 1],   x = (z - A)⁻¹ B,   w = C (z - A)⁻¹
+
+        Shapes (points, outputs, inputs) and (points, outputs, inputs, leaves).
+        """
+        n = self.states
+        A, B, C, D = self.matrix[:n, :n], self.matrix[:n, n:], self.matrix[n:, :n], self.matrix[n:, n:]
+        x, w = resolved(A, B, C, at)
+        value = C @ x + D
+        if not self.slopes.shape[1]:
+            return value, np.zeros((*value.shape, 0))
+        p, m = D.shape
+        ones = np.broadcast_to(np.eye(p), (at.size, p, p)), np.broadcast_to(np.eye(m), (at.size, m, m))
+        left, right = np.concatenate([w, ones[0]], axis=2), np.concatenate([x, ones[1]], axis=1)
+        rows, columns = self.places.T
+        moving = np.any(self.slopes != 0.0, axis=1)
+        pairs = left[:, :, None, rows[moving]] * right[:, columns[moving], :].transpose(0, 2, 1)[:, None]
+        slopes = self.slopes[moving]
+        # real and imaginary part apart: half the work of a complex product with a real matrix
+        return value, np.real(pairs) @ slopes + 1j * (np.imag(pairs) @ slopes)
+
+
+def resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (z - A)⁻¹ B of shape (points, n, inputs) and C (z - A)⁻¹ of shape (points, outputs, n)."""
+    inverse = Resolvent(A, z)
+    return inverse.after(B), inverse.before(C)
+
+
+class Resolvent:
+    """(z - A)⁻¹ at many points z.
+
+    By the Schur form of the balanced A, row by row over all points at once: as safe as solving for each point.
+    """
+
+    def __init__(self, A: np.ndarray, z: np.ndarray) -> None:
+        from scipy.linalg import matrix_balance, schur  # not for commands that only read
+
+        self.z, self.scale = z, np.zeros(0)
+        if A.size:
+            balanced, (self.scale, _) = matrix_balance(A, permute=False, separate=True)
+            self.form, self.vectors = schur(balanced, output="complex")[:2]
+
+    def after(self, B: np.ndarray) -> np.ndarray:
+        """Return (z - A)⁻¹ B of shape (points, n, columns), for one B for all points or one for each."""
+        n, z = self.scale.size, self.z
+        if not n:
+            return np.zeros((z.size, 0, B.shape[-1]), complex)
+        S, Z = self.form, self.vectors
+        right = Z.conj().T @ (B / self.scale[:, None])
+        x = (
+            np.repeat(right[:, :, None], z.size, axis=2)
+            if B.ndim == 2
+            else np.ascontiguousarray(right.transpose(1, 2, 0))
+        )
+        for i in range(n - 1, -1, -1):
+            x[i] /= z - S[i, i]
+            x[:i] += S[:i, i, None, None] * x[i]
+        return (Z * self.scale[:, None]) @ x.transpose(2, 0, 1)
+
+    def before(self, C: np.ndarray) -> np.ndarray:
+        """Return C (z - A)⁻¹ of shape (points, rows, n), for one C for all points or one for each."""
+        n, z = self.scale.size, self.z
+        if not n:
+            return np.zeros((z.size, C.shape[-2], 0), complex)
+        S, Z = self.form, self.vectors
+        left = (C * self.scale) @ Z
+        w = (
+            np.repeat(left.T[:, :, None], z.size, axis=2)
+            if C.ndim == 2
+            else np.ascontiguousarray(left.transpose(2, 1, 0))
+        )
+        for i in range(n):
+            w[i] /= z - S[i, i]
+            w[i + 1 :] += S[i, i + 1 :, None, None] * w[i]
+        return w.transpose(2, 1, 0) @ (Z.conj().T / self.scale)
+
+
+# A tangent that is zero whatever the values is None, and costs nothing.
+
+
+def _scaled(factor: Any, tangent: Any) -> Any:
+    return None if tangent is None else factor * tangent
+
+
+def _sum(a: Any, b: Any) -> Any:
+    return b if a is None else a if b is None else a + b
+
+
+def _difference(a: Any, b: Any) -> Any:
+    return a if b is None else -b if a is None else a - b
+
+
+def rule(name: str, values: Sequence[Any], result: Any, tangents: Sequence[Any]) -> Any:
+    """Return the tangent of one operation from its arguments' values and tangents and its result.
+
+    At a tie of `where` the tangent is that of the branch that is taken.  Rounding and table reads have slope 0, except
+    `quantise`, whose slope to its first argument is taken as 1.
+    """
+    if all(tangent is None for tangent in tangents):
+        return None
+    match name:
+        case "add":
+            return _sum(tangents[0], tangents[1])
+        case "sub":
+            return _difference(tangents[0], tangents[1])
+        case "mul":
+            return _sum(_scaled(values[1], tangents[0]), _scaled(values[0], tangents[1]))
+        case "div":
+            above = _difference(tangents[0], _scaled(result, tangents[1]))
+            return above / values[1]
+        case "neg":
+            return -tangents[0]
+        case "abs":
+            return ops.where(values[0] < 0.0, -tangents[0], tangents[0])
+        case "sqrt":
+            return tangents[0] / (2.0 * result)
+        case "exp":
+            return result * tangents[0]
+        case "expm1":
+            return (result + 1.0) * tangents[0]
+        case "log":
+            return tangents[0] / values[0]
+        case "sin":
+            return ops.cos(values[0]) * tangents[0]
+        case "cos":
+            return -(ops.sin(values[0]) * tangents[0])
+        case "tanh":
+            return (1.0 - result * result) * tangents[0]
+        case "atan":
+            return tangents[0] / (1.0 + values[0] * values[0])
+        case "select":
+            if tangents[1] is None and tangents[2] is None:
+                return None
+            zero = 0.0
+            a = zero if tangents[1] is None else tangents[1]
+            b = zero if tangents[2] is None else tangents[2]
+            return ops.where(values[0], a, b)
+        case "quantise":
+            return tangents[0]
+        case "get":  # the tangent of a ring is a ring
+            return None if tangents[0] is None else tangents[0].get(values[1])
+        case "put":
+            ring = Ring(values[0].length) if tangents[0] is None else tangents[0]
+            return None if tangents[0] is None and tangents[2] is None else ring.put(values[1], _number(tangents[2]))
+        case _:
+            return None
+
+
+def _number(tangent: Any) -> Any:
+    return 0.0 if tangent is None else tangent
+
+
+def push(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]) -> list[Any]:
+    """Return the tangents of nodes, from the tangents `seeds` of leaves; None where a node does not depend on them.
+
+    `values` holds the value of every node: numbers, or the nodes' own symbols, whose tangents are then symbols of the
+    same graph.
+    """
+    tangents = _tangents(graph, outputs, values, seeds)
+    return [tangents.get(index) for index in outputs]
+
+
+def _tangents(
+    graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]
+) -> dict[int, Any]:
+    """Return the tangents of all nodes that depend on the seeds."""
+    pushed: dict[int, Any] = dict(seeds)
+    for index in reachable(graph, outputs):
+        node = graph.nodes[index]
+        inner = arguments(node)
+        if inner and index not in pushed:
+            tangents = [pushed.get(i) for i in inner]
+            if any(tangent is not None for tangent in tangents):
+                pushed[index] = rule(node[0], [values[i] for i in inner], values[index], tangents)
+    return pushed
+
+
+def require_slopes(
+    graph: Graph,
+    outputs: Sequence[int],
+    values: Mapping[int, Any],
+    seeds: Mapping[int, Any],
+    moving: Mapping[int, Any],
+    kinds: Collection[str],
+) -> None:
+    """Raise NoSlopeError, naming the line, if outputs depend on the root or logarithm of a number that is 0 there, or
+    on a choice between two values exactly at its edge.
+
+    moving  the seeds that are moved from outside: a choice by a count is none of these
+    kinds   of the blocks in which choices count
+
+    A number counts as 0 if it is no larger than what rounding makes of it, of readings the count: √|s| has a slope of
+    1e8 for an s of 1e-17, which says nothing of the loop.  Returns at once for a graph without such operations, and if
+    the numbers themselves are not finite.
+    """
+    there = [index for index in graph.lines if index in values]
+    steep = [index for index in there if graph.name(index) != "select"]
+    steep += [index for index in there if graph.name(index) == "select" and graph.lines[index].kind in kinds]
+    if not steep:
+        return
+    asked = {index: _asked(graph, index) for index in steep}
+    rounding = _rounding(graph, [node for index in steep for node in (index, *asked[index])], values)
+    zeros = [index for index in steep if asked[index] and _at_edge(graph, index, asked[index], values, rounding)]
+    if not zeros:
+        return
+    with np.errstate(all="ignore"):
+        tangents, outside = _tangents(graph, outputs, values, seeds), _tangents(graph, outputs, values, moving)
+    stack, seen = list(outputs), set(outputs)
+    while stack:
+        index = stack.pop()
+        node = graph.nodes[index]
+        inner = arguments(node)
+        if node[0] == "select":  # the branch that is taken
+            inner = inner[1:2] if values[inner[0]] else inner[2:3]
+        new = [i for i in inner if i not in seen]
+        stack += new
+        seen.update(new)
+    for index in zeros:
+        jumps = graph.name(index) == "select"
+        slopes = outside if jumps else tangents
+        moved = any(np.any(slopes.get(i, 0.0) != 0.0) for i in asked[index])  # NaN is not 0 either
+        if index in seen and moved and (not jumps or _felt(graph, index, outputs, values)):
+            raise NoSlopeError(_no_slope(graph.lines[index], graph.name(index)))
+
+
+def _felt(graph: Graph, index: int, outputs: Sequence[int], values: Mapping[int, Any]) -> bool:
+    """True if an output changes with a node."""
+    with np.errstate(all="ignore"):
+        tangents = push(graph, outputs, values, {index: 1.0})
+    return any(
+        np.any((tangent.cells if isinstance(tangent, Ring) else tangent) != 0.0)
+        for tangent in tangents
+        if tangent is not None
+    )
+
+
+def _asked(graph: Graph, index: int) -> tuple[int, ...]:
+    """Return the argument of a root, or the two numbers that a choice compares; none for other conditions."""
+    first = arguments(graph.nodes[index])[0]
+    if graph.name(index) != "select":
+        return (first,)
+    return arguments(graph.nodes[first]) if graph.name(first) in ("lt", "le") else ()
+
+
+def _at_edge(
+    graph: Graph, index: int, asked: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
+) -> bool:
+    """True if a root is one of 0, or a choice at its edge has two values that differ, all within rounding."""
+    if len(asked) == 1:
+        return bool(abs(values[asked[0]]) <= rounding[asked[0]])
+    first, second = arguments(graph.nodes[index])[1:]
+    if any(isinstance(values[i], Ring | bool | np.bool_) for i in (*asked, first, second)):
+        return False
+    apart, jump = abs(values[asked[0]] - values[asked[1]]), abs(values[first] - values[second])
+    room = rounding[asked[0]] + rounding[asked[1]]
+    return bool(apart <= room and jump > rounding[first] + rounding[second] + room)
+
+
+def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
+    """Return how far rounding may have moved each number below some nodes, to the count for readings; first order."""
+    unit, errors = 2.0**-50, dict[int, float]()
+    for index in reachable(graph, outputs):
+        node, own = graph.nodes[index], values[index]
+        if isinstance(own, Ring | bool | np.bool_) or np.ndim(own):
+            errors[index] = 0.0
+            continue
+        inner = [i for i in arguments(node) if i in errors]
+        match node[0]:
+            case "mul":
+                moved = abs(values[inner[0]]) * errors[inner[1]] + abs(values[inner[1]]) * errors[inner[0]]
+            case "div":
+                moved = (errors[inner[0]] + abs(own) * errors[inner[1]]) / abs(values[inner[1]])
+            case "select":
+                moved = errors[inner[1] if values[inner[0]] else inner[2]]
+            case "quantise":
+                moved = errors[inner[0]] + abs(values[inner[1]])
+            case "add" | "sub" | "neg" | "abs":
+                moved = sum(errors[i] for i in inner)
+            case _:
+                moved = 0.0
+        errors[index] = float(moved + unit * abs(float(own)))
+    return errors
+
+
+def _no_slope(line: Line, operation: str) -> str:
+    edge = {"sqrt": "a square root of 0", "log": "a logarithm of 0", "select": "a choice that jumps at its edge"}
+    instead = "s / (ops.absolute(s) + small)" if operation == "select" else "s / ops.sqrt(ops.absolute(s) + small)"
+    kind = "sign(s)" if operation == "select" else "√|s| sign(s)"
+    return (
+        f"there is no linear model at this operating point: {edge[operation]} has no finite slope ({line}). "
+        "Poles, margins, tuning by them and certificates need one; simulation and export do not. Judge the law by "
+        f"simulated runs, or give it a finite slope there: for {kind} write {instead}"
+    )
+
 
 LANES = 8  # tangents that share a vector
 COST = "gradient.cost"

@@ -1,26 +1,75 @@
-"""A runner: a compiled program with its parameter values and states, for one variant or many in lanes."""
+"""A compiled program with its values and states: one variant, or many in lanes on all threads; and its statistics."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.language import tree
+from feeddrive.language import ops, tree
+from feeddrive.language.graph import Symbol
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring, settled
-from feeddrive.loop.beginning import beginning, typed
+from feeddrive.loop.beginning import Work, beginning, typed
 from feeddrive.loop.control import Control
-from feeddrive.loop.engine.native import Native, native
+from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.machine import System
-from feeddrive.loop.statistics import begin, gathering
-from feeddrive.loop.trace import Program, trace
-from feeddrive.loop.work import Work
+from feeddrive.loop.trace import Carried, Program, trace
+
+LEFT = "statistics.left"
+
+
+def gathered(signal: str, what: str) -> str:
+    """Return the name of the state that gathers `squares` (sum of squares), `least` or `most` of a signal."""
+    return f"statistics.{signal}.{what}"
+
+
+def gathering(program: Program, signals: Sequence[str], bounded: Sequence[str] = ()) -> Program:
+    """Return the program that also gathers sum of squares, least and most of signals; the peak is the larger of ±both.
+
+    `bounded` names signals; the first sample in which one is outside ±`bound` (a constant of the program) is kept in
+    `LEFT`; -1 until then. NaN is outside.
+    """
+    graph = program.graph
+    states, constants, sample = list(program.states), dict(program.constants), program.sample
+
+    def carry(name: str, after: object) -> None:
+        states.append(Carried(name, graph.input(f"state.{name}").index, graph.symbol(after).index))
+
+    for signal in signals:
+        value = Symbol(graph, program.outputs[signal])
+        before = {what: graph.input(f"state.{gathered(signal, what)}") for what in START}
+        carry(gathered(signal, "squares"), before["squares"] + value * value)
+        carry(gathered(signal, "least"), ops.minimum(before["least"], value))
+        carry(gathered(signal, "most"), ops.maximum(before["most"], value))
+    if bounded:
+        bound = graph.input("bound")
+        constants["bound"] = bound.index
+        count = graph.input("sample")
+        sample = count.index
+        left = graph.input(f"state.{LEFT}")
+        inside: Any = None
+        for name in bounded:
+            one = ops.absolute(Symbol(graph, program.outputs[name])) <= bound
+            inside = one if inside is None else ops.both(inside, one)
+        carry(LEFT, ops.where(ops.either(inside, left >= 0.0), left, count))
+    return replace(program, states=tuple(states), constants=constants, sample=sample)
+
+
+START = {"squares": 0.0, "least": float("inf"), "most": float("-inf")}
+
+
+def begin(name: str) -> float:
+    """Return the start value of a gathering state."""
+    return -1.0 if name == LEFT else START[name.rsplit(".", 1)[1]]
+
 
 _programs: Recent[Program] = Recent(256)
 _natives: Recent[Native] = Recent(256)
@@ -209,3 +258,91 @@ def cores() -> int:
     import os
 
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+WIDTHS = (8, 16, 32)
+# Samples of all variants together from which on wider vectors, and a trial of them, pay for being compiled.
+WIDE, TRIED = 5_000_000, 100_000_000
+_TRIAL = 400  # samples
+_fastest: Recent[int] = Recent(64)  # by the source of the narrowest machine code
+
+
+class Groups:
+    """The variants of a prepared loop, dealt out to groups of lanes; a last group repeats its last variant."""
+
+    def __init__(self, prepared: Prepared, code: Native, variants: int) -> None:
+        self.code, self.variants, self.lanes = code, variants, code.plan.lanes
+        self.constants = _dealt([name for name, _ in code.plan.constants], prepared.numbers, self.lanes, variants)
+        first = prepared.first_states(code)
+        self.states = _dealt(list(first), first, self.lanes, variants)
+        self.rows = prepared.rows(code)
+
+    def advance(self, pool: Executor, first: int, inputs: np.ndarray) -> Iterator[int]:
+        """Advance all groups over the same stretch of samples; yield the number of finished variants of each group."""
+
+        def one(group: int) -> int:
+            self._run(group, first, inputs, self.states[group])
+            return min(self.lanes, self.variants - group * self.lanes)
+
+        yield from pool.map(one, range(len(self.states)))
+
+    def _run(self, group: int, first: int, inputs: np.ndarray, states: np.ndarray) -> None:
+        self.code.run(len(inputs), first, self.constants[group], inputs, states, None, self.rows)
+
+    def ends(self) -> dict[str, np.ndarray]:
+        """Return the states by name, each of shape (variants,)."""
+        flat = np.moveaxis(self.states, 0, 1).reshape(self.states.shape[1], -1)[:, : self.variants]
+        return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
+
+    def trial(self, inputs: np.ndarray) -> float:
+        """Return the seconds for one variant over a short stretch, the least of three; the states are not changed."""
+        spans: list[float] = []
+        for _ in range(3):
+            states = self.states[0].copy()
+            begun = time.perf_counter()
+            self._run(0, 0, inputs[:_TRIAL], states)
+            spans.append(time.perf_counter() - begun)
+        return min(spans) / self.lanes
+
+
+def grouped(
+    prepared: Prepared,
+    native: Callable[[int], Native],
+    lanes: int | None,
+    samples: int,
+    inputs: Callable[[Native], np.ndarray],
+) -> Groups:
+    """Return the variants in groups of `lanes`; None takes the fastest width on this computer, which changes no bit.
+
+    `native(lanes)` makes the machine code and `inputs(native)` the first samples; a trial is run only for work that is
+    long enough to earn it, once for each structure.
+    """
+    variants = prepared.lanes()
+    if lanes is not None or variants == 1:
+        return Groups(prepared, native(lanes or 1), variants)
+    work = variants * samples
+    fitting = [width for width in WIDTHS if width < 2 * variants] or [WIDTHS[0]]
+    if work < WIDE:
+        return Groups(prepared, native(fitting[0]), variants)
+    if work < TRIED or len(fitting) < 3:
+        return Groups(prepared, native(fitting[min(1, len(fitting) - 1)]), variants)
+    programs = [native(width) for width in fitting]
+
+    def tried() -> int:
+        stretch = inputs(programs[0])
+        return min(range(len(programs)), key=lambda i: Groups(prepared, programs[i], fitting[i]).trial(stretch))
+
+    return Groups(prepared, programs[_fastest.get(programs[0].key, tried)], variants)
+
+
+def _dealt(names: Sequence[str], values: Mapping[str, Any], lanes: int, variants: int) -> np.ndarray:
+    """Return numbers by name for all groups, shape (groups, names, lanes)."""
+    groups = -(-variants // lanes)
+    out = np.empty((groups, len(names), lanes))
+    for i, name in enumerate(names):
+        value = values[name]
+        if isinstance(value, np.ndarray):
+            padded = np.append(value[: groups * lanes], np.repeat(value[-1], max(0, groups * lanes - value.size)))
+            value = padded.reshape(groups, lanes)
+        out[:, i] = value
+    return out

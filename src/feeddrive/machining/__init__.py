@@ -5,15 +5,16 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "at_part": "on_part",
-        "chatter_signs": "ChatterSigns chatter_signs",
         "circle_causes": "CircleCauses circle_causes",
         "circle_test": "CirclePath CircleTest QuadrantPeak circle_of_run circle_path circle_test quadrant_peaks",
         "contour": "ContourError contour_error",
         "cutting_force": "CuttingForces cutting_forces",
-        "elements": "Elements elements",
+        "elements": "on_part Elements elements",
         "load": "AxisLoad MachineLoad SpindleLoad axis_load machine_load spindle_load",
-        "lobes": "CutStability Lobes ZeroOrder cut_stability semi_discretisation stability_lobes zero_order",
+        "lobes": (
+            "ChatterSigns chatter_signs CutStability Lobes ZeroOrder cut_stability semi_discretisation "
+            "stability_lobes zero_order"
+        ),
         "part_run": "PartRun part_run",
         "regeneration": "Regeneration regeneration",
         "reversal": "Reversals reversals stick_time",

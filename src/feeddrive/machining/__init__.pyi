@@ -2,9 +2,6 @@
 
 # written by `make stubs`
 
-from feeddrive.machining.at_part import on_part as on_part
-from feeddrive.machining.chatter_signs import ChatterSigns as ChatterSigns
-from feeddrive.machining.chatter_signs import chatter_signs as chatter_signs
 from feeddrive.machining.circle_causes import CircleCauses as CircleCauses
 from feeddrive.machining.circle_causes import circle_causes as circle_causes
 from feeddrive.machining.circle_test import CirclePath as CirclePath
@@ -20,15 +17,18 @@ from feeddrive.machining.cutting_force import CuttingForces as CuttingForces
 from feeddrive.machining.cutting_force import cutting_forces as cutting_forces
 from feeddrive.machining.elements import Elements as Elements
 from feeddrive.machining.elements import elements as elements
+from feeddrive.machining.elements import on_part as on_part
 from feeddrive.machining.load import AxisLoad as AxisLoad
 from feeddrive.machining.load import MachineLoad as MachineLoad
 from feeddrive.machining.load import SpindleLoad as SpindleLoad
 from feeddrive.machining.load import axis_load as axis_load
 from feeddrive.machining.load import machine_load as machine_load
 from feeddrive.machining.load import spindle_load as spindle_load
+from feeddrive.machining.lobes import ChatterSigns as ChatterSigns
 from feeddrive.machining.lobes import CutStability as CutStability
 from feeddrive.machining.lobes import Lobes as Lobes
 from feeddrive.machining.lobes import ZeroOrder as ZeroOrder
+from feeddrive.machining.lobes import chatter_signs as chatter_signs
 from feeddrive.machining.lobes import cut_stability as cut_stability
 from feeddrive.machining.lobes import semi_discretisation as semi_discretisation
 from feeddrive.machining.lobes import stability_lobes as stability_lobes

@@ -16,7 +16,7 @@ from feeddrive.language.graph import Graph
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import UNIT, Cell, Result, Table
-from feeddrive.loop.engine.native import native
+from feeddrive.loop.engine.llvm import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.simulate import Run
 from feeddrive.loop.trace import Carried, Program, concrete, leaf, node

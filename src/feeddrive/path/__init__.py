@@ -5,12 +5,10 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "program.commands": "Command canonical_text",
-        "program.expressions": "read_offsets",
-        "program.lines": "Line",
+        "program.blocks": "read_offsets Line",
         "program.moves": (
-            "Arc Dwell End Feed Message Move Offsets PathMode "
-            "Point Spindle Spline Stop Straight Switch Synchronized ToolChange"
+            "Command canonical_text Arc Dwell End Feed Message Move Offsets PathMode Point Spindle Spline Stop "
+            "Straight Switch Synchronized ToolChange"
         ),
         "program.reading": "read_commands read_program",
         "program.state": "Tool read_tools",

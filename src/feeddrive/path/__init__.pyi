@@ -2,11 +2,10 @@
 
 # written by `make stubs`
 
-from feeddrive.path.program.commands import Command as Command
-from feeddrive.path.program.commands import canonical_text as canonical_text
-from feeddrive.path.program.expressions import read_offsets as read_offsets
-from feeddrive.path.program.lines import Line as Line
+from feeddrive.path.program.blocks import Line as Line
+from feeddrive.path.program.blocks import read_offsets as read_offsets
 from feeddrive.path.program.moves import Arc as Arc
+from feeddrive.path.program.moves import Command as Command
 from feeddrive.path.program.moves import Dwell as Dwell
 from feeddrive.path.program.moves import End as End
 from feeddrive.path.program.moves import Feed as Feed
@@ -22,6 +21,7 @@ from feeddrive.path.program.moves import Straight as Straight
 from feeddrive.path.program.moves import Switch as Switch
 from feeddrive.path.program.moves import Synchronized as Synchronized
 from feeddrive.path.program.moves import ToolChange as ToolChange
+from feeddrive.path.program.moves import canonical_text as canonical_text
 from feeddrive.path.program.reading import read_commands as read_commands
 from feeddrive.path.program.reading import read_program as read_program
 from feeddrive.path.program.state import Tool as Tool

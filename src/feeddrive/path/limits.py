@@ -26,8 +26,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.guard import travel_rules
+from feeddrive.path.program.blocks import BlockError, located
 from feeddrive.path.program.frame import FARTHEST
-from feeddrive.path.program.lines import BlockError, located
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.proof.prove import DERIVATIVES
 

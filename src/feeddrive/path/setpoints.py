@@ -23,7 +23,7 @@ from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, chain, c
 from feeddrive.path.override import Override
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof.prove import Prover
-from feeddrive.path.schedule.crossing import Crossings
+from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule
 

@@ -1,24 +1,32 @@
-"""The Nyquist curve in the complex plane."""
+"""Pictures in the complex plane: Nyquist curves, poles of a sampled loop, and the discs of a certificate."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.margins import margins as margins_of
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.text import Text, joined
+from feeddrive.loop.linearize import continuous, natural
 from feeddrive.plot import style
 from feeddrive.plot.chart import (
     ABOVE,
     ALERT,
+    BAR,
+    CROSS,
+    FREQUENCY,
     LINE,
+    LOG,
+    NEUTRAL,
     PLUS,
     RIGHT,
+    RING,
     THIN,
     WIDTH,
+    Band,
     Chart,
     Curve,
     Disc,
@@ -26,14 +34,20 @@ from feeddrive.plot.chart import (
     Mark,
     Note,
     Panel,
+    side_by_side,
 )
 from feeddrive.plot.drawing import figure_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from feeddrive.analysis.stability import Encirclement
+    from feeddrive.analysis.stability import Encirclement, Stability
+    from feeddrive.certificate.certificate import Certificate
+    from feeddrive.certificate.discs import LoopResponse
     from feeddrive.loop.frequency_response import FRF
+    from feeddrive.loop.linearize import StateSpace
+    from feeddrive.tuning.poles import Placement
+
 
 FINER = 4  # points drawn for each line of a modeled curve
 DISCS = 200  # that are drawn along a measured curve
@@ -144,3 +158,205 @@ def _at(margins: Margins, frequency: float) -> complex:
 def encirclement_chart(encirclement: Encirclement) -> Chart:
     """Nyquist plot of the measured or modelled loop gain."""
     return nyquist_chart(margins_of(encirclement.loop_gain))
+
+
+def poles_chart(model: StateSpace) -> Chart:
+    """Poles of a sampled model as s = ln(z)/T in Hz, and the same as damping ratio over natural frequency."""
+    return side_by_side((plane_chart(model), damping_chart(model)), height=3.9)
+
+
+poles = figure_of(poles_chart)
+
+
+DAMPINGS = (0.1, 0.2, 0.4, 0.7)  # of the rays of a pole map
+_LIGHT = 0.5  # damping up to which a pole decides how much of the plane is shown
+_ROOM, _RIGHT, _BELOW = 1.25, 0.25, 0.04  # around the farthest of them; parts of the height to the right and below
+
+
+def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
+    """Upper half of the s plane, s = ln(z)/T: poles as crosses, zeros of the first response as rings.
+
+    Rays of equal damping and circles of equal natural frequency; a pole right of 0 is unstable.  The poles with a
+    damping ratio below 0.5 set the range that is shown.
+    """
+    chosen = style.named(models)
+    hertz = units.of("Hz")[1]
+    upper = {name: _upper(model.poles(), model, hertz) for name, model in chosen.items()}
+    light = [abs(s) for row in upper.values() for s in row if s.imag > 0.0 and -s.real < _LIGHT * abs(s)]
+    known = light or [abs(s) for row in upper.values() for s in row if np.isfinite(s)]
+    reach = _ROOM * max(known, default=hertz)
+    curves, notes = list[Curve](), list[Note]()
+    for ratio in DAMPINGS:
+        x, y = -ratio, float(np.sqrt(1.0 - ratio**2))
+        end = reach * min(1.0 / y, 1.0 / -x)
+        curves.append(Curve(np.array([0.0, end * x]), np.array([0.0, end * y]), number=NEUTRAL, look=THIN))
+        notes.append(Note(0.9 * end * x, 0.9 * end * y, Text(f"{Quantity(ratio)}")))
+    circles = [k * _step(reach) for k in range(1, 8) if k * _step(reach) < reach]
+    notes += [Note(0.0, radius, Text(f"{Quantity(radius / hertz, 'Hz'):6}"), right=True) for radius in circles]
+    for i, (name, s) in enumerate(upper.items()):
+        model, grows = chosen[name], np.real(s) >= 0.0
+        curves.append(Curve(np.real(s[~grows]), np.imag(s[~grows]), name, i, CROSS, _lightest(s / hertz)))
+        if np.any(grows):
+            growing = f"{name} grows".strip()
+            curves.append(Curve(np.real(s[grows]), np.imag(s[grows]), growing, ALERT, CROSS))
+        if model.inputs and model.outputs:
+            there = _upper(model.zeros(), model, hertz)
+            curves.append(Curve(np.real(there), np.imag(there), number=i, look=RING))
+    axes = Level(0.0), Level(0.0, upright=True)
+    discs = tuple(Disc(0.0, 0.0, radius) for radius in circles)
+    panel = Panel(
+        f"imaginary part of s ({unit_name('Hz')})",
+        tuple(curves),
+        levels=axes,
+        discs=discs,
+        notes=tuple(notes),
+        low=-_BELOW * reach,
+        high=reach,
+    )
+    return Chart(
+        f"real part of s ({unit_name('Hz')})",
+        (panel,),
+        low=-reach,
+        high=_RIGHT * reach,
+        square=True,
+        height=4.8,
+        factor=hertz,
+    )
+
+
+def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
+    """Return s of the upper half plane in the shown unit of frequency, without what lies at z = 0."""
+    s = continuous(z, model.sample_time)
+    return hertz / (2.0 * np.pi) * s[np.isfinite(s) & (np.imag(s) >= 0.0)]
+
+
+def _lightest(s: np.ndarray) -> str:
+    """The least damped pole that oscillates, in words; s in Hz."""
+    swings = s[np.imag(s) > 0.0]
+    if not swings.size:
+        return "no pole oscillates"
+    ratio = -np.real(swings) / np.abs(swings)
+    at = int(np.argmin(ratio))
+    return Text(f"least damping {Quantity(ratio[at]):2} at {Quantity(abs(swings[at]), 'Hz'):3}")
+
+
+def _step(reach: float) -> float:
+    """Return a round step that goes three to seven times into a length."""
+    size = 10.0 ** np.floor(np.log10(reach / 3.0))
+    return float(size * max(multiple for multiple in (1.0, 2.0, 2.5, 5.0) if multiple * size <= reach / 3.0))
+
+
+def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
+    """Damping ratio over natural frequency of all poles up to Nyquist: 1 for real poles, negative for unstable ones."""
+    chosen = style.named(models)
+    hertz = units.of("Hz")[1]
+    curves, sizes, least = list[Curve](), list[float](), 0.0
+    for i, (name, model) in enumerate(chosen.items()):
+        z = model.poles().astype(complex)
+        there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (np.imag(z) >= 0.0)  # neither delays nor integrators
+        frequency, damping = natural(z[there], model.sample_time)
+        grows = damping <= 0.0
+        caption = _lightest(_upper(z[there], model, 1.0))
+        curves.append(Curve(hertz * frequency[~grows], damping[~grows], name, i, CROSS, caption))
+        if np.any(grows):
+            curves.append(Curve(hertz * frequency[grows], damping[grows], f"{name} grows".strip(), ALERT, CROSS))
+        sizes += [float(value) for value in hertz * frequency]
+        least = min(least, float(np.min(damping, initial=0.0)))
+    panel = Panel("damping ratio", tuple(curves), levels=(Level(0.0),), low=least - 0.08, high=1.08)
+    nyquist = max(0.5 * hertz / model.sample_time for model in chosen.values())
+    low, high = 0.5 * min(sizes, default=1e-3 * nyquist), min(2.0 * max(sizes, default=nyquist), nyquist)
+    return Chart(f"natural frequency ({unit_name('Hz')})", (panel,), FREQUENCY, low, high, factor=hertz)
+
+
+def stability_chart(stability: Stability) -> Chart:
+    """Poles of the loop."""
+    return poles_chart(stability.model)
+
+
+def placement_chart(placement: Placement) -> Chart:
+    """Poles of the sampled loop."""
+    return poles_chart(placement.stability.model)
+
+
+_MOST = 6  # rows of one picture
+_DECADES = 3.0  # below the smallest reserve, the range that is shown
+_DISCS = 500  # drawn in the complex plane
+_REACH = (-2.4, 1.2, -1.9, 1.7)  # of the discs: left, right, low, high
+
+
+def certificate_chart(certificate: Certificate) -> Chart:
+    """|1 + L|/|L| of each plant over the certified radius, the plants with the smallest reserve first.
+
+    With two rates 1/Σ|H| instead, over the force at a frequency and its images that a sine of 1 N there adds to.
+    """
+    plants = sorted(certificate.document["plants"], key=lambda plant: plant["reserve"] or np.inf)[:_MOST]
+    nyquist = 0.5 / certificate.sample_time
+    low = min(max(plant["reserve_at_Hz"] * 10.0**-_DECADES, 1e-4 * nyquist) for plant in plants)
+    panels = tuple(_room(certificate, plant, low, named=len(plants) > 1, first=plant is plants[0]) for plant in plants)
+    return Chart(f"frequency ({unit_name('Hz')})", panels, FREQUENCY, low, nyquist, height=1.0 + 2.2 * len(plants))
+
+
+certificate = figure_of(certificate_chart)
+
+
+def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
+    """The panel of one plant: its distance from -1, the part of it that the discs take, and the measured bands."""
+    loop = certificate.loops[plant["name"]]
+    f = loop.lines()
+    f = f[f >= low]
+    distance, taken = loop.room(f)
+    size = loop.size(f)
+    near, radius = distance / size, taken / size
+    least = float(np.min(near))
+    floor = max(0.5 * min(least, float(np.min(radius)) or 1.0), 1e-3 * least)
+    names = ("1/Σ|H|" if certificate.two_rates else "|1 + L|/|L|", "radius r of the discs") if first else ("", "")
+    curves = [Curve(f, near, names[0], 0), Curve(f, radius, names[1], 1)]
+    curves += [Curve(np.array(band), np.full(2, 1.08 * floor), number=2, look=BAR) for band in _measured(plant)]
+    marks, caption = list[Mark](), "no disc"
+    if plant["reserve"] is not None:
+        place = np.array([plant["reserve_at_Hz"]])
+        marks.append(Mark(float(place[0]), float((loop.room(place)[0] / loop.size(place))[0]), 0))
+        caption = Text(
+            f"discs could be {Quantity(plant['reserve']):3} times as wide, at {Quantity(plant['reserve_at_Hz'], 'Hz')}"
+        )
+    return Panel(
+        "relative size",
+        tuple(curves),
+        tuple(marks),
+        bands=(Band(f, np.full(f.size, floor), radius, 1),),
+        scale=LOG,
+        low=floor,
+        high=30.0 * max(1.0, least),
+        caption=Text(f"{plant['name']}: {caption}") if named else caption,
+    )
+
+
+def _measured(plant: Any) -> list[tuple[float, float]]:
+    """The bands in which a plant was measured."""
+    return [(lines[0][0], lines[-1][0]) for lines in plant["lines"] if lines]
+
+
+def certificate_discs_chart(certificate: Certificate) -> Chart:
+    """L of the plant with the smallest reserve near -1, with the disc in which it may lie at each frequency."""
+    plant = min(certificate.document["plants"], key=lambda candidate: candidate["reserve"] or np.inf)
+    loop: LoopResponse = certificate.loops[plant["name"]]
+    f = loop.lines()
+    L = loop.gains(f).sum(axis=0)
+    taken = loop.room(f)[1]
+    near = (np.abs(L.real + 0.6) < 2.5 + taken) & (np.abs(L.imag) < 2.5 + taken) & (taken < 4.0)
+    walked = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(L[near])))])
+    keep = np.unique(np.searchsorted(walked, np.linspace(0.0, walked[-1], _DISCS)).clip(0, walked.size - 1))
+    may, reach = L[near][keep], taken[near][keep]
+    curves = (
+        Curve(may.real, may.imag, "where L may lie", 1, reach=reach),
+        Curve(np.clip(L.real, -20, 20), np.clip(L.imag, -20, 20), "L of the model", 0),
+        Curve(np.array([-1.0]), np.array([0.0]), number=ALERT, look=PLUS),
+    )
+    axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
+    left, right, low, high = _REACH
+    note = Note(-1.0, 0.0, "-1", ALERT)
+    panel = Panel("imaginary part of L", curves, levels=axes, notes=(note,), low=low, high=high, caption=plant["name"])
+    return Chart("real part of L", (panel,), low=left, high=right, square=True, height=5.2, width=5.8)
+
+
+certificate_discs = figure_of(certificate_discs_chart)

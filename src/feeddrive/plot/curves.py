@@ -1,20 +1,45 @@
-"""Plots of plain curves, for experiments: rows over one abscissa, moving poles, one turn of a tool, magnitudes."""
+"""Plots of plain curves, distributions and surfaces."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.quantity import DRAWN, Quantity, unit_name
 from feeddrive.language.text import Text
+from feeddrive.loop.loop import UNITS
 from feeddrive.plot import style
-from feeddrive.plot.chart import FREQUENCY, HOLLOW, LINEAR, LOG, MARKERS, Chart, Curve, Level, Panel, numbered
+from feeddrive.plot.chart import (
+    ALERT,
+    FREQUENCY,
+    HOLLOW,
+    LINEAR,
+    LOG,
+    MARKERS,
+    Abscissa,
+    Box,
+    Chart,
+    Curve,
+    Field,
+    Heat,
+    Level,
+    Panel,
+    listed,
+    numbered,
+)
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
+
+    from feeddrive.analysis.effort import Effort
+    from feeddrive.loop.gradient import Gradient
+    from feeddrive.loop.simulate import Batch
+    from feeddrive.machining.surface import Surface
 
 
 class Row(NamedTuple):
@@ -124,3 +149,126 @@ def left_over_chart(
 
 
 left_over = figure_of(left_over_chart)
+
+
+def batch_chart(batch: Batch) -> Chart:
+    """Histogram of the RMS over the variants, for each signal, without variants that left their bounds."""
+    inside = batch.left < 0
+    panels = [_variants(name, rms[inside], i) for i, (name, rms) in enumerate(batch.rms.items())]
+    across = min(2, len(panels))
+    lost = int(np.sum(~inside))
+    caption = f"{lost} of {inside.size} variants left their bounds and are not shown" if lost else ""
+    return Chart("", tuple(panels), across=across, height=0.5 + 2.0 * -(-len(panels) // across), caption=caption)
+
+
+batch = figure_of(batch_chart)
+
+
+def _variants(name: str, rms: np.ndarray, number: int) -> Panel:
+    unit = UNITS[name]
+    factor = DRAWN.of(unit)[1]
+    values = factor * rms[np.isfinite(rms)]
+    abscissa = f"RMS of {name.replace('_', ' ')} ({unit_name(unit)})"
+    if not values.size:
+        return Panel("variants", abscissa=Abscissa(abscissa))
+    median, least = (Quantity(size / factor, unit, bare=True) for size in (np.median(values), values.min()))
+    middle = Level(float(np.median(values)), upright=True)
+    caption = Text(f"median {median}, least {least}")
+    return replace(histogram(values, abscissa, "variants", values.size // 5, number), levels=(middle,), caption=caption)
+
+
+def histogram(values: np.ndarray, abscissa: str, ordinate: str, more: int, number: int = 0) -> Panel:
+    """How many of some values lie in each of 5 + `more` stretches of their range, at most 40."""
+    low, high = float(values.min()), float(values.max())
+    if high <= low:
+        low, high = style.padded(low, high)
+    counts, edges = np.histogram(values, np.linspace(low, high, min(40, 5 + more) + 1))
+    bars = tuple(
+        Box(float(a), float(b), 0.0, float(count), number)
+        for a, b, count in zip(edges[:-1], edges[1:], counts, strict=True)
+        if count
+    )
+    left, right = style.padded(low, high, 0.03)
+    top = 1.05 * float(np.max(counts))
+    return Panel(ordinate, boxes=bars, low=0.0, high=top, abscissa=Abscissa(abscissa, low=left, high=right))
+
+
+def gradient_chart(gradient: Gradient) -> Chart:
+    """By how many percent the cost changes for +1 % of each parameter: falls to the left, rises to the right."""
+    names = list(gradient.gradient)
+    scale = gradient.cost or 1.0
+    share = {name: gradient.gradient[name] * gradient.values[name] / scale for name in names}
+    names.sort(key=lambda name: -abs(share[name]))
+    texts = [Text(f"{Quantity(0.01 * share[name], 'share'):+.3f}") for name in names]
+    panel = bars(names, [share[name] for name in names], texts, [int(share[name] >= 0.0) for name in names])
+    reach = max(map(abs, share.values()), default=0.0) or 1.0
+    low, high = (1.3 * end for end in (min(0.0, *share.values()), max(0.0, *share.values())))
+    return Chart(
+        "change of the cost for +1 % of the parameter (%)",
+        (replace(panel, levels=(Level(0.0, upright=True),)),),
+        low=min(low, -0.18 * reach),
+        high=max(high, 0.18 * reach),
+        height=1.0 + 0.3 * len(names),
+    )
+
+
+gradient = figure_of(gradient_chart)
+
+
+def effort_chart(effort: Effort) -> Chart:
+    """Operations of one sample by kind."""
+    names = sorted(effort.operations, key=lambda name: -effort.operations[name])
+    sizes = [float(effort.operations[name]) for name in names]
+    panel = bars(names, sizes, [f"{size:g}" for size in sizes])
+    label = f"operations a sample, {effort.total} in all"
+    return Chart(label, (panel,), low=0.0, high=1.1 * max(sizes, default=1.0), height=1.0 + 0.3 * len(names))
+
+
+effort = figure_of(effort_chart)
+
+
+def bars(
+    names: Sequence[str],
+    sizes: Sequence[float],
+    texts: Sequence[str],
+    numbers: Sequence[int] | None = None,
+    base: float = 0.0,
+) -> Panel:
+    """A row for each name, from the top: a bar from `base` to its size, with a text beside."""
+    boxes = tuple(
+        Box(
+            min(base, size),
+            max(base, size),
+            -row - 0.32,
+            -row + 0.32,
+            0 if numbers is None else numbers[row],
+            text=texts[row],
+            beside=True,
+        )
+        for row, size in enumerate(sizes)
+    )
+    return Panel("", boxes=boxes, ticks=listed(names), low=0.4 - max(len(names), 1), high=0.6)
+
+
+def surface_chart(surface: Surface) -> Chart:
+    """Height map in µm, and below it the profile at the tip beside the closed form of the feed mark."""
+    along = 1e3 * (surface.along - surface.along[0])
+    off = 1e6 * surface.map
+    mark = Level(float(np.min(off[0])) + 1e6 * surface.mark, dashed=True, number=ALERT, caption="feed mark alone")
+    ra, rz = surface.roughness
+    profile = Panel(
+        f"left of\nmaterial ({unit_name('um')})",
+        (Curve(along, off[0], "profile at the tip"),),
+        levels=(mark,),
+        share=2.0,
+        caption=Text(f"Ra {Quantity(ra, 'm'):3}, Rz {Quantity(rz, 'm'):3} of the patch"),
+    )
+    panels = [profile]
+    if len(surface.heights) > 1:
+        heat = Heat(f"left of material ({unit_name('um')})", float(np.min(off)), float(np.max(off)))
+        field = Field(along, 1e3 * surface.heights, off)
+        panels.insert(0, Panel("above the tip (mm)", field=field, heat=heat, share=3.0))
+    return Chart("along the feed (mm)", tuple(panels), height=4.6 if len(panels) > 1 else 2.8)
+
+
+surface = figure_of(surface_chart)

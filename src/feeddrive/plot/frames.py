@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
     from feeddrive.analysis.effort import Effort
     from feeddrive.analysis.friction_map import FrictionMap
-    from feeddrive.analysis.margin_intervals import MarginIntervals
-    from feeddrive.analysis.margins import Margins
+    from feeddrive.analysis.margins import MarginIntervals, Margins
     from feeddrive.analysis.measured_loop import MeasuredLoop
     from feeddrive.analysis.replay import Observation, Replay
     from feeddrive.analysis.spectrum import Spectrum
@@ -33,10 +32,9 @@ if TYPE_CHECKING:
     from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
     from feeddrive.identification.friction_curve import FrictionCurve, SteadyRuns
     from feeddrive.identification.motion.control_law import ControlFit
-    from feeddrive.identification.motion.delay import DelayFit
     from feeddrive.identification.motion.identify import Identified
     from feeddrive.identification.motion.output_error import Refinement
-    from feeddrive.identification.motion.rigid import RigidFit
+    from feeddrive.identification.motion.rigid import DelayFit, RigidFit
     from feeddrive.identification.regression import Residuals, Validation
     from feeddrive.identification.response.agreement import Agreement
     from feeddrive.identification.response.fit_axis import AxisFits

@@ -1,11 +1,13 @@
-"""Pictures of identified drives: fits over measurements, residuals and cogging."""
+"""Pictures of identified drives: friction over velocity, fits over measurements, residuals and cogging."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.identification.regression import NORMAL
 from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import style
@@ -18,6 +20,7 @@ from feeddrive.plot.chart import (
     PLAIN,
     THIN,
     Abscissa,
+    Band,
     Box,
     Chart,
     Curve,
@@ -32,12 +35,211 @@ from feeddrive.plot.style import envelope
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from feeddrive.analysis.friction_map import FrictionMap
+    from feeddrive.blocks.families import Friction
     from feeddrive.identification.cogging import CoggingFit, CoggingRun
+    from feeddrive.identification.friction_curve import FrictionCurve, SteadyRuns
     from feeddrive.identification.motion.control_law import ControlFit
-    from feeddrive.identification.motion.delay import DelayFit
     from feeddrive.identification.motion.identify import Identified
-    from feeddrive.identification.motion.rigid import RigidFit
+    from feeddrive.identification.motion.rigid import DelayFit, RigidFit
     from feeddrive.identification.regression import Residuals, Validation
+    from feeddrive.loop.loop import Loop
+    from feeddrive.loop.simulate import Run
+
+
+CELLS = 160  # size of the picture in points: of points that coincide one is drawn
+_MET, _ALL = 5, "model with the viscous friction of the plant"
+_SLOWEST = 1e-5  # of the largest velocity: where curves begin on both sides of standstill
+_ZERO = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
+
+
+def friction_chart(
+    loops: Loop | Mapping[str, Loop],
+    run: Run | None = None,
+    measured: FrictionMap | None = None,
+    units: Units = DRAWN,
+) -> Chart:
+    """Friction force over velocity in both directions, with a measured map and the residual of the model.
+
+    Loops with equal friction share one curve.  `run` adds the friction in a run of the first loop.
+    """
+    chosen = style.named(loops)
+    reach, newton = _reach(run, measured), units.of("N")[1]
+    curves = list[Curve]()
+    first = next(iter(chosen.values()), None)
+    if run is not None and first is not None:
+        curves += _met(first, run, newton)
+    for i, (name, block) in enumerate(_different(chosen).items()):
+        v, force = _both(lambda v, block=block: _steady((block,), v), reach)
+        curves.append(Curve(1e3 * v, newton * force, name, i))
+    left = list[Curve]()
+    if measured is not None:
+        curves += _measured(
+            measured.velocity, measured.force, measured.deviation, newton, "measured, mean and deviation"
+        )
+        if first is not None:
+            curves += _whole(first, reach, newton, len(curves))
+            rest = measured.force - _of(first, measured.velocity)
+            left += _measured(measured.velocity, rest, measured.deviation, newton)
+    panels = [Panel(f"friction ({unit_name('N')})", tuple(curves), levels=_ZERO, share=2.0)]
+    if left:
+        panels.append(Panel(f"residual ({unit_name('N')})", tuple(left), levels=_ZERO))
+    end = 1.03e3 * reach
+    return Chart(
+        f"velocity ({unit_name('m/s')})", tuple(panels), low=-end, high=end, height=3.4 if len(panels) == 1 else 4.4
+    )
+
+
+friction = figure_of(friction_chart)
+
+
+def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
+    return np.array([sum(float(block.steady(np.float64(v))) for block in blocks) for v in velocity])
+
+
+def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities of both directions with a gap at standstill, and the force at each of them."""
+    ahead = reach * np.concatenate([[1e-4 * _SLOWEST], np.geomspace(_SLOWEST, 1.0, 400)])
+    return (
+        np.concatenate([-ahead[::-1], [np.nan], ahead]),
+        np.concatenate([force(-ahead[::-1]), [np.nan], force(ahead)]),
+    )
+
+
+def _of(loop: Loop, velocity: np.ndarray) -> np.ndarray:
+    """All friction of an axis that moves as one body, in N: of its blocks, and the viscous one of its plant."""
+    from feeddrive.tuning.candidates import axis_model
+
+    model = axis_model(loop)
+    return np.array([model.dry_friction(float(v)) + model.viscous * float(v) for v in velocity])
+
+
+def _whole(loop: Loop, reach: float, newton: float, number: int) -> list[Curve]:
+    """The curve of the total friction, if it differs from that of a single block."""
+    blocks = [block for block in (loop.axis.friction_motor, loop.axis.friction_load) if block is not None]
+    v, force = _both(lambda v: _of(loop, v), reach)
+    alone = _both(lambda v: _steady(blocks, v), reach)[1] if len(blocks) == 1 else None
+    if alone is not None and np.allclose(alone, force, rtol=1e-9, equal_nan=True):
+        return []
+    return [Curve(1e3 * v, newton * force, _ALL, number)]
+
+
+def _measured(
+    velocity: np.ndarray, force: np.ndarray, deviation: np.ndarray | None, newton: float, name: str = ""
+) -> list[Curve]:
+    """Points, and a bar of one deviation on both sides of each."""
+    points = Curve(1e3 * velocity, newton * force, name, NEUTRAL, DOTS)
+    if deviation is None:
+        return [points]
+    x = np.column_stack([velocity, velocity, np.full(velocity.size, np.nan)]).ravel()
+    y = np.column_stack([force - deviation, force + deviation, np.full(velocity.size, np.nan)]).ravel()
+    return [Curve(1e3 * x, newton * y, number=NEUTRAL, look=THIN), points]
+
+
+def has_friction(loop: Loop) -> bool:
+    """Return True if the axis of a loop has friction."""
+    return loop.axis.friction_load is not None or loop.axis.friction_motor is not None
+
+
+def _reach(run: Run | None, measured: FrictionMap | None) -> float:
+    speeds = [0.0]
+    if run is not None:
+        speeds.append(float(np.max(np.abs(run["velocity_load"]), initial=0.0)))
+    if measured is not None:
+        speeds.append(float(np.max(np.abs(measured.velocity), initial=0.0)))
+    return max(speeds) or 0.1
+
+
+def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
+    """The distinct friction models of the loops, by label."""
+    frictions: dict[str, Friction] = {}
+    seen: set[str] = set()
+    places = {"friction_load": "guideway", "friction_motor": "screw and bearings"}
+    several = any(loop.axis.friction_motor is not None for loop in loops.values())
+    for name, loop in loops.items():
+        for field, place in places.items():
+            block = getattr(loop.axis, field)
+            if block is None or f"{field} {block!r}" in seen:
+                continue
+            seen.add(f"{field} {block!r}")
+            label = f"model, {place}" if several else "model"
+            frictions[label if label not in frictions else f"{label}, {name}"] = block
+    return frictions
+
+
+def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
+    """Friction in the run: the force of a row belongs to the velocity at the end of its sample."""
+    curves = list[Curve]()
+    for place in ("load", "motor"):
+        block = getattr(loop.axis, f"friction_{place}")
+        if block is None or run.time.size < 3:
+            continue
+        velocity = run[f"velocity_{place}"][1:]
+        force = -run[f"friction_{place}"][:-1] + float(block.linear()) * velocity
+        cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
+        _, kept = np.unique(cells, axis=0, return_index=True)
+        name = "" if curves else "met in the run"
+        curves.append(Curve(1e3 * velocity[kept], newton * force[kept], name, _MET, DOTS))
+    return curves
+
+
+def friction_map_chart(friction_map: FrictionMap) -> Chart:
+    """Measured friction over velocity."""
+    return friction_chart({}, measured=friction_map)
+
+
+def steady_runs_chart(runs: SteadyRuns) -> Chart:
+    """Force over velocity."""
+    unit, _, force_unit, newton = _scales(runs)
+    panel = Panel(f"force ({unit_name(force_unit, 'SI')})", tuple(_points(runs, newton)), levels=_ZERO)
+    return Chart(f"velocity ({unit_name(unit, 'SI')})", (panel,), height=3.2)
+
+
+steady_runs = figure_of(steady_runs_chart)
+
+
+def identified_friction_chart(curve: FrictionCurve) -> Chart:
+    """The runs, the curve with its 95 % band, and the residuals."""
+    runs = curve.runs
+    unit, factor, force_unit, newton = _scales(runs)
+    v, force = _both(curve.at, float(np.max(np.abs(runs.velocity))))
+    half = NORMAL * _both(curve.error, float(np.max(np.abs(runs.velocity))))[1]
+    name = "95 % band of the curve"
+    low, high = newton * (force - half), newton * (force + half)
+    above = Panel(
+        f"force ({unit_name(force_unit, 'SI')})",
+        (*_points(runs, newton), Curve(factor * v, newton * force, curve.model.name)),
+        levels=_ZERO,
+        bands=(Band(factor * v, low, high, 0, name),),
+        share=2.0,
+    )
+    left = Curve(factor * runs.velocity, newton * curve.residual, number=1, look=DOTS)
+    below = Panel(
+        f"residual ({unit_name(force_unit, 'SI')})",
+        (left,),
+        levels=_ZERO,
+        bands=(Band(factor * v, -newton * half, newton * half, 0),),
+    )
+    return Chart(f"velocity ({unit_name(unit, 'SI')})", (above, below), height=4.2)
+
+
+identified_friction = figure_of(identified_friction_chart)
+
+
+def _scales(runs: SteadyRuns) -> tuple[str, float, str, float]:
+    """Unit and factor of the velocity, and of the force, from those of the runs."""
+    small = runs.frame.force == "N m" and float(np.max(np.abs(runs.force))) < 0.1
+    velocity, factor = ("mm/s", 1e3) if runs.frame.velocity == "m/s" else (runs.frame.velocity, 1.0)
+    force, newton = ("mN m", 1e3) if small else (runs.frame.force, 1.0)
+    return velocity, factor, force, newton
+
+
+def _points(runs: SteadyRuns, newton: float) -> list[Curve]:
+    """The mean of each run, with two standard errors on both sides where they are known."""
+    factor = _scales(runs)[1]
+    errors = None if np.any(np.isnan(runs.error)) else 2.0 * runs.error
+    return _measured(1e-3 * factor * runs.velocity, runs.force, errors, newton, "measured")
+
 
 _LAGS = 40  # of an autocorrelation
 _CUT = 0.3  # of an amplitude: a bar of errors that reaches below is cut off there on the logarithmic scale

@@ -30,9 +30,8 @@ from feeddrive.plot.chart import (
 from feeddrive.plot.drawing import figure_of
 
 if TYPE_CHECKING:
-    from feeddrive.machining.chatter_signs import ChatterSigns
     from feeddrive.machining.cutting_force import CuttingForces
-    from feeddrive.machining.lobes import CutStability, Lobes
+    from feeddrive.machining.lobes import ChatterSigns, CutStability, Lobes
 
 _CROWDED = 12  # tooth-passing lines that are labeled; of more of them only the upper ones are
 

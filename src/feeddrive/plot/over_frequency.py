@@ -15,12 +15,12 @@ from feeddrive.language.text import Text, joined
 from feeddrive.plot import style
 from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LINEAR, LOG, PLAIN, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.drawing import figure_of
-from feeddrive.plot.uncertainty import coherence_panels, doubtful, magnitude_band, phase_band
+from feeddrive.plot.responses import coherence_panels, doubtful, magnitude_band, phase_band
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from feeddrive.analysis.margin_intervals import MarginIntervals
+    from feeddrive.analysis.margins import MarginIntervals
     from feeddrive.analysis.measured_loop import MeasuredLoop
     from feeddrive.analysis.spectrum import Spectrum
     from feeddrive.analysis.stiffness import Stiffness

@@ -5,11 +5,10 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "circle_report": "circle_report",
         "laws": "Entry LawsContents",
         "laws_report": "laws_report",
+        "machining_report": "circle_report plan_report",
         "page": "html",
-        "plan_report": "plan_report",
         "report": "Code Facts Marked Picture Remarks Report Section Verdict",
     },
 )

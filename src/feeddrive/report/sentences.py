@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from feeddrive.analysis.replay import Replay
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control

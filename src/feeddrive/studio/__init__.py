@@ -5,7 +5,6 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "server": "make_app",
-        "session": "Session",
+        "server": "make_app Session",
     },
 )

@@ -2,5 +2,5 @@
 
 # written by `make stubs`
 
+from feeddrive.studio.server import Session as Session
 from feeddrive.studio.server import make_app as make_app
-from feeddrive.studio.session import Session as Session

@@ -24,7 +24,7 @@ from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.plot.chart import Chart
-from feeddrive.plot.friction import friction_chart
+from feeddrive.plot.identification import friction_chart
 from feeddrive.plot.responses import Overlay
 from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.closed_loop import through

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feeddrive.language.errors import CancelledError, FeeddriveError
-from feeddrive.language.processes import follow_parent, one_thread
-from feeddrive.language.progress import Progress
+from feeddrive.language.progress import Progress, follow_parent, one_thread
 from feeddrive.language.text import Text
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The access control of the page's server: the browser of this machine, on its page, with the cookie of this start.
+"""Who may talk to the page's server: its cookie, its origin, and the password of an open page.
 
 Host      only the addresses under which the server listens: a name that a foreign page points here is refused
 (DNS rebinding)
@@ -11,15 +11,59 @@ headers   a policy that loads nothing from elsewhere and runs no inline script; 
 from __future__ import annotations
 
 import asyncio
+import getpass
 import hmac
 import ipaddress
+import os
 import secrets
+import sys
 import threading
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
 from typing import Any, TypeAlias
 from urllib.parse import parse_qs
+
+from feeddrive.files.atomic_io import read_whole
+from feeddrive.language.errors import ParameterError
+
+OPTION = "--password-file"
+STANDARD_INPUT = "-"
+_SHORTEST, _LONGEST = 12, 300  # characters; a browser sends up to three bytes for each byte of them
+_MOST = 10_000  # bytes of the file
+_OTHERS = 0o077  # permissions of group and others
+
+
+def read_password(path: Path) -> str:
+    """Read the password: the first line of a file, or of standard input for `-`, without an echo in a terminal.
+
+    Raises FileError for a file that cannot be read, ParameterError for one that others may read and for a password of
+    the wrong length.
+    """
+    if str(path) != STANDARD_INPUT:
+        content = read_whole(path, _MOST)
+        permissions = os.stat(path).st_mode
+        if os.name == "posix" and permissions & _OTHERS:
+            raise ParameterError(
+                f"{OPTION} {path}: other users of this machine may read or write it (mode {permissions & 0o777:o}): "
+                f"chmod 600 {path}"
+            )
+        line = content.partition(b"\n")[0]
+    elif sys.stdin.isatty():
+        line = getpass.getpass("Password of the page: ").encode()
+    else:
+        line = sys.stdin.buffer.readline(_MOST)
+    try:
+        password = line.rstrip(b"\r\n").decode()
+    except UnicodeDecodeError:
+        raise ParameterError(f"{OPTION} {path}: its first line is no text in UTF-8: write the password anew") from None
+    if not _SHORTEST <= len(password) <= _LONGEST:
+        raise ParameterError(
+            f"{OPTION} {path}: its first line has {len(password)} characters: a password has {_SHORTEST} to {_LONGEST}"
+        )
+    return password
+
 
 Scope: TypeAlias = MutableMapping[str, Any]
 Receive: TypeAlias = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -54,7 +98,7 @@ _CLOSED = (
     "terminal of feeddrive studio prints another one"
 )
 _PAUSE = 1.0  # s after a wrong password, for all who try
-_LONGEST = 1_000  # bytes of a password with its name
+_LONGEST_BODY = 1_000  # bytes of a password with its name
 
 
 class Tokens:
@@ -216,7 +260,7 @@ async def _body(receive: Receive) -> bytes:
     while True:
         message = await receive()
         body += message.get("body", b"")
-        if len(body) > _LONGEST or message["type"] != "http.request":
+        if len(body) > _LONGEST_BODY or message["type"] != "http.request":
             return b""
         if not message.get("more_body"):
             return body

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from feeddrive.files.to_toml import to_toml
-from feeddrive.files.toml_values import quoted
+from feeddrive.files.from_toml import to_toml
+from feeddrive.files.toml_edit import quoted
 from feeddrive.tuning.filters import difference
 
 if TYPE_CHECKING:

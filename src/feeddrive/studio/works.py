@@ -16,14 +16,14 @@ from feeddrive.language.quantity import DRAWN, Quantity
 from feeddrive.language.table import Grid
 from feeddrive.language.text import Text, resolve
 from feeddrive.plot.chart import Chart
+from feeddrive.studio.desk import tabled
 from feeddrive.studio.jobs import perform
-from feeddrive.studio.room import tabled
 
 if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
     from feeddrive.loop.control import Control
     from feeddrive.machining.circle_test import CircleTest
-    from feeddrive.studio.inspect_file import Understood
+    from feeddrive.studio.uploads import Understood
     from feeddrive.workflow.certify import CertifyRequest
     from feeddrive.workflow.circle import CircleRequest
     from feeddrive.workflow.command import Outcome
@@ -96,8 +96,7 @@ def _fit_charts(result: Any) -> Iterator[tuple[str, Chart]]:
     from feeddrive.identification.motion.identify import Identified
     from feeddrive.identification.response.fit_axis import AxisFits
     from feeddrive.identification.response.modal_fit import ModalFit
-    from feeddrive.plot.friction import friction_chart
-    from feeddrive.plot.identification import identified_chart
+    from feeddrive.plot.identification import friction_chart, identified_chart
     from feeddrive.plot.responses import estimates_chart, response_fit_chart
 
     if isinstance(result, Identified):
@@ -114,7 +113,7 @@ def _fit_charts(result: Any) -> Iterator[tuple[str, Chart]]:
 
 def toured(request: TourRequest, progress: Progress) -> list[Understood]:
     """Write and read the log of the tour."""
-    from feeddrive.studio.inspect_file import understand
+    from feeddrive.studio.uploads import understand
 
     outcome = perform("tour", request, progress)
     return understand([Path(str(path)) for path in outcome.files.values()], progress)
@@ -122,7 +121,7 @@ def toured(request: TourRequest, progress: Progress) -> list[Understood]:
 
 def certified(request: CertifyRequest, progress: Progress) -> Shown:
     """Prove a certificate, and draw it over frequency and as discs in the complex plane."""
-    from feeddrive.plot.certificate import certificate_chart, certificate_discs_chart
+    from feeddrive.plot.complex_plane import certificate_chart, certificate_discs_chart
 
     outcome = perform("certify", request, progress)
     charts = {"certificate": certificate_chart(outcome.result)}
@@ -158,8 +157,7 @@ def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
     """Run a part program on the machine: contour error on the path, and the worst places."""
-    from feeddrive.plot.contour import contour_on_path_chart, place_chart, place_view
-    from feeddrive.plot.part_run import part_zoom_chart
+    from feeddrive.plot.part_program import contour_on_path_chart, part_zoom_chart, place_chart, place_view
 
     outcome = perform("run", request, progress)
     progress.step("pictures")

@@ -9,11 +9,9 @@ make_lazy(
         "answers.page": "write_report",
         "chunk": "run_chunk",
         "robust": "Robust tune_robust",
-        "specification": "Bound",
         "store": "Manifest Store",
-        "study": "Study read_study",
+        "study": "Bound Study read_study",
         "sweep": "Sweep",
-        "variant_groups": "VariantGroup variant_groups",
-        "variants": "Variants variants",
+        "variants": "VariantGroup variant_groups Variants variants",
     },
 )

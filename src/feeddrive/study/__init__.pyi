@@ -8,13 +8,13 @@ from feeddrive.study.answers.page import write_report as write_report
 from feeddrive.study.chunk import run_chunk as run_chunk
 from feeddrive.study.robust import Robust as Robust
 from feeddrive.study.robust import tune_robust as tune_robust
-from feeddrive.study.specification import Bound as Bound
 from feeddrive.study.store import Manifest as Manifest
 from feeddrive.study.store import Store as Store
+from feeddrive.study.study import Bound as Bound
 from feeddrive.study.study import Study as Study
 from feeddrive.study.study import read_study as read_study
 from feeddrive.study.sweep import Sweep as Sweep
-from feeddrive.study.variant_groups import VariantGroup as VariantGroup
-from feeddrive.study.variant_groups import variant_groups as variant_groups
+from feeddrive.study.variants import VariantGroup as VariantGroup
 from feeddrive.study.variants import Variants as Variants
+from feeddrive.study.variants import variant_groups as variant_groups
 from feeddrive.study.variants import variants as variants

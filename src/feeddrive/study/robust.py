@@ -1,4 +1,11 @@
-"""Tuning over the machines of a study: one control for all of them, or for a stated share.
+"""Tuning over the machines of a study, and its proof on machines that the tuner never saw.
+
+Proof of a tuning on machines that the tuner never saw: drawn from another stream of the study's seed.
+
+The machines are drawn independently (Monte Carlo), whatever the study's sampler is, so that the number of good ones is
+binomial and the interval of the yield holds.  Both controls are measured on the same machines.
+
+Tuning over the machines of a study: one control for all of them, or for a stated share.
 
     minimize  max over machines of the goal   subject to   all limits on every machine
 
@@ -17,27 +24,261 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from feeddrive.figures.catalogue import goals
-from feeddrive.figures.of_loops import ROPE_SNAP
-from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.evaluation.engine import Engine
+from feeddrive.figures.catalogue import goals, limitable
+from feeddrive.figures.figure import Figure, Limit
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK, ROPE_SNAP, STIFFNESS_LEAST
+from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import USUAL, Quantity, number, unit_name
 from feeddrive.language.table import Cell, Result, Table, chart_of
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.plot.chart import Chart
-from feeddrive.study.answers.shares import Share
-from feeddrive.study.fresh import Measured, bounds_of, is_limit, limits_of, measured
-from feeddrive.study.scenarios import Merits, scenarios
-from feeddrive.study.specification import Bound
-from feeddrive.study.study import StudyLike, read_study
-from feeddrive.tuning.criteria import Limits
+from feeddrive.loop.runner import cores
+from feeddrive.plot import style
+from feeddrive.plot.chart import ALERT, Abscissa, Box, Chart, Curve, Panel, stairs
+from feeddrive.study.answers.rows import Share
+from feeddrive.study.chunk import Chunk
+from feeddrive.study.study import Bound, Study, StudyLike, read_study
+from feeddrive.study.variants import variant_groups, variants
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.criteria import Criteria, Limits
+from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.tuning.tune import Tuned, tune_control
+
+MOST = 5_000  # machines that are held in memory, some 100 kB each
+KEPT = 2e-3  # relative excess at which a bound still counts as kept, as in the proof of a tuning
+_VIOLATION = 1e3  # weight of an excess in the goal's logarithm: a violated bound outweighs every goal
+
+
+@dataclass(frozen=True, eq=False)
+class Scenarios:
+    """Machines of a study that a control is judged on.
+
+    points    with all frequency lines, for the tuner
+    sparse    with fewer lines, to judge a control quickly
+    velocity  m/s, at which the axes are linearized
+    bad       numbers and reasons of variants that cannot be built
+    """
+
+    points: tuple[OperatingPoint, ...]
+    sparse: tuple[OperatingPoint, ...]
+    velocity: float
+    bad: tuple[tuple[int, str], ...]
+
+    def merits(self, control: Control, goal: Figure, limits: Limits, band: tuple[float, float]) -> Merits:
+        """Judge a control on each machine."""
+        response = ControlResponse(control, self.points[0].sample_time, (), self.velocity)
+        none = np.zeros(0)
+        goals, broken = np.full(len(self.points), np.inf), np.full(len(self.points), np.inf)
+        for i, point in enumerate(self.sparse):
+            try:
+                judged = Criteria((point,), response, goal, limits, band)(none)
+            except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
+                continue
+            if judged.stable and np.isfinite(judged.goal[0]):
+                goals[i] = judged.goal[0]
+                broken[i] = max((-bound.slack for bound in judged.bounds), default=-math.inf)
+        return Merits(goals, broken)
+
+
+@dataclass(frozen=True, eq=False)
+class Merits:
+    """By machine the logarithm of the goal, and the violation of the worst bound, negative where all are kept.
+
+    Both are infinite where the loop is unstable.
+    """
+
+    goal: np.ndarray
+    broken: np.ndarray
+
+    @property
+    def kept(self) -> np.ndarray:
+        """True for machines on which all bounds are kept."""
+        return self.broken <= KEPT
+
+    @property
+    def severity(self) -> np.ndarray:
+        """Merit of each machine, lower is better: one that violates a bound ranks behind all that do not."""
+        with np.errstate(invalid="ignore"):
+            excess = np.maximum(self.broken - KEPT, 0.0)
+        return np.where(np.isfinite(self.goal), self.goal + _VIOLATION * excess, np.inf)
+
+
+def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
+    """The first variants of a study as operating points; those that cannot be made are left out and listed.
+
+    Raises ParameterError where the study varies what the tuner would set, or what no linear axis has.
+    """
+    _require_axis(study)
+    if not 1 <= samples <= MOST:
+        raise ParameterError(f"samples = {samples} must be 1 to {MOST:,} machines, all of which are held in memory")
+    drawn = variants(study, 0, min(samples, study.count))
+    by_number: dict[int, OperatingPoint] = {}
+    bad: list[tuple[int, str]] = []
+    speeds: list[float] = []
+    done = 0
+    for group in variant_groups(study, drawn):
+        velocity = group.speed
+        for place, row in enumerate(group.rows.tolist()):
+            progress.step("machines", done, len(drawn))
+            done += 1
+            number = drawn.first + row
+            try:
+                by_number[number] = modelled_point(group.loop(place), f"variant {number}", velocity=velocity)
+            except FeeddriveError as error:
+                bad.append((number, str(error)))
+        speeds.append(velocity)
+    if not by_number:
+        raise ParameterError(f"no machine of the study can be made; variant {bad[0][0]}: {bad[0][1]}")
+    points = tuple(by_number[number] for number in sorted(by_number))
+    sparse = tuple(point.chosen(point.sparse()) for point in points)
+    return Scenarios(points, sparse, float(np.median(speeds)), tuple(sorted(bad)))
+
+
+def _require_axis(study: Study) -> None:
+    """Raise ParameterError for what a tuning over the machines of a study cannot vary."""
+    base = next(study.bases())
+    coupled = base.job.machine.coupled(base.axis)
+    if coupled:
+        raise ParameterError(f"{study.file.name}: {coupled}; the tuner works on one axis alone")
+    place = f"{base.loop.place_of('control')}."
+    for varied in study.vary:
+        if any(path.startswith(place) for path in varied.paths) or varied.name == "row":
+            raise ParameterError(
+                f"{study.file.name}: '{varied.name}' varies the control, which is what is tuned: leave it out"
+            )
+
+
+def with_control(study: Study, control: Control) -> Study:
+    """The study of the same machines under another control."""
+    jobs = {}
+    for key, job in study.jobs.items():
+        loop = replace(job.loops[study.row], control=control)
+        machines = dict(job.machines)
+        if study.row in machines:
+            whole = machines[study.row]
+            machines[study.row] = whole.with_loops({**whole.loops(), loop.name: loop})
+        jobs[key] = replace(job, loops={**job.loops, study.row: loop}, machines=machines)
+    return replace(study, jobs=jobs)
+
+
+STREAM = 1  # of the seed; a study itself is stream 0
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Fresh machines under one control: by figure the values, NaN where there is none, shape (n,)."""
+
+    values: dict[str, np.ndarray]
+    bounds: tuple[Bound, ...]
+    figures: tuple[Figure, ...]
+
+    @property
+    def count(self) -> int:
+        """The number of machines."""
+        return len(next(iter(self.values.values())))
+
+    def keeping(self, bound: Bound) -> Share:
+        """The share of the machines that keep one bound."""
+        return Share(int(np.sum(bound.kept(self.values[bound.figure.key]))), self.count)
+
+    @property
+    def good(self) -> np.ndarray:
+        """True for the machines that keep all bounds, shape (n,)."""
+        kept = [bound.kept(self.values[bound.figure.key]) for bound in self.bounds]
+        return np.logical_and.reduce([np.ones(self.count, dtype=bool), *kept])
+
+    @property
+    def all(self) -> Share:
+        """The yield: the share of the machines that keep all bounds."""
+        return Share(int(np.sum(self.good)), self.count)
+
+    def quantile(self, name: str, share: float) -> float:
+        """Return a quantile of a figure over the machines that have it; NaN if none has."""
+        values = self.values[name]
+        values = values[~np.isnan(values)]
+        return float(np.quantile(values, share)) if values.size else float("nan")
+
+
+def measured(
+    study: Study,
+    control: Control,
+    bounds: Sequence[Bound],
+    also: Sequence[Figure],
+    count: int,
+    workers: int | None,
+    progress: Progress,
+) -> Measured:
+    """The figures of `count` fresh machines of a study under a control."""
+    wanted = {figure.key: figure for figure in (*(bound.figure for bound in bounds), *also)}
+    fresh = replace(
+        with_control(study, control),
+        stream=STREAM,
+        sampler="monte_carlo",
+        points=count,
+        count=count,
+        chunk=max(16, min(256, -(-count // 8))),
+        measure=tuple(wanted.values()),
+    )
+    chunks = [Chunk(fresh, number) for number in range(fresh.chunks)]
+    rows = dict(Engine(workers or cores()).finished(chunks, progress))
+    columns = {
+        name: np.concatenate([rows[chunk].column(name).to_numpy() for chunk in chunks]).astype(np.float64)
+        for name in wanted
+    }
+    return Measured(columns, tuple(bounds), tuple(wanted.values()))
+
+
+def _limited(figure: Figure) -> tuple[Figure, bool]:
+    """Return the figure of a study that a tuner's limit is about, and whether it is the inverse of the limited one."""
+    return (STIFFNESS_LEAST, True) if figure == COMPLIANCE_PEAK else (figure, False)
+
+
+def limits_of(study: Study, otherwise: Limits) -> Limits:
+    """Return the limits of the tuner that a study's specification states; the others are those of `otherwise`.
+
+    The least stiffness is the inverse of the largest compliance.  Figures of runs and others are not limits of the
+    tuner, but the fresh machines are judged by them.
+    """
+    stated = {bound.figure: bound for bound in study.specification}
+    limits: list[Limit] = []
+    for limited in limitable():
+        measurable, inverse = _limited(limited)
+        bound = stated.get(measurable)
+        value = None if bound is None else bound.least if measurable.higher else bound.most
+        if value is not None and not _needs_noise(limited):
+            limits.append(Limit(limited, 1.0 / value if inverse else value))
+    return otherwise.having(*limits)
+
+
+def _needs_noise(figure: Figure) -> bool:
+    """Return True for a figure that follows from the noise of the readings, which a study takes from the encoders."""
+    return figure.limit is not None and figure.limit.noise
+
+
+def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
+    """The study's specification, and the tuner's limits as bounds of figures where it has none for them."""
+    bounds = {bound.figure: bound for bound in study.specification}
+    for limit in limits.limits:
+        limited, inverse = _limited(limit.figure)
+        if limited in bounds or _needs_noise(limit.figure):
+            continue
+        end = 1.0 / limit.bound if inverse else limit.bound
+        bounds[limited] = Bound(limited, end if limited.higher else None, None if limited.higher else end)
+    return tuple(bounds.values())
+
+
+def is_limit(bound: Bound) -> bool:
+    """Return True for a bound that the tuner can keep."""
+    known = {limited for limited, _ in map(_limited, limitable()) if not _needs_noise(limited)}
+    return bound.figure in known and (bound.least if bound.figure.higher else bound.most) is not None
+
 
 _ROUNDS = 16
 _JOIN = 3  # machines that join at once
@@ -115,8 +356,6 @@ class Robust(Result):
 @chart_of.register
 def _chart(result: Robust) -> Chart:
     """The fresh machines under both controls."""
-    from feeddrive.study.robust_picture import shares_chart
-
     return shares_chart(result.before, result.after)
 
 
@@ -319,3 +558,54 @@ class _Search:
                 f"no control keeps {of.limits.sentence()} on {named} together: {error}. Take a smaller share of the "
                 "machines, wider limits, or closer tolerances"
             ) from None
+
+
+def shares_chart(before: Measured, after: Measured) -> Chart:
+    """The cumulative share of the machines over the values of each figure; the outside of a bound is shaded."""
+    bounds = {bound.figure.key: bound for bound in after.bounds}
+    across = 2 if len(after.figures) > 1 else 1
+    panels = tuple(_share(figure, before, after, bounds.get(figure.key)) for figure in after.figures)
+    return Chart("", panels, across=across, height=0.7 + 2.3 * -(-len(panels) // across))
+
+
+def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | None) -> Panel:
+    factor = USUAL.of(figure.unit)[1]
+    spread = [factor * _sorted(machines.values[figure.key]) for machines in (before, after)]
+    low, high = _range(spread)
+    curves = list[Curve]()
+    for i, (name, values) in enumerate(zip(("today", "new"), spread, strict=True)):
+        share = 100.0 * np.arange(1, values.size + 1) / max(before.count, after.count)
+        curves.append(Curve(*stairs(values, share), name, i))
+    outside = list[Box]()
+    if bound is not None and bound.least is not None:
+        outside.append(Box(low, max(low, factor * bound.least), number=ALERT, pale=True))
+    if bound is not None and bound.most is not None:
+        outside.append(Box(min(high, factor * bound.most), high, number=ALERT, pale=True))
+    label = f"{_axis_name(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}"
+    return Panel(
+        "machines below (%)",
+        tuple(curves),
+        boxes=tuple(outside),
+        low=0.0,
+        high=100.0,
+        abscissa=Abscissa(label, low=low, high=high),
+    )
+
+
+def _sorted(values: np.ndarray) -> np.ndarray:
+    """Sort the finite values."""
+    return np.sort(values[np.isfinite(values)])
+
+
+def _range(spread: list[np.ndarray]) -> tuple[float, float]:
+    """The ends of an axis: all but the outermost hundredth of the values."""
+    every = np.concatenate(spread)
+    if not every.size:
+        return 0.0, 1.0
+    low, high = (float(end) for end in np.quantile(every, [0.005, 0.995]))
+    return style.padded(low, high) if high > low else (low - 0.5 * abs(low) - 1e-12, high + 0.5 * abs(high) + 1e-12)
+
+
+def _axis_name(figure: Figure) -> str:
+    """The label of a figure: its description, or its key if that is too long for an axis."""
+    return figure.description if len(figure.description) <= 44 else figure.key.replace("_", " ")

@@ -1,21 +1,65 @@
-"""The varied things of a study, quantities and choices: their values at points of the unit cube.
+"""What varies in a study: quantities and choices, and the sections `[[vary]]` that declare them.
+
+The varied things of a study, quantities and choices: their values at points of the unit cube.
 
 Each `[[vary]]` of a study file is one of these.  Its columns are what the table of rows shows, its changes what is put
 into the system, the reference or the load, by path.
+
+The sections `[[vary]]` of a study file, and their conversion to varied things.
+
+[[vary]]
+parameter = "axis.x.plant.stiffness"     # a path, as a machine file has it; or reference.velocity, load.force
+kind = "normal"                          # uniform (default), loguniform, normal, lognormal, triangular, discrete
+nominal_N_per_um = 18                    # default: the value of the machine; units stand in the keys
+deviation_percent = 4                    # of the nominal value, or deviation_N_per_um
+tolerance_percent = 10                   # truncates to nominal ± tolerance; or least and most
+[[vary]]
+name = "wear"                            # one factor on several numbers; `add` adds to them in the same way
+scale = ["axis.x.friction_motor.coulomb", "axis.x.friction_motor.breakaway"]
+least = 0.7
+most = 1.6
+[[vary]]
+name = "position"                        # several numbers together, by label
+parameters = ["axis.x.plant.stiffness_N_per_um", "axis.x.plant.damping"]
+settings = { near = [21, 700], middle = [18, 700], far = [15.5, 650] }
+[[vary]]
+name = "identified"                      # several numbers with a common normal distribution
+parameters = ["axis.x.plant.mass_load", "axis.x.friction_load.coulomb"]
+covariance = [[0.8, 0.1], [0.1, 2.5]]    # in SI; or deviations = [...] and correlations = [[...]]
+within = 3                               # deviations; nominal = [...] as above
+[[vary]]
+choice = "row"                           # a law of the job, or a key of job or machine: "machine", "program.file"
+values = ["today", "twice the gain"]
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, TypeAlias
+from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
-from feeddrive.language.errors import ParameterError
+from feeddrive.files.from_toml import read_field
+from feeddrive.files.section import VARIED, Section, named, text
+from feeddrive.files.toml_file import TomlTable
+from feeddrive.language import block, quantity, units
+from feeddrive.language.block import Declaration, Number, check_bounds
+from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, shown
 from feeddrive.language.quantity import number
-from feeddrive.study.distributions import Discrete, Distribution, truncated
+from feeddrive.study.distributions import (
+    Discrete,
+    Distribution,
+    LogNormal,
+    LogUniform,
+    Normal,
+    Triangular,
+    Uniform,
+    truncated,
+)
 
 Nominal: TypeAlias = Callable[[str], float]  # the value of a path in the job
 
@@ -255,3 +299,410 @@ def _edges_inside(distribution: Discrete) -> np.ndarray:
     weights = np.array(distribution.weights or (1.0,) * len(distribution.values))
     shares = weights / weights.sum()
     return (np.cumsum(shares) - 0.5 * shares)[shares > 0.0]
+
+
+Declared: TypeAlias = Callable[[str], Declaration]
+"""The declaration of a path. Raises ParameterError for a path that is not there."""
+
+
+class VarySection(Section):
+    """What differs from variant to variant."""
+
+    @classmethod
+    def choose(cls, table: TomlTable) -> type[Section]:
+        """By the key that says what varies, and the kind of the distribution."""
+        forms = [name for name in _FORMS if name in table.values]
+        if len(forms) != 1:
+            told = f", not {' and '.join(forms)}" if forms else ""
+            raise table.error(f"{table.dotted()} needs one of {', '.join(_FORMS)}{told}")
+        if forms[0] == "choice":
+            return VaryChoice
+        if forms[0] == "parameters":
+            return VarySettings if "settings" in table.values else VaryJoint
+        is_discrete = any(key == "values" or key.startswith("values_") for key in table.values)
+        kind = table.values.get("kind", "discrete" if is_discrete else "uniform")
+        if not isinstance(kind, str) or kind not in _DISTRIBUTIONS:
+            raise table.error(f"kind = {shown(kind)} is no distribution{nearest(str(kind), _DISTRIBUTIONS)}", "kind")
+        return _DISTRIBUTIONS[kind]
+
+
+class VaryChoice(VarySection):
+    """A law of the job, or a key of the job or its machine, that takes one of several values."""
+
+    choice: str = text('"row", or a key of job or machine: "machine", "program.file"', shortest=1, example='"row"')
+    values: tuple[str | bool | int | float, ...] = block.choice("of the key", default=())
+    weights: np.ndarray | None = block.table("", "of the values; absent: equal ones", shortest=1, default=None)
+
+    def check(self) -> None:
+        """Refuse missing and repeated values."""
+        if not self.values:
+            raise self.error(f"choice = '{self.choice}' needs values = [ ... ], texts or numbers", "values")
+        if len(set(map(repr, self.values))) < len(self.values):
+            raise self.error("values has an entry twice: use weights = [ ... ]", "values")
+
+    @property
+    def varied(self) -> Choice:
+        """What the section varies."""
+        return Choice(self.choice, Discrete(self.values, _row(self.weights)))
+
+
+class VaryNumber(VarySection):
+    """A number with a distribution, or several that one number scales or that it is added to."""
+
+    exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("parameter",), ("scale",), ("add",))
+    needs: ClassVar[str] = "a number that varies is one of parameter, scale and add"
+
+    name: str | None = text(
+        "of the column of results; of a parameter its path", shortest=1, default=None, example='"wear"'
+    )
+    parameter: str | None = text(
+        "path of the number, as a machine file has it",
+        default=None,
+        example='"axis.x.plant.mass"; several that vary together are  scale = [...]  or  add = [...]',
+    )
+    scale: str | tuple[str, ...] | None = block.choice("paths of numbers that are multiplied by it", default=None)
+    add: str | tuple[str, ...] | None = block.choice("paths of numbers that it is added to", default=None)
+    nominal: Number | None = block.parameter(
+        VARIED, "absent: the value of the machine; of scale 1, of add 0", default=None
+    )
+    steps: int | None = block.choice("values in a grid", least=1, default=None)
+
+    @property
+    def form(self) -> str:
+        """The key that says what varies."""
+        return next(name for name in ("parameter", "scale", "add") if getattr(self, name) is not None)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The paths of what varies."""
+        paths = getattr(self, self.form)
+        return paths if isinstance(paths, tuple) else (paths,)
+
+    @abstractmethod
+    def distribution(self, nominal: float) -> Distribution:
+        """The distribution about a nominal value, in SI. Raises ParameterError for impossible numbers."""
+
+
+class _Ranged(VaryNumber):
+    """A number within a range."""
+
+    least: Number | None = block.parameter(VARIED, "least value", default=None)
+    most: Number | None = block.parameter(VARIED, "largest value", default=None)
+    tolerance: Number | None = block.parameter(
+        VARIED, "largest distance from nominal, in place of least and most", above=0, default=None
+    )
+    tolerance_percent: Number | None = block.parameter("", "the same in percent of nominal", above=0, default=None)
+
+    def range(self, nominal: float) -> tuple[float, float]:
+        """Least and most, given so or as a tolerance; infinite where there is no end."""
+        tolerance = _of_nominal(self, "tolerance", nominal)
+        if tolerance is None:
+            return _or(self.least, -math.inf), _or(self.most, math.inf)
+        if self.least is not None or self.most is not None:
+            raise ParameterError("give either a tolerance, or least and most")
+        if not tolerance > 0.0:
+            raise ParameterError(f"tolerance = {quantity.Quantity(tolerance):6} must be > 0")
+        return nominal - tolerance, nominal + tolerance
+
+
+class VaryUniform(_Ranged, kind="uniform"):
+    """Every value from least to most alike."""
+
+    def distribution(self, nominal: float) -> Distribution:
+        """Uniform over the range."""
+        return Uniform(*self.range(nominal))
+
+
+class VaryLogUniform(_Ranged, kind="loguniform"):
+    """Every ratio alike from least to most."""
+
+    needs_kind: ClassVar[bool] = True
+
+    def distribution(self, nominal: float) -> Distribution:
+        """Uniform in the logarithm over the range."""
+        return LogUniform(*self.range(nominal))
+
+
+class VaryNormal(_Ranged, kind="normal"):
+    """A normal distribution about nominal, truncated to the range."""
+
+    needs_kind: ClassVar[bool] = True
+
+    deviation: Number | None = block.parameter(VARIED, "standard deviation", default=None)
+    deviation_percent: Number | None = block.parameter("", "the same in percent of nominal", default=None)
+
+    def distribution(self, nominal: float) -> Distribution:
+        """Normal about nominal."""
+        deviation = _of_nominal(self, "deviation", nominal)
+        least, most = self.range(nominal)
+        if deviation is None:
+            raise ParameterError("a normal distribution needs deviation")
+        return Normal(nominal, deviation, least, most)
+
+
+class VaryLogNormal(_Ranged, kind="lognormal"):
+    """A number whose logarithm is normal about that of nominal, truncated to the range."""
+
+    needs_kind: ClassVar[bool] = True
+
+    ratio: Number = block.parameter("", "68 % lie within a factor of it about nominal")
+
+    def distribution(self, nominal: float) -> Distribution:
+        """Log-normal about nominal."""
+        least, most = self.range(nominal)
+        return LogNormal(nominal, self.ratio, 0.0 if least == -math.inf else least, most)
+
+
+class VaryTriangular(_Ranged, kind="triangular"):
+    """A triangle over the range with its top at nominal."""
+
+    needs_kind: ClassVar[bool] = True
+
+    def distribution(self, nominal: float) -> Distribution:
+        """Triangular with its mode at nominal."""
+        least, most = self.range(nominal)
+        return Triangular(least, nominal, most)
+
+
+class VaryDiscrete(VaryNumber, kind="discrete"):
+    """One of several values."""
+
+    values: np.ndarray | None = block.table(VARIED, "values", shortest=1, default=None)
+    weights: np.ndarray | None = block.table("", "of the values; absent: equal ones", shortest=1, default=None)
+
+    def distribution(self, nominal: float) -> Distribution:
+        """The values by their weights."""
+        if self.values is None:
+            raise ParameterError("a discrete distribution needs values = [ ... ]")
+        return Discrete(_row(self.values), _row(self.weights))
+
+
+class _Several(VarySection):
+    """Several numbers together."""
+
+    name: str = text("of the column of results", shortest=1, example='"position"')
+    parameters: tuple[str, ...] = block.choice("paths as a machine file has them")
+
+
+class VarySettings(_Several):
+    """Several numbers together, by label."""
+
+    settings: Mapping[str, tuple[float, ...]] = named("the numbers by label, in the units that end the paths", least=1)
+    weights: np.ndarray | None = block.table("", "of the settings; absent: equal ones", shortest=1, default=None)
+
+
+class VaryJoint(_Several):
+    """Several numbers with a common normal distribution, in SI."""
+
+    nominal: np.ndarray | None = block.table("", "means; absent: the values of the machine", shortest=1, default=None)
+    covariance: tuple[tuple[float, ...], ...] | None = block.choice("rows of the covariance", default=None)
+    deviations: np.ndarray | None = block.table(
+        "", "standard deviations, in place of covariance", shortest=1, default=None
+    )
+    correlations: tuple[tuple[float, ...], ...] | None = block.choice(
+        "rows of the correlations beside deviations; absent: none", default=None
+    )
+    within: Number = block.parameter("", "deviations within which all numbers lie", default=math.inf, infinite=True)
+
+    def covariances(self) -> np.ndarray:
+        """The covariance, given so or by deviations and correlations."""
+        if (self.covariance is None) == (self.deviations is None):
+            raise self.error(f"{self.dotted()} needs covariance = [[...]], or deviations = [...] with correlations")
+        if self.covariance is not None:
+            return _square(self, "covariance")
+        deviations = np.array(self.deviations)
+        correlations = np.eye(deviations.size) if self.correlations is None else _square(self, "correlations")
+        if correlations.shape != (deviations.size, deviations.size) or not np.allclose(np.diag(correlations), 1.0):
+            raise self.error(f"correlations must have {deviations.size} rows and columns and 1 on the diagonal")
+        return correlations * np.outer(deviations, deviations)
+
+
+_FORMS = ("parameter", "scale", "add", "parameters", "choice")
+_DISTRIBUTIONS: Mapping[str, type[VaryNumber]] = {
+    "uniform": VaryUniform,
+    "loguniform": VaryLogUniform,
+    "normal": VaryNormal,
+    "lognormal": VaryLogNormal,
+    "triangular": VaryTriangular,
+    "discrete": VaryDiscrete,
+}
+
+
+def unit_varied(table: TomlTable, declared: Declared) -> str:
+    """Return the unit of the numbers of a section with a distribution; empty for a factor."""
+    form = next(name for name in _FORMS if name in table.values)
+    if form == "scale":
+        return ""
+    stated = read_field(VaryNumber, table, form)
+    paths = stated if isinstance(stated, tuple) else (stated,)
+    if not paths:
+        raise table.error(f"{form} must be a path as a machine file has it, such as axis.x.plant.mass", form)
+    return _declared(table, form, paths[0], declared).unit
+
+
+def varied(section: VarySection, declared: Declared, nominal: Nominal, grid: bool) -> Varied:
+    """Return the varied thing of a section.
+
+    declared  of a path;  nominal  its value in the job;  grid  whether the study's sampler is a grid
+
+    Raises ParameterError with file, line, key, value, bound and unit.
+    """
+    try:
+        if isinstance(section, VaryChoice):
+            return section.varied
+        if isinstance(section, VarySettings):
+            return _settings(section, declared)
+        if isinstance(section, VaryJoint):
+            return _joint(section, declared, nominal, grid)
+        assert isinstance(section, VaryNumber)
+        return _number(section, declared, nominal, grid)
+    except FeeddriveError as error:
+        if section.read_from is None or str(error).startswith(section.read_from.file.name):
+            raise
+        raise section.error(f"{section.dotted()}: {error}") from None
+
+
+def _number(section: VaryNumber, declared: Declared, nominal: Nominal, grid: bool) -> Quantity:
+    """A number with a distribution."""
+    form, paths = section.form, section.paths
+    if not paths:
+        raise section.error(f"{form} must be a path as a machine file has it, such as axis.x.plant.mass", form)
+    of_paths = [_declared(section, form, path, declared) for path in paths]
+    unit = "" if form == "scale" else of_paths[0].unit
+    if form == "add" and any(declaration.unit != unit for declaration in of_paths):
+        raise section.error("the paths of add must have one unit", form)
+    name = section.name or section.parameter
+    if name is None:
+        raise section.error(f'{section.dotted()} needs a name, that of its column: name = "wear"')
+    usual = nominal(paths[0]) if form == "parameter" else 1.0 if form == "scale" else 0.0
+    try:
+        distribution = section.distribution(_or(section.nominal, usual))
+        for end in distribution.range():
+            if form == "parameter" and math.isfinite(end):
+                check_bounds(f"the {section.kind} distribution reaches {paths[0]}", of_paths[0], end)
+    except FeeddriveError as error:
+        raise section.error(f"{section.dotted()} ({name}): {error}") from None
+    if grid and not isinstance(section, VaryDiscrete):
+        _check_grid(section, name, distribution)
+    if not grid and section.steps is not None:
+        raise section.error('steps belongs to a grid: sampler = "grid"', "steps")
+    mode = "set" if form == "parameter" else form
+    return Quantity(name, unit, paths, distribution, mode, section.steps)
+
+
+def _check_grid(section: VaryNumber, name: str, distribution: Distribution) -> None:
+    if section.steps is None:
+        raise section.error(
+            f"{section.dotted()} ({name}): a grid needs values = [ ... ], or steps = the number of values"
+        )
+    low, high = distribution.range()
+    if not (math.isfinite(low) and math.isfinite(high)) or (isinstance(distribution, LogNormal) and low <= 0.0):
+        raise section.error(
+            f"{section.dotted()} ({name}): a grid goes from end to end: give least and most, or a tolerance"
+        )
+
+
+def _of_nominal(section: VaryNumber, name: str, nominal: float) -> float | None:
+    """A number that may be given in percent of nominal."""
+    value, percent = getattr(section, name), getattr(section, f"{name}_percent")
+    if value is not None and percent is not None:
+        raise ParameterError(f"{name} is given twice, as {name} and as {name}_percent; remove one")
+    return value if percent is None else abs(nominal) * units.scaled(percent, 1e-2)
+
+
+def _or(value: float | None, otherwise: float) -> float:
+    return otherwise if value is None else value
+
+
+def _row(values: np.ndarray | None) -> tuple[float, ...]:
+    return () if values is None else tuple(values.tolist())
+
+
+def _paths(section: _Several, declared: Declared) -> Iterator[tuple[str, Declaration, float]]:
+    """Path, declaration and factor to SI of each of the paths, none of which may be there twice."""
+    if not section.parameters:
+        raise section.error("parameters must be a list of paths as a machine file has them", "parameters")
+    entries = [_with_unit(section, written, declared) for written in section.parameters]
+    if len({path for path, _, _ in entries}) < len(entries):
+        raise section.error("parameters names a path twice", "parameters")
+    yield from entries
+
+
+def _settings(section: VarySettings, declared: Declared) -> Settings:
+    """Several numbers by label."""
+    paths, declarations, factors = zip(*_paths(section, declared), strict=True)
+    rows: dict[str, tuple[float, ...]] = {}
+    for label, values in section.settings.items():
+        if len(values) != len(paths) or not all(map(math.isfinite, values)):
+            raise section.error(
+                f"{section.dotted('settings')}.{label} must be a list of {len(paths)} finite numbers: [1.0, 2.0]",
+                ("settings", label),
+            )
+        rows[label] = tuple(map(units.scaled, values, factors))
+        for path, declaration, value in zip(paths, declarations, rows[label], strict=True):
+            try:
+                check_bounds(path, declaration, value)
+            except ParameterError as error:
+                raise section.error(f"{section.dotted('settings')}.{label}: {error}", ("settings", label)) from None
+    return Settings(
+        section.name, tuple(declaration.unit for declaration in declarations), paths, rows, _row(section.weights)
+    )
+
+
+def _joint(section: VaryJoint, declared: Declared, nominal: Nominal, grid: bool) -> Joint:
+    """Several numbers with a common normal distribution."""
+    paths, declarations, factors = zip(*_paths(section, declared), strict=True)
+    if any(factor != 1.0 for factor in factors):
+        raise section.error("a covariance is in SI: name the parameters without units", "parameters")
+    if grid:
+        raise section.error(
+            f"{section.dotted()} ({section.name}): a common distribution has no grid; take another sampler"
+        )
+    mean = np.array([nominal(path) for path in paths]) if section.nominal is None else section.nominal
+    covariance = section.covariances()
+    try:
+        return Joint(
+            section.name,
+            tuple(declaration.unit for declaration in declarations),
+            paths,
+            mean,
+            covariance,
+            section.within,
+        )
+    except ParameterError as error:
+        raise section.error(f"{section.dotted()} ({section.name}): {error}") from None
+
+
+def _square(section: VaryJoint, key: str) -> np.ndarray:
+    rows: tuple[tuple[float, ...], ...] = getattr(section, key)
+    if not all(len(row) == len(rows) for row in rows):
+        raise section.error(f"{key} must be as many rows as columns: [[1, 0.2], [0.2, 1]]", key)
+    for entry in (entry for row in rows for entry in row):
+        if not math.isfinite(entry):
+            raise section.error(f"{section.dotted(key)}: {shown(entry)} must be a finite number", key)
+    return np.array(rows)
+
+
+def _declared(place: Section | TomlTable, key: str, path: str, declared: Declared) -> Declaration:
+    try:
+        return declared(path)
+    except FeeddriveError as error:
+        raise place.error(f"{place.dotted(key)}: {error}", key) from None
+
+
+def _with_unit(section: _Several, written: str, declared: Declared) -> tuple[str, Declaration, float]:
+    """Path, declaration and factor to SI of a path that may end with a unit."""
+    head, dot, last = written.rpartition(".")
+    words = last.split("_")
+    for end in range(len(words), 0, -1):
+        path = f"{head}{dot}{'_'.join(words[:end])}"
+        try:
+            declaration = declared(path)
+        except FeeddriveError:
+            continue
+        suffix = "_".join(words[end:])
+        try:
+            return path, declaration, units.factor(suffix, declaration.unit) if suffix else 1.0
+        except ParameterError as error:
+            raise section.error(f"{section.dotted('parameters')}: '{written}': {error}", "parameters") from None
+    return written, _declared(section, "parameters", written, declared), 1.0

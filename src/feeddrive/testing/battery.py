@@ -31,17 +31,16 @@ except ImportError as absent:
 from feeddrive.blocks.catalogue import catalogue, family_of, required
 from feeddrive.blocks.families import Law
 from feeddrive.language import tree
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.ring import Ring
 from feeddrive.language.units import measure
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.engine.plan import classify
+from feeddrive.loop.gradient import push, require_slopes
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.trace import concrete, evaluate, node_values
-from feeddrive.loop.traced_model import push, require_slopes
-from feeddrive.testing import c_loop
+from feeddrive.testing import exercise as c_loop
 from feeddrive.testing.exercise import SAMPLED, TRACED, Exercise, Inputs, asked_of, flat, inputs
 from feeddrive.testing.steady import ERRORS, RETUNED, UNPREPARED, bump, place, without_friction
 from feeddrive.testing.strategies import blocks_of, part_types, variants_of

@@ -19,8 +19,7 @@ from hypothesis import strategies as st
 
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.language import tree
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import Declaration, declarations
+from feeddrive.language.block import Block, Declaration, declarations
 from feeddrive.language.errors import FeeddriveError
 
 # Magnitudes that occur in feed drives, by unit; the declared bounds cut them.

@@ -11,8 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from feeddrive.language import tree
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import Declaration
+from feeddrive.language.block import Block, Declaration
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text

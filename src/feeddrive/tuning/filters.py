@@ -16,8 +16,7 @@ from feeddrive.blocks.filter.low_pass2 import LowPass2
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.language import tree
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent

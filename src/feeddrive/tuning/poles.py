@@ -18,8 +18,7 @@ from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.plant.two_bodies import Gains
 from feeddrive.language import tree
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, UnstableError, nearest
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Result, Table

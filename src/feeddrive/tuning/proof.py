@@ -16,8 +16,7 @@ from feeddrive.blocks.families import Sensor
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.figures.linear_loop import LinearLoop
-from feeddrive.figures.of_loops import DELAY_MARGIN, GAIN_MARGIN, SENSITIVITY_PEAK
+from feeddrive.figures.of_loops import DELAY_MARGIN, GAIN_MARGIN, SENSITIVITY_PEAK, LinearLoop
 from feeddrive.figures.slopes import JudgedLoop
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity

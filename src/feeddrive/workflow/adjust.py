@@ -9,7 +9,7 @@ from pathlib import Path
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language import tree
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity

@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 
 from feeddrive.files.columns import Column, is_time, unit_at_the_end
-from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
-from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.log import Log, LogLike
-from feeddrive.files.mapping import Mapping, MappingLike
-from feeddrive.files.read_log import LogRequest, read_log, read_request, time_units
+from feeddrive.files.mapping import Guess, Mapping, MappingLike, guess_roles, write_roles
+from feeddrive.files.read_log import LogRequest, OpenedFile, read_log, read_request, time_units
 from feeddrive.files.readers.ast_xml import is_ast
 from feeddrive.language.errors import FileError, LogError, ParameterError
 from feeddrive.language.progress import Progress

@@ -19,9 +19,8 @@ from feeddrive.blocks.reference.circle import Circle
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.columns import Column
-from feeddrive.files.formats import OpenedFile
 from feeddrive.files.machine import MachineFile, read_machine
-from feeddrive.files.read_log import read_log
+from feeddrive.files.read_log import OpenedFile, read_log
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -38,7 +37,7 @@ from feeddrive.machining.circle_test import (
     peaks_table,
     quadrant_peaks,
 )
-from feeddrive.report.circle_report import circle_report
+from feeddrive.report.machining_report import circle_report
 from feeddrive.report.page import html
 from feeddrive.report.report import Report
 from feeddrive.workflow.command import Outcome, command

@@ -17,10 +17,9 @@ from feeddrive import plot
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.files.columns import ROLES, Column, is_time
 from feeddrive.files.drive import Drive
-from feeddrive.files.formats import OpenedFile
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.machine import MachineFile
-from feeddrive.files.read_log import read_arrays
-from feeddrive.files.to_toml import to_toml
+from feeddrive.files.read_log import OpenedFile, read_arrays
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.cogging import CoggingFit, CoggingOrder, CoggingRun, cogging_passes, identify_cogging
 from feeddrive.language import units

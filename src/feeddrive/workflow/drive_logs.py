@@ -10,12 +10,11 @@ import numpy as np
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.columns import Column
 from feeddrive.files.drive import Drive, drive_with
-from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
-from feeddrive.files.read_log import read_log
-from feeddrive.identification.estimate import SHAFT
+from feeddrive.files.read_log import OpenedFile, read_log
+from feeddrive.identification.regression import SHAFT
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.report.page import html

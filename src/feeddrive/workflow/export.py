@@ -1,4 +1,4 @@
-"""`feeddrive export`: from a machine file to code or parameters for a target."""
+"""`feeddrive export` and `feeddrive verify`: code for a target, and its comparison with the simulator."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 from feeddrive.export.design import Design
 from feeddrive.export.manifest import edits_kept
 from feeddrive.export.targets import write_all
+from feeddrive.export.verify import MOST, Verified, verify_export
+from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineLike
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
@@ -74,3 +76,32 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
     first = {f"Read first{f', axis {design.axis}' if len(designs) > 1 else ''}": readme for design, readme in written}
     judgment = next((bad for design in designs if (bad := design.judgment).bad), Judgment.EXPORTED)
     return Outcome(designs, titles, remarks, files=first, judgment=judgment)
+
+
+class VerifyRequest(Request):
+    """The export, the length of the trial, and the compiler."""
+
+    directory: Path = argument("A directory that `feeddrive export` wrote")
+    samples: int | None = option(
+        "samples of the trial; default: 1000000, 5000 in single precision", least=1, most=MOST, default=None
+    )
+    seed: int = option("seed of the random samples", default=1, least=0)
+    compiler: str | None = option("another compiler than gcc, cc or clang", default=None)
+    flag: tuple[str, ...] = option("a flag for it, such as -O3; may be repeated", default=())
+    out: Path | None = option("File for the certificate (text)", short="-o", default=None)
+
+
+@command(VerifyRequest)
+def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
+    """Run the equality proof of an export again, with this machine's compiler."""
+    progress.step(f"verifying {request.directory}")
+    verified = verify_export(
+        request.directory, samples=request.samples, seed=request.seed, flags=request.flag, command=request.compiler
+    )
+    text = verified.sentences()
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        write_whole(request.out, text + "\n")
+        files["Certificate"] = request.out
+    judgment = Judgment.NOT_EQUAL if verified.differing else Judgment.EQUAL if verified.holds else Judgment.CHANGED
+    return Outcome(verified, text.splitlines(), files=files, judgment=judgment)

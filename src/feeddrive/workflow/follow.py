@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.analysis.oscilloscope import SINGLE, LiveSource, Oscilloscope, Shown
-from feeddrive.analysis.trigger import RISING, Trigger
+from feeddrive.analysis.oscilloscope import RISING, SINGLE, LiveSource, Oscilloscope, Shown, Trigger
 from feeddrive.files.growing import GrowingBytes, GrowingFile, GrowingTable, Pipe
 from feeddrive.files.log import Log, write_log
 from feeddrive.files.read_log import checked_clock

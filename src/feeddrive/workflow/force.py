@@ -13,7 +13,7 @@ from pathlib import Path
 
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.columns import unit_of
-from feeddrive.identification.estimate import lever
+from feeddrive.identification.regression import lever
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress

@@ -12,12 +12,10 @@ import numpy as np
 
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.columns import Column, check_sign, unit_of
-from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import write_frf
-from feeddrive.files.guess import guess_roles, unit_in_name
 from feeddrive.files.log import Log, LogLike
-from feeddrive.files.mapping import MappingLike
-from feeddrive.files.read_log import LogRequest, read_log
+from feeddrive.files.mapping import MappingLike, guess_roles, unit_in_name
+from feeddrive.files.read_log import LogRequest, OpenedFile, read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.record import Record

@@ -13,12 +13,11 @@ import numpy as np
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.files.drive import Drive
-from feeddrive.files.formats import OpenedFile
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
-from feeddrive.files.to_toml import to_toml
+from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.identification.estimate import LEAST_PULL, SHAFT, SIGNIFICANT
 from feeddrive.identification.friction_curve import (
     LEAST_ROWS,
     Compared,
@@ -28,7 +27,8 @@ from feeddrive.identification.friction_curve import (
     steady_runs,
 )
 from feeddrive.identification.motion.identify import own_viscous
-from feeddrive.language.declaration import declarations
+from feeddrive.identification.regression import LEAST_PULL, SHAFT, SIGNIFICANT
+from feeddrive.language.block import declarations
 from feeddrive.language.errors import NotIdentifiableError, sentence
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress

@@ -16,18 +16,17 @@ from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.columns import Column
 from feeddrive.files.drive import Drive, axis_name, drive_with
-from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import read_frfs
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
-from feeddrive.files.to_toml import to_toml
+from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.motion.identify import Identified, identify_motion, swapped
 from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.regression import Estimate
 from feeddrive.language import tree
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity

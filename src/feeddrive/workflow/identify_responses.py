@@ -15,15 +15,15 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.files.columns import unit_of
-from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
-from feeddrive.files.to_toml import to_toml
+from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.identification.estimate import lever
 from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.regression import lever
 from feeddrive.identification.response.fit_axis import AxisFits, fit_axis
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.identification.response.plant_fit import PlantFit

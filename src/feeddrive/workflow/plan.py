@@ -1,6 +1,6 @@
 """`feeddrive plan`: a part program as setpoints that are proven to keep the limits of a machine.
 
-What is written: `files/plan_files.py`.
+What is written: `files/planned_program.py`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from time import monotonic
 from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, planned_limits, read_machine
-from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
+from feeddrive.files.planned_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.language.errors import NoSlopeError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
@@ -27,8 +27,8 @@ from feeddrive.path.planned import Planned, Take, planned_of
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
+from feeddrive.report.machining_report import plan_report
 from feeddrive.report.page import html
-from feeddrive.report.plan_report import plan_report
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option
 

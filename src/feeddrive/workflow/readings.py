@@ -13,10 +13,10 @@ from itertools import product
 import numpy as np
 
 from feeddrive.files.columns import ROLES, Column, unit_at_the_end, unit_of
-from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
-from feeddrive.identification.estimate import SHAFT, TABLE, Frame
+from feeddrive.files.read_log import OpenedFile
 from feeddrive.identification.plausibility import RANGES, out_of_range, outside, scaled, sizes, spoken, unlikely
+from feeddrive.identification.regression import SHAFT, TABLE, Frame
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.judgment import Advice, Judgment

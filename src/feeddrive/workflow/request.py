@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Literal, dataclass_transform
 
 from feeddrive.language import units
-from feeddrive.language.declaration import Declaration, Declared, check_bounds, check_choice
+from feeddrive.language.block import Declaration, Declared, check_bounds, check_choice
 from feeddrive.language.errors import ParameterError
 
 OUT = "Directory to write; one that feeddrive wrote before is replaced"

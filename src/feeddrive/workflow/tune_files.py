@@ -1,4 +1,4 @@
-"""The output files of `feeddrive tune`: the report, and the machine file with the tuned control."""
+"""The output files of `feeddrive tune`: the report, the summary, and the machine file with the tuned control."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,14 +17,14 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.evaluation.duty import duty_of
 from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import summary_text
-from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, sentence
-from feeddrive.language.quantity import Quantity, number, unit_name
+from feeddrive.language.quantity import USUAL, Quantity, number, unit_name
 from feeddrive.language.table import UNIT, Cell, Column, Table
 from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
@@ -39,7 +40,53 @@ from feeddrive.tuning.proof import ROOM
 from feeddrive.tuning.recipes import JudgedRecipe
 from feeddrive.tuning.tune import TIMES, Tuned, broken_limits, readable, two_digits
 from feeddrive.workflow.certify import write_certificate
-from feeddrive.workflow.tune_summary import summary
+
+
+def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe]) -> dict[str, Any]:
+    """Return all figures as plain numbers; a figure that does not occur is null.
+
+    remarks, rules  of the tuning, and of the trade beside it
+    """
+    return {
+        "rule": tuned.rule,
+        "recommendation": tuned.recommendation(),
+        "holds": tuned.holds,
+        "tunables": dict(tuned.tunables),
+        "today": {name: None if math.isnan(value) else value for name, value in tuned.started.items()},
+        "figures": {
+            name: {figures.point: _plain(figures) for figures in row}
+            for name, row in (("today", tuned.before), ("new", tuned.after))
+        },
+        "held_back_by": [
+            {"what": h.what, "point": h.point, "frequency_Hz": h.frequency, "gain_percent": h.gain} for h in tuned.held
+        ],
+        "against": "a force at the drive" if tuned.at_drive else "a force on the table",
+        "remarks": [*remarks, *tuned.advice],
+        "rules": {
+            rule.name: {"reason": rule.reason, "figures": {figures.point: _plain(figures) for figures in rule.figures}}
+            for rule in rules
+        },
+        "standard_deviations_kept": tuned.sure,
+        "probability_that_all_limits_hold": tuned.confidence,
+        "proof": {line.what: {"holds": line.holds, "said": line.text} for line in tuned.proof},
+    }
+
+
+def _usual(quantity: Quantity | None) -> float | None:
+    """Return a value in the unit that it is usually read in, which these files have had from the first on."""
+    return None if quantity is None else USUAL.of(quantity.unit)[1] * float(quantity.value)
+
+
+def _plain(figures: Figures) -> dict[str, float | bool | None]:
+    values = {
+        figure.label or figure.title: _usual(figure.quantity(figure.read(figures))) if figures.stable else None
+        for figure in reported()
+    }
+    return {
+        "stable": figures.stable,
+        **{k: None if v is None or not math.isfinite(v) else v for k, v in values.items()},
+    }
+
 
 _LISTS = ("filters", "feedforward", "compensation")
 _DIGITS = 7

@@ -16,8 +16,8 @@ from typing import Any
 
 from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.run_files import summary_text
-from feeddrive.files.to_toml import to_toml
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Cell, Column, Table
@@ -25,13 +25,11 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Report, Section, Verdict, facts, further
-from feeddrive.study.fresh import Measured
-from feeddrive.study.robust import Robust, RobustTuner, bound_sentence, in_percent
+from feeddrive.study.robust import Measured, Robust, RobustTuner, bound_sentence, in_percent
 from feeddrive.tuning.candidates import candidates, control_with
 from feeddrive.tuning.tune import law_tunables
 from feeddrive.workflow.command import Outcome
-from feeddrive.workflow.tune_files import Story, machine_text, tables
-from feeddrive.workflow.tune_summary import summary
+from feeddrive.workflow.tune_files import Story, machine_text, summary, tables
 
 EVERY = "every"  # in place of a law: all that can be tuned on the axis
 

@@ -33,7 +33,7 @@ from feeddrive.bus.drive_file import DriveScaling, interpolation_time
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.engine.native import Native
+from feeddrive.loop.engine.llvm import Native
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY, Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.runner import Prepared

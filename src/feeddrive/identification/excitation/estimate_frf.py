@@ -1,19 +1,345 @@
-"""Frequency responses from records; the estimator is selected by the kind of excitation."""
+"""Frequency responses from records: from periods of a multisine, or by the estimator of another excitation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level
 from feeddrive.identification.excitation.impacts import find_blows, impacts
 from feeddrive.identification.excitation.nonperiodic import METHODS, averaged, local_polynomial
-from feeddrive.identification.excitation.periodic import periodic
-from feeddrive.identification.excitation.record import Record, find_period, repeating
+from feeddrive.identification.excitation.record import Record, cut, find_period, repeating, transient_periods
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.loop.frequency_response import FRF, coherence_of
+
+_GAP = 5.0  # factor between excited and empty lines below which there are no empty ones
+_ROUNDING = 1e-9  # share of the largest line below which a line is rounding
+_RISK = 0.01  # probability that noise is called distortion
+_NEIGHBORS = 5  # detection lines over which a level is the RMS
+_HALF = 5  # lines on each side of the local polynomial
+_ORDER = 2
+_REACH = 31  # lines over which the share of the scatter is a median
+_ROUGH = 1.5  # scatter over noise, as median, from which a single draw of phases is called nonlinear
+
+
+@dataclass(frozen=True, eq=False)
+class Averaged:
+    """Means over periods, shape (lines,), with the (co)variances E|.|² of these means."""
+
+    frequency: np.ndarray
+    input: np.ndarray
+    output: np.ndarray
+    yy: np.ndarray
+    uu: np.ndarray
+    yu: np.ndarray
+    freedom: int  # complex degrees of freedom of the variances
+    excited: np.ndarray  # bool
+
+    def noise(self, response: np.ndarray, lines: np.ndarray) -> np.ndarray:
+        """Return E|v|² of v = y - G u on some lines, with the response G there."""
+        cross = np.real(np.conj(response) * self.yu[lines])
+        return np.maximum(self.yy[lines] + np.abs(response) ** 2 * self.uu[lines] - 2.0 * cross, 0.0)
+
+
+def excited_lines(cause: np.ndarray) -> np.ndarray:
+    """Return the lines that carry excitation: those above the widest gap in the sizes of all lines; cause of shape
+    (lines,).
+
+    Even in a spectrum that falls by decades over the band, the gap to the empty lines is the widest.
+    """
+    size = np.maximum(np.abs(cause) / np.max(np.abs(cause)), _ROUNDING)
+    ordered = np.sort(size)[::-1]
+    gaps = ordered[:-1] / ordered[1:]
+    widest = int(np.argmax(gaps))
+    if gaps[widest] < _GAP:
+        return np.ones(size.size, bool)
+    return size > np.sqrt(ordered[widest] * ordered[widest + 1])
+
+
+def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
+    """Return the levels on empty lines: "odd" and "even" distortion with the noise subtracted.
+
+        D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean over 5 lines of a kind of (|D|² - noise)
+
+    Ĝ is the response on the neighboring excited lines, interpolated: in a closed loop the input is not empty there.
+    The level of a kind is 0 in the band if a test of all its lines together finds only noise, at a risk of 1 %.
+    Outside the band no response is known, and D is the whole output, the effect of distortion at the input included.
+    `response` on the excited lines.  Only lines up to three times the band are used.
+    """
+    lines = np.flatnonzero(mean.excited)
+    first, last = int(lines[0]), int(lines[-1])
+    levels: dict[str, Level] = {}
+    everywhere = np.arange(min(3 * (last + 1), mean.frequency.size))
+    empty = everywhere[~mean.excited[everywhere]]
+    if not empty.size:
+        return levels
+    between = (empty > first) & (empty < last)
+    guessed = np.interp(empty, lines, np.real(response)) + 1j * np.interp(empty, lines, np.imag(response))
+    guessed = np.where(between, guessed, 0.0)
+    power = np.abs(mean.output[empty] - guessed * mean.input[empty]) ** 2
+    noise = mean.noise(guessed, empty)
+    size = np.interp(empty, lines, np.abs(mean.input[lines]))
+    for name, kind in (("odd", (empty + 1) % 2 == 1), ("even", (empty + 1) % 2 == 0)):
+        if not np.any(kind):
+            continue
+        inside = between[kind]
+        level = np.sqrt(np.maximum(smoothed(power[kind] - noise[kind]), 0.0))
+        if np.any(inside) and not _loud(power[kind][inside], noise[kind][inside], mean.freedom):
+            level = np.where(inside, 0.0, level)
+        response_level = np.where(inside, level / size[kind], np.nan)
+        levels[name] = Level(mean.frequency[empty[kind]], level, response_level)
+    return levels
+
+
+def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
+    """True if lines hold more than noise: the sum of |D|²/noise, each F(2, 2ν), against its quantile.
+
+    The sum counts as one F whose degrees of freedom add up, which holds for noise of any color.
+    """
+    from scipy.special import fdtri
+
+    quotient = float(np.mean(power / np.maximum(noise, 1e-300)))
+    # the mean of F(2, 2ν) is ν/(ν - 1); with few periods single lines scatter widely, and the test of their sum is
+    # conservative
+    expected = freedom / (freedom - 1.0) if freedom > 1 else np.inf
+    return quotient > expected * float(fdtri(2 * power.size, 2 * max(freedom, 1), 1.0 - _RISK))
+
+
+def smoothed(values: np.ndarray) -> np.ndarray:
+    """Return the running mean over neighbors, shorter at the ends."""
+    width = min(_NEIGHBORS, values.size)
+    ones = np.ones(width)
+    return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
+
+
+def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) -> np.ndarray | None:  # noqa: A002
+    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,); None
+    if there are fewer.
+
+        Ȳ(i) = (g₀ + g₁ x + g₂ x²) fᵖ Ū(i) + V(i),   x from -1 to 1 over the lines, p the slope of |Ȳ/Ū| on log scales
+
+    It holds noise and everything nonlinear, also on a full grid.  At a sharp resonance it would include the curvature
+    of the response, too. The result is therefore the share |V|²/|Ȳ|², as the median over 31 lines, times |Ȳ|².
+    Source: Pintelon et al. 2010; in steady state there is no transient to estimate.
+    """
+    n = frequency.size
+    width = 2 * _HALF + 1
+    if n < width:
+        return None
+    starts = np.clip(np.arange(n) - _HALF, 0, n - width)
+    around = starts[:, None] + np.arange(width)
+    f, u, y = frequency[around], input[around], output[around]
+    x = f - 0.5 * (f[:, :1] + f[:, -1:])
+    x = x / x[:, -1:]
+    response = np.log(np.maximum(np.abs(y / u), 1e-300))
+    away = np.log(f) - np.mean(np.log(f), axis=1, keepdims=True)
+    slope = np.sum(away * response, axis=1, keepdims=True) / np.sum(away**2, axis=1, keepdims=True)
+    regressors = (u * (f / f[:, :1]) ** slope)[:, :, None] * x[:, :, None] ** np.arange(_ORDER + 1)
+    scale = np.maximum(np.abs(regressors).max(axis=(1, 2), keepdims=True), np.finfo(float).tiny)
+    q = np.linalg.qr(regressors / scale)[0]
+    rest = y[:, :, None] - q @ (np.conj(q).transpose(0, 2, 1) @ y[:, :, None])
+    scatter = np.sum(np.abs(rest[:, :, 0]) ** 2, axis=1) / (width - _ORDER - 1)
+    power = np.abs(output) ** 2
+    share = scatter / np.mean(np.abs(y) ** 2, axis=1)
+    reach = min(_REACH, n)
+    begins = np.clip(np.arange(n) - reach // 2, 0, n - reach)
+    return np.median(share[begins[:, None] + np.arange(reach)], axis=1) * power
+
+
+@dataclass(frozen=True, eq=False)
+class _Realisation:
+    """Means over periods and covariances of these means, shape (lines,); noise powers of y and u and y u*."""
+
+    input: np.ndarray
+    output: np.ndarray
+    reference: np.ndarray | None
+    yy: np.ndarray
+    uu: np.ndarray
+    yu: np.ndarray
+    periods: int
+    dropped: int
+
+
+def periodic(
+    records: Sequence[Record],
+    period: int,
+    *,
+    band: tuple[float, float] | None = None,
+    skip: int | None = None,
+) -> FrequencyEstimate:
+    """Estimate the response on the excited lines, from P periods of each of M realizations
+    (records) in steady state.
+
+        G = Ȳ/Ū,   var = (σ_y² + |G|² σ_u² - 2 Re(conj(G) σ_yu²))/|Ū|²
+
+    σ² are (co)variances of the means: over the periods for the noise; over realisations with other phases for noise and
+    nonlinear distortion together (`total`).  With a reference Y and U are turned by its phase and averaged over the
+    realisations before they are divided, so that noise at the input leaves no bias; it holds in a closed loop.
+    With one realization the distortion on the excited lines is taken from the odd empty lines between them, if there
+    are any. On a full grid it is the scatter around a smooth response, if that clearly exceeds the noise. Otherwise the
+    variance is that of noise only.
+
+    period  samples
+    band    Hz; default: all excited lines
+    skip    periods dropped at the start; default: those that a test finds not in steady state, at most half
+
+    Raises LogError if fewer than two periods are left.
+    Source: Pintelon & Schoukens 2012, sections 2.5 and 4.3.
+    """
+    cuts = [cut(record, period) for record in records]
+    cause = cuts[0][2][0] if records[0].references else cuts[0][0]
+    frequency = np.arange(1, (period + 1) // 2) / (period * records[0].sample_time)
+    excited = excited_lines(cause.mean(axis=0))
+    if band is not None:
+        asked = (frequency >= band[0] * (1.0 - 1e-9)) & (frequency <= band[1] * (1.0 + 1e-9))
+        chosen = excited & asked
+    else:
+        chosen = excited
+    if not np.any(chosen):
+        raise LogError(f"{records[0].name}: no excited line lies in the band")
+    drawn = [_realisation(record, cut_record, skip, excited) for record, cut_record in zip(records, cuts, strict=True)]
+    lines = np.flatnonzero(chosen)
+    response, noise, freedom = _response(drawn, lines)
+    first = records[0]
+    remarks = [remark for record in records for remark in record.remarks]
+    levels = _levels(drawn[0], frequency, excited)
+    variance, total, nu, rule = _total(drawn, lines, frequency, response, noise, freedom, levels)
+    if len(drawn) == 1 and not total:
+        remarks.append("one realisation: the variance is that of noise alone")
+    if any(
+        realisation.dropped >= (realisation.dropped + realisation.periods) // 2
+        for realisation in drawn
+        if realisation.dropped
+    ):
+        remarks.append(
+            "half of the periods, the largest number allowed, were dropped: a transient decays so slowly that it "
+            "still exceeds the noise; if the deviation is too large, measure more periods, or wait longer before "
+            "recording"
+        )
+    frf = FRF(
+        frequency[lines],
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence_of(response, noise, freedom),
+        variance,
+    )
+    counts = {
+        "realisations": len(drawn),
+        "periods": sum(realisation.periods for realisation in drawn),
+        "dropped": sum(realisation.dropped for realisation in drawn),
+    }
+    text = (
+        f"periods of {period} samples: {counts['periods']} averaged, {counts['dropped']} dropped, "
+        f"{len(drawn)} realisation{'s' if len(drawn) > 1 else ''}; variance by {rule}"
+    )
+    estimate = FrequencyEstimate(frf, text, nu, noise, total, levels, counts, tuple(remarks))
+    doubt = np.mean([realisation.uu[lines] / np.abs(realisation.input[lines]) ** 2 for realisation in drawn], axis=0)
+    return estimate.where_told(doubt)
+
+
+def _realisation(
+    record: Record, transforms: tuple[np.ndarray, np.ndarray, np.ndarray], skip: int | None, excited: np.ndarray
+) -> _Realisation:
+    u, y, r = transforms
+    dropped = max(transient_periods(u[:, excited]), transient_periods(y[:, excited])) if skip is None else skip
+    if u.shape[0] - dropped < 2:
+        raise LogError(f"{record.name}: {u.shape[0]} periods less {dropped} leave fewer than two for the noise")
+    u, y = u[dropped:], y[dropped:]
+    p = u.shape[0]
+    du, dy = u - u.mean(axis=0), y - y.mean(axis=0)
+    share = 1.0 / (p * (p - 1))
+    yy, uu = share * np.sum(np.abs(dy) ** 2, axis=0), share * np.sum(np.abs(du) ** 2, axis=0)
+    yu = share * np.sum(dy * np.conj(du), axis=0)
+    reference = r[0].mean(axis=0) if len(r) else None
+    return _Realisation(u.mean(axis=0), y.mean(axis=0), reference, yy, uu, yu, p, dropped)
+
+
+def _turned(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return inputs and outputs of all realizations, rotated so that the excitation has the same phase; shape (M,
+    lines).
+    """
+    turns = [
+        np.exp(-1j * np.angle((realisation.input if realisation.reference is None else realisation.reference)[lines]))
+        for realisation in drawn
+    ]
+    u = np.array([realisation.input[lines] * turn for realisation, turn in zip(drawn, turns, strict=True)])
+    y = np.array([realisation.output[lines] * turn for realisation, turn in zip(drawn, turns, strict=True)])
+    return u, y
+
+
+def _response(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the response, its variance by noise, and the degrees of freedom of that variance."""
+    u, y = _turned(drawn, lines)
+    mean_u, mean_y = u.mean(axis=0), y.mean(axis=0)
+    response = mean_y / mean_u
+    m = len(drawn)
+    yy, uu, yu = (
+        np.sum([getattr(realisation, name)[lines] for realisation in drawn], axis=0) / m**2
+        for name in ("yy", "uu", "yu")
+    )
+    noise = np.maximum(yy + np.abs(response) ** 2 * uu - 2.0 * np.real(np.conj(response) * yu), 0.0)
+    freedom = np.full(lines.size, float(sum(realisation.periods - 1 for realisation in drawn)))
+    return response, noise / np.abs(mean_u) ** 2, freedom
+
+
+def _levels(first: _Realisation, frequency: np.ndarray, excited: np.ndarray) -> dict[str, Level]:
+    """Return the levels of the first realization, on all of its lines."""
+    lines = np.flatnonzero(excited)
+    response = first.output[lines] / first.input[lines]
+    freedom = first.periods - 1
+    mean = Averaged(frequency, first.input, first.output, first.yy, first.uu, first.yu, freedom, excited)
+    levels = detection(mean, response)
+    noise = np.sqrt(mean.noise(response, lines))
+    size = np.abs(first.input[lines])
+    levels["noise"] = Level(frequency[lines], noise, noise / size)
+    scatter = local_scatter(frequency[lines], first.input[lines], first.output[lines])
+    if scatter is not None:
+        level = np.sqrt(np.maximum(scatter - noise**2, 0.0))
+        levels["nonlinear"] = Level(frequency[lines], level, level / size)
+    return levels
+
+
+def _total(
+    drawn: Sequence[_Realisation],
+    lines: np.ndarray,
+    frequency: np.ndarray,
+    response: np.ndarray,
+    noise: np.ndarray,
+    freedom: np.ndarray,
+    levels: dict[str, Level],
+) -> tuple[np.ndarray, bool, np.ndarray, str]:
+    """Return the variance, true if it includes nonlinear distortion, its degrees of freedom, and the rule used."""
+    m = len(drawn)
+    if m > 1:
+        u, y = _turned(drawn, lines)
+        rest = y - response * u
+        spread = np.sum(np.abs(rest - rest.mean(axis=0)) ** 2, axis=0) / (m * (m - 1))
+        return spread / np.abs(u.mean(axis=0)) ** 2, True, np.full(lines.size, m - 1.0), "the spread of realisations"
+    odd = levels.get("odd")
+    if odd is not None and np.any(between := np.isfinite(odd.response)):
+        if not np.any(odd.response[between]):
+            return (
+                noise,
+                False,
+                freedom,
+                "the noise of periods; no significant odd distortion on empty lines",
+            )
+        added = np.interp(frequency[lines], odd.frequency[between], odd.response[between]) ** 2
+        return noise + added, True, freedom, "the noise of periods and the odd distortion on empty lines"
+    rough = levels.get("nonlinear")
+    if rough is not None:
+        quiet = np.maximum(levels["noise"].output ** 2, 1e-300)
+        if np.median((rough.output**2 + quiet) / quiet) > _ROUGH:
+            added = np.interp(frequency[lines], rough.frequency, rough.response) ** 2
+            return noise + added, True, freedom, "the noise of periods and the scatter around a smooth response"
+    return noise, False, freedom, "the noise of periods"
+
 
 ALL = ("auto", "periodic", "impact", "local_polynomial", *METHODS)
 MOST_LINES = 2000  # of a local polynomial by default

@@ -8,14 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.commanded import commanded
+from feeddrive.analysis.replay import commanded
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.identification.estimate import NORMAL, Estimate, estimates_table
-from feeddrive.identification.motion.motion_log import MotionLog, count_of
-from feeddrive.identification.motion.preparation import decimated
+from feeddrive.identification.motion.motion_log import MotionLog, count_of, decimated
 from feeddrive.identification.motion.rigid import LEAST_OWN, covariance_of
-from feeddrive.identification.regression import TracedForce, errors, ols_covariance, robust_covariance
+from feeddrive.identification.regression import (
+    NORMAL,
+    Estimate,
+    TracedForce,
+    errors,
+    estimates_table,
+    ols_covariance,
+    robust_covariance,
+)
 from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NotIdentifiableError, ParameterError

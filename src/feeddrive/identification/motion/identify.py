@@ -16,7 +16,6 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.identification.estimate import SHAFT
 from feeddrive.identification.motion.control_law import (
     MOST_OFF,
     SURE,
@@ -25,12 +24,11 @@ from feeddrive.identification.motion.control_law import (
     check_law,
     identify_control,
 )
-from feeddrive.identification.motion.delay import DelayFit, find_delay
-from feeddrive.identification.motion.motion_log import MotionLog, checked, count_of, drawn
+from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation, checked, count_of, drawn, prepare
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
-from feeddrive.identification.motion.preparation import HOLD, Preparation, prepare
-from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
+from feeddrive.identification.motion.rigid import DelayFit, RigidFit, find_delay, identify_rigid
 from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
+from feeddrive.identification.regression import SHAFT
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, FeeddriveError, LogError, NotIdentifiableError
 from feeddrive.language.judgment import Advice, Judgment

@@ -11,9 +11,8 @@ import numpy as np
 
 from feeddrive.analysis.replay import Replay, estimate_start, replay
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.identification.estimate import Estimate, estimates_table
 from feeddrive.identification.motion.motion_log import MotionLog, at_rest, count_of, drawn, spread, unknown_force
-from feeddrive.identification.regression import errors, robust_covariance
+from feeddrive.identification.regression import Estimate, errors, estimates_table, robust_covariance
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity

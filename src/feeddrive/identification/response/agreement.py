@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from feeddrive.identification.estimate import Estimate
+from feeddrive.identification.regression import Estimate
 from feeddrive.identification.response.refine import Model, Refined, Unknown, refine
 from feeddrive.identification.response.units import ResponseUnits
 from feeddrive.language.quantity import Quantity

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.identification.estimate import Estimate, estimates_table
+from feeddrive.identification.regression import Estimate, estimates_table
 from feeddrive.identification.response.agreement import Agreement, agreement
 from feeddrive.identification.response.refine import Refined, Unknown, refine
 from feeddrive.identification.response.units import ResponseUnits, taken

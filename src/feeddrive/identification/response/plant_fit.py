@@ -15,7 +15,7 @@ from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.identification.estimate import Estimate, estimates_table
+from feeddrive.identification.regression import Estimate, estimates_table
 from feeddrive.identification.response.agreement import Agreement, advice, agreement, beyond, blind, entangled
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.identification.response.refine import STEPS, Refined, Unknown, covariances_at, refine
@@ -28,8 +28,8 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Cell, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.gradient import LinearModel, TracedModel
 from feeddrive.loop.hold import Port, Rows, Timing, rate
-from feeddrive.loop.traced_model import LinearModel, TracedModel
 
 # The masses, springs and dampers of a plant, traced with its actuator, from frequency responses, in SI.
 

@@ -1,26 +1,336 @@
-"""The decorator of kernels, and their call: as machine code, or as plain Python."""
+"""Kernels: their decorator and call, and the machine code of the kernels of a file.
+
+A kernel of another file is called as an external function, linked to the code of that file, so that each is compiled
+once.  First the code is made quickly.  When it has run for long, it is made again with passes of the optimizer and a
+better choice of instructions: the bits and the errors stay.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import linecache
+import re
 import struct
 import sys
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cached_property
+from functools import cached_property, lru_cache
+from pathlib import Path
+from threading import RLock
 from time import thread_time
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, Generic, NamedTuple, NoReturn, ParamSpec, TypeVar, cast
+from weakref import WeakSet
 
 import numpy as np
 
-from feeddrive.language.kernels.module import Unit, unit_of
+from feeddrive.language.kernels.elementary import Elementary
+from feeddrive.language.kernels.llvm import Statements
 from feeddrive.language.kernels.plain import Cells, Rows
-from feeddrive.language.kernels.source import BOOL, FLOAT, INT, KernelError, Source, Type
-from feeddrive.language.kernels.text import Failure
-from feeddrive.language.machine_code import MachineCode
+from feeddrive.language.kernels.source import (
+    BOOL,
+    FLOAT,
+    INT,
+    KernelError,
+    Source,
+    Type,
+    described,
+    is_record,
+    source_of,
+)
+from feeddrive.language.kernels.text import Failure, Function, struct_type
+from feeddrive.language.machine_code import MachineCode, linked_code, target
+
+_INTRINSICS = """
+declare double @llvm.sqrt.f64(double)
+declare double @llvm.fabs.f64(double)
+declare double @llvm.floor.f64(double)
+declare { i64, i1 } @llvm.sadd.with.overflow.i64(i64, i64)
+declare { i64, i1 } @llvm.ssub.with.overflow.i64(i64, i64)
+declare { i64, i1 } @llvm.smul.with.overflow.i64(i64, i64)
+attributes #0 = { nounwind "no-builtins" }
+!0 = !{!"branch_weights", i32 1048575, i32 1}
+"""
+
+
+class Effort(NamedTuple):
+    """The effort of LLVM on machine code.  No pass contracts or reorders arithmetic on floats."""
+
+    selection: int  # of instructions and registers, as LLVM counts it
+    passes: tuple[str, ...]
+
+
+QUICK = Effort(0, ("sroa",))
+THOROUGH = Effort(
+    2,
+    (
+        "always_inliner",
+        "global_dead_code_eliminate",
+        "sroa",
+        "simplify_cfg",
+        "instruction_combine",
+        "new_gvn",
+        "simplify_cfg",
+    ),
+)
+_LONG = 0.25  # s in quick code, after which a process makes thorough code
+_KERNEL, _FAILURE = 10, 13  # bits of a status for the place of a kernel in its file, and of a failure in its kernel
+_ENTRY = "entry{}"
+_IDLE = re.compile(r"\s*(#.*)?$")  # lines of which the code does not depend
+_lock = RLock()
+
+
+class Unit:
+    """The kernels of a file."""
+
+    spent = 0.0  # s of the process in quick code
+
+    def __init__(self, sources: Iterable[Source]) -> None:
+        self.sources = tuple(sources)
+        self._places = {source: place for place, source in enumerate(self.sources)}
+        self._functions: dict[Source, Function] = {}
+        self._code: MachineCode | None = None
+        self._effort = QUICK
+
+    @cached_property
+    def key(self) -> str:
+        """A digest of all that its machine code depends on but the processor: texts, types, constants, called files."""
+        with _lock:
+            if self in _keyed:
+                first = self.sources[0]
+                first.refuse(first.tree, "files whose kernels call each other", "put them into one file")
+            _keyed.append(self)
+            try:
+                parts = [_compiler(), _lines(self.sources[0].file), *map(self._content, self.sources)]
+            finally:
+                _keyed.pop()
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    def _content(self, source: Source) -> str:
+        """All that the printed text of a kernel depends on."""
+        named = [f"{name}={self._described(value)}" for name, value in sorted(source.named.items())]
+        code = source.python.__code__
+        return "\n".join([source.name, code.co_code.hex(), repr(source.signature), *named])
+
+    def _described(self, value: object) -> str:
+        """Describe the value of a name in a kernel, as far as the printed text depends on it."""
+        called = source_of(value)
+        if called is not None:
+            return str(self._places[called]) if called in self._places else unit_of(called).symbol(called)
+        if isinstance(value, float):
+            return float(value).hex()
+        if isinstance(value, int):
+            return f"{type(value).__name__} {value!r}"
+        if isinstance(value, Elementary):
+            return value.name
+        if is_record(value) or is_record(type(value)):
+            return described(value)
+        if isinstance(value, ModuleType):
+            return value.__name__
+        return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', type(value).__name__)}"
+
+    def symbol(self, source: Source) -> str:
+        """The name of the function of a kernel, the same in all files."""
+        return f"k{self.key[:32]}.{self._places[source]}"
+
+    @cached_property
+    def number(self) -> int:
+        """The number of the file in the statuses of its kernels."""
+        return int(self.key[:10], 16)
+
+    # text
+
+    def function(self, source: Source) -> Function:
+        """The function of a kernel, printed when it is first asked for, after those that it calls."""
+        with _lock:
+            known = self._functions.get(source)
+            if known is not None:
+                return known
+            if source in _open:
+                names = " -> ".join(caller.name for caller in [*_open[_open.index(source) :], source])
+                remedy = "write a loop, with a stack in an array of the caller"
+                source.refuse(source.tree, f"recursion: {names}", remedy)
+            _open.append(source)
+            try:
+                number = self.number << _KERNEL | self._places[source]
+                printer = Statements(source, lambda called: unit_of(called).function(called))
+                printed = printer.function(self.symbol(source), number << _FAILURE)
+            finally:
+                _open.pop()
+            return self._functions.setdefault(source, printed)
+
+    def text(self, effort: Effort = QUICK) -> str:
+        """The module, with its triple in the first line."""
+        own = [self.function(source) for source in self.sources]
+        declared, copied = list[str](), dict[str, Function]()
+        left, seen = [callee for function in own for callee in function.called], set(self.sources)
+        while left:
+            source = left.pop()
+            if source in seen:
+                continue
+            seen.add(source)
+            function = unit_of(source).function(source)
+            if source.part or (effort == THOROUGH and function.small):
+                copied[function.symbol] = function
+                left += function.called
+            else:
+                declared.append(f"declare {function.head}\n")
+        angles = dict[str, str]()
+        wanted = [elementary for function in (*own, *copied.values()) for elementary in function.elementary]
+        while wanted:
+            elementary = wanted.pop()
+            if elementary.name not in angles:
+                angles[elementary.name], called = elementary.printed()
+                wanted += called
+        defined = [f"define {function.text}" for function in own] + [
+            f"define internal {function.text}" for function in copied.values()
+        ]
+        entries = [_entry(place, source, self.symbol(source)) for place, source in enumerate(self.sources)]
+        return "\n".join(
+            [f'target triple = "{target()[0]}"', *declared, *defined, *angles.values(), *entries, _INTRINSICS]
+        )
+
+    # machine code
+
+    @property
+    def code(self) -> MachineCode:
+        """The machine code: that on the disk, else compiled quickly."""
+        if self._code is None:
+            with _lock:
+                if self._code is None:
+                    code = self._linked(THOROUGH, stored=True)
+                    self._effort = QUICK if code is None and Unit.spent <= _LONG else THOROUGH
+                    self._code = self._linked(self._effort) if code is None else code
+                    _used.add(self)
+        assert self._code
+        return self._code
+
+    def entry(self, source: Source) -> tuple[MachineCode, int]:
+        """The machine code of the file, and the address of the function by which Python calls a kernel."""
+        code = self.code
+        return code, code.addresses[_ENTRY.format(self._places[source])]
+
+    @property
+    def quick(self) -> bool:
+        """True if its code was compiled quickly."""
+        return self._effort is QUICK
+
+    @staticmethod
+    def ran(seconds: float) -> None:
+        """Count the time in quick code; once it is long, compile all code thoroughly.
+
+        All files at once, so that a long program pauses once, and its memory grows near its start: LLVM takes 30 MB.
+        """
+        Unit.spent += seconds
+        if Unit.spent > _LONG:
+            with _lock:
+                for unit in list(_used):
+                    unit.make(THOROUGH)
+
+    def make(self, effort: Effort) -> None:
+        """Compile its code and that of the files that it calls with an effort, unless it has that effort already."""
+        with _lock:
+            for unit in self.units:
+                if unit._code is None or unit._effort != effort:
+                    unit._code, unit._effort = unit._linked(effort), effort
+
+    @cached_property
+    def units(self) -> tuple[Unit, ...]:
+        """The files whose kernels it calls, in the order of dependence, with itself as the last."""
+        units = dict[Unit, None]()
+        for source in self.sources:
+            for kernel in _kernels(source):
+                if kernel not in self._places:
+                    units |= dict.fromkeys(unit_of(kernel).units)
+        return *units, self
+
+    def failure(self, status: int) -> Failure:
+        """The error of a status that is not 0."""
+        number, place = status >> _FAILURE + _KERNEL, status >> _FAILURE & (1 << _KERNEL) - 1
+        unit = next(candidate for candidate in self.units if candidate.number == number)
+        return unit.function(unit.sources[place]).failures[(status & (1 << _FAILURE) - 1) - 1]
+
+    def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
+        """The machine code of an effort, linked to that of other files; with `stored` None if it is not on the disk."""
+        own = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
+        below = [unit.code for unit in self.units[:-1]]
+        symbols = {name: place for code in below for name, place in code.addresses.items() if name.startswith("k")}
+        return linked_code(
+            self.key,
+            lambda: self.text(effort),
+            own,
+            symbols,
+            below,
+            effort=effort.selection,
+            passes=effort.passes,
+            stored=stored,
+        )
+
+
+_open: list[Source] = []  # printing begun, not yet ended: the chain of calls
+_keyed: list[Unit] = []  # the same for keys
+_used: WeakSet[Unit] = WeakSet()  # that have code
+
+
+def _entry(place: int, source: Source, symbol: str) -> str:
+    """Print a function that reads a kernel's arguments from 64-bit words in memory and writes its results there."""
+    words = [word for _, kind in source.signature.leaves for word in (kind, *[INT] * kind.dimensions)]
+    returned = struct_type(source.signature.results)
+    results = [kind for result in source.signature.results for _, kind in result.leaves("")]
+    lines, operands = list[str](), list[str]()
+    for at, kind in enumerate(words):
+        loaded = kind.llvm.replace("i1", "i64")
+        lines.append(f"%p{at} = getelementptr i64, ptr %words, i64 {at}")
+        lines.append(f"%w{at} = load {loaded}, ptr %p{at}")
+        if loaded != kind.llvm:
+            lines.append(f"%t{at} = trunc i64 %w{at} to i1")
+        operands.append(f"{kind.llvm} %{'w' if loaded == kind.llvm else 't'}{at}")
+    lines.append(f"%made = call {returned} @{symbol}({', '.join(operands)})")
+    for at, kind in enumerate(results):
+        value = f"%r{at}"
+        lines.append(f"{value} = extractvalue {returned} %made, {at + 1}")
+        if kind.llvm == "i1":
+            lines.append(f"%e{at} = zext i1 {value} to i64")
+            value = f"%e{at}"
+        lines.append(f"%o{at} = getelementptr i64, ptr %words, i64 {at}")
+        lines.append(f"store {kind.llvm.replace('i1', 'i64')} {value}, ptr %o{at}")
+    lines.append(f"%status = extractvalue {returned} %made, 0")
+    return "\n".join([f"define i64 @{_ENTRY.format(place)}(ptr %words) #0 {{", *lines, "ret i64 %status", "}", ""])
+
+
+def unit_of(source: Source) -> Unit:
+    """Return the unit of a kernel's file, with all kernels that the file defines at the first call."""
+    with _lock:
+        unit = cast("Unit | None", source.unit)
+        if unit is None:
+            names = source.python.__globals__
+            beside = [other for other in map(source_of, names.values()) if other and other.python.__globals__ is names]
+            unit = Unit(dict.fromkeys([*beside, source]))
+            for member in unit.sources:
+                member.unit = unit
+    return unit
+
+
+def _kernels(source: Source) -> list[Source]:
+    """The kernels that a kernel names."""
+    return [called for called in map(source_of, source.named.values()) if called]
+
+
+def _lines(file: str) -> str:
+    """The text of a file without comments that have lines of their own."""
+    linecache.checkcache(file)
+    return "".join(line for line in linecache.getlines(file) if not _IDLE.match(line))
+
+
+@lru_cache(maxsize=1)
+def _compiler() -> str:
+    """A digest of the files that print kernels."""
+    here = Path(__file__).parent
+    texts = [path.read_text(encoding="utf-8") for path in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
+    return hashlib.sha256("\n".join([sys.version, *texts]).encode()).hexdigest()
+
 
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}
 _ADDRESS, _COUNT = "P", "q"

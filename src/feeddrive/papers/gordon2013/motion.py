@@ -38,7 +38,7 @@ from feeddrive.papers.gordon2013.testbed import (
     with_prefilter,
 )
 from feeddrive.plot.chart import LOG, Chart, Curve, Panel
-from feeddrive.plot.distributions import bars
+from feeddrive.plot.curves import bars
 from feeddrive.report.report import Picture
 
 CUT = 0.5  # s, when the rope is cut: the table has settled under it

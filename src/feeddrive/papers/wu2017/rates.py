@@ -16,8 +16,15 @@ from feeddrive.language.errors import UnstableError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
-from feeddrive.learning.error_model import filtered, true_error_model
-from feeddrive.learning.iterative_feedforward import compensated, compensator, convergence, next_iteration, regressors
+from feeddrive.learning.iterative_feedforward import (
+    compensated,
+    compensator,
+    convergence,
+    filtered,
+    next_iteration,
+    regressors,
+    true_error_model,
+)
 from feeddrive.learning.trial import simulated_trial
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate

@@ -11,8 +11,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.quantity import number
-from feeddrive.learning.error_model import error_model, filtered
-from feeddrive.learning.iterative_feedforward import compensated, convergence, next_iteration
+from feeddrive.learning.iterative_feedforward import compensated, convergence, error_model, filtered, next_iteration
 from feeddrive.learning.trial import simulated_trial
 from feeddrive.loop.lifting import tracking
 from feeddrive.loop.loop import Loop

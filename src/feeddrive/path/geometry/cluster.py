@@ -23,7 +23,7 @@ from math import sqrt
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.geometry.blend import hermite, largest_norm, part_of
+from feeddrive.path.geometry.segments import hermite, largest_norm, part_of
 
 ENDS = 5  # knots beyond each end
 GRADE = 0.35  # of the step, by the way

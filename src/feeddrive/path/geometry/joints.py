@@ -15,7 +15,6 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.geometry.blend import blend, goes_on, part_of, state_near, trimmed
 from feeddrive.path.geometry.cluster import (
     BLEND,
     CROSSED,
@@ -29,7 +28,7 @@ from feeddrive.path.geometry.cluster import (
     spline_pieces,
     straight_pieces,
 )
-from feeddrive.path.geometry.segments import Chain
+from feeddrive.path.geometry.segments import Chain, blend, goes_on, part_of, state_near, trimmed
 from feeddrive.path.motion import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
 
 _CUTS = 8  # pieces of a blend

@@ -12,8 +12,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from feeddrive.language.quantity import Quantity
-from feeddrive.path.program.expressions import ARGUMENTS, Parameters, Values
-from feeddrive.path.program.lines import BlockError, Line, LineReader, Place, compact, located
+from feeddrive.path.program.blocks import (
+    ARGUMENTS,
+    BlockError,
+    Line,
+    LineReader,
+    Parameters,
+    Place,
+    Values,
+    compact,
+    located,
+)
 
 DEEPEST_CALL = 50
 """Subroutines inside subroutines."""

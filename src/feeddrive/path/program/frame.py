@@ -12,12 +12,11 @@ from typing import cast
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.path.program.blocks import AXES
-from feeddrive.path.program.commands import Command
-from feeddrive.path.program.lines import BlockError, Line, located
+from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.motion import PLANES
 from feeddrive.path.program.moves import (
     Arc,
+    Command,
     Dwell,
     End,
     Feed,

@@ -9,12 +9,20 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.path.program.blocks import Block, Step, name_of, read_block, read_debug
-from feeddrive.path.program.commands import Command, Value
-from feeddrive.path.program.expressions import Parameters
+from feeddrive.path.program.blocks import (
+    Block,
+    BlockError,
+    Line,
+    Parameters,
+    Step,
+    located,
+    name_of,
+    read_block,
+    read_debug,
+)
 from feeddrive.path.program.flow import MOST_AGAIN, Flow
-from feeddrive.path.program.lines import BlockError, Line, located
 from feeddrive.path.program.motion import MOVING, Motion, emit_path_mode
+from feeddrive.path.program.moves import Command, Value
 from feeddrive.path.program.state import (
     BY_CODE,
     G92,

@@ -10,8 +10,7 @@ import math
 from collections.abc import Callable
 
 from feeddrive.language.quantity import Quantity
-from feeddrive.path.program.blocks import AXES, Block, name_of
-from feeddrive.path.program.lines import BlockError
+from feeddrive.path.program.blocks import AXES, Block, BlockError, name_of
 from feeddrive.path.program.moves import MOST_TURNS, center_of_radius, check_radii, sweep
 from feeddrive.path.program.state import INCH, Emit, State
 

@@ -21,14 +21,21 @@ from typing import Literal
 from feeddrive.language.errors import MissingProgramError, ProgramError, plain
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
-from feeddrive.path.program.blocks import AXES
-from feeddrive.path.program.commands import Command, read_command
-from feeddrive.path.program.expressions import read_offsets
+from feeddrive.path.program.blocks import (
+    AXES,
+    LONGEST_LINE,
+    BlockError,
+    Line,
+    LineReader,
+    Place,
+    compact,
+    located,
+    read_offsets,
+)
 from feeddrive.path.program.flow import MOST_AGAIN
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
-from feeddrive.path.program.lines import LONGEST_LINE, BlockError, Line, LineReader, Place, compact, located
-from feeddrive.path.program.moves import Move
+from feeddrive.path.program.moves import Command, Move, read_command
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 
 PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"

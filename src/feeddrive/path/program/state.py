@@ -15,9 +15,7 @@ from pathlib import Path
 
 from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
-from feeddrive.path.program.blocks import AXES, Block, name_of
-from feeddrive.path.program.expressions import Parameters
-from feeddrive.path.program.lines import BlockError
+from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from feeddrive.studio.room import Room
+from feeddrive.studio.desk import Room
 from feeddrive.studio.rooms.bring import Bring
 from feeddrive.studio.rooms.compare import Compare
 from feeddrive.studio.rooms.goal import Goal

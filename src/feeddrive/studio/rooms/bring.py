@@ -15,10 +15,8 @@ from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.bench import bench_of, bench_of_responses
-from feeddrive.studio.desk import Desk, free_name
-from feeddrive.studio.inspect_file import LOG, MACHINE, PROGRAM, RESPONSES, Understood, understand
-from feeddrive.studio.room import Asked, Room, Said, act, tabled
-from feeddrive.studio.uploads import safe_name, stem_of
+from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name, tabled
+from feeddrive.studio.uploads import LOG, MACHINE, PROGRAM, RESPONSES, Understood, safe_name, stem_of, understand
 from feeddrive.studio.works import Shown, fitted, toured
 from feeddrive.workflow.frf import FrfRequest
 from feeddrive.workflow.identify_responses import IdentifyRequest

@@ -13,8 +13,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
-from feeddrive.studio.desk import Desk, free_name
-from feeddrive.studio.room import Asked, Room, Said, act
+from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name
 from feeddrive.studio.works import Shown, compared
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.workflow.compare import TAKEN, CompareRequest, taken

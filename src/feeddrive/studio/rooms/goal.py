@@ -19,10 +19,9 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import number
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import Chart, Curve, Panel
-from feeddrive.studio.desk import Desk, free_name
+from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name
 from feeddrive.studio.jobs import Found, perform
 from feeddrive.studio.pictures import charts
-from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import words_of
 from feeddrive.tuning.by_hand import Look
 from feeddrive.tuning.tune import Tuned

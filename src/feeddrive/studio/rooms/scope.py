@@ -12,8 +12,8 @@ import numpy as np
 
 from feeddrive.analysis.oscilloscope import MODES, Oscilloscope, Readout, Shown, readout
 from feeddrive.files.columns import unit_of
-from feeddrive.files.guess import words_of
 from feeddrive.files.log import write_log
+from feeddrive.files.mapping import words_of
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, signal_unit
@@ -21,9 +21,8 @@ from feeddrive.language.text import Text
 from feeddrive.plot.chart import Chart
 from feeddrive.plot.scope import Channel, Ranges, scope_chart
 from feeddrive.plot.style import written
-from feeddrive.studio.desk import Desk
+from feeddrive.studio.desk import Asked, Desk, Room, Said, act
 from feeddrive.studio.live import Following
-from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.workflow.follow import FollowRequest, between, window_log
 from feeddrive.workflow.request import Field, fields_of
 

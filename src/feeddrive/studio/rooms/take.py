@@ -9,19 +9,17 @@ from typing import Any
 from feeddrive.export.targets import TARGETS
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.language import units
-from feeddrive.language.declaration import declarations
+from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.guard import Guard
-from feeddrive.studio.desk import Desk, Held, free_name
+from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.recipe import recipe_of
-from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, exported, packed, words_of
 from feeddrive.workflow.adjust import AdjustRequest
 from feeddrive.workflow.command import Outcome
-from feeddrive.workflow.export import ExportRequest
-from feeddrive.workflow.verify import VerifyRequest
+from feeddrive.workflow.export import ExportRequest, VerifyRequest
 
 _BOUNDS = ("following_error_limit", "velocity_limit", "travel_least", "travel_most", "safe_force")
 

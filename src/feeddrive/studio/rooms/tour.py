@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from feeddrive.studio.desk import Desk
-from feeddrive.studio.room import Asked, Room, Said, act
+from feeddrive.studio.desk import Asked, Desk, Room, Said, act
 
 TITLE = "Tour: your axis in ten minutes"
 

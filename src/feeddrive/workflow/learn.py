@@ -1,37 +1,43 @@
-"""`feeddrive iterate`: the next feedforward parameters, from a log or over simulated trials."""
+"""`feeddrive iterate`, `prefilter` and `setpath`: what is learned from trials, a log or a known loop."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.drive import drive_with
-from feeddrive.files.formats import OpenedFile
+from feeddrive.files.from_toml import to_toml
 from feeddrive.files.job import Job, JobLike, read_job
-from feeddrive.files.log import Log
+from feeddrive.files.log import Log, LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
-from feeddrive.files.to_toml import to_toml
+from feeddrive.files.read_log import OpenedFile
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.learning.iterative_feedforward import Iteration, begin_compensation, next_iteration
+from feeddrive.learning.set_path import ChangedReference, filtered_splines, zero_phase
+from feeddrive.learning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.learning.trial import Trial, measured_trial
 from feeddrive.learning.trials import MachineTrials, iterate_machine, iterate_trials, tune_prefilters
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import simulate
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import chosen
-from feeddrive.workflow.request import CHANNELS, UNIT, Request, argument, called, option
+from feeddrive.workflow.request import CHANNELS, OUT_FILE, UNIT, Request, argument, called, option
 
-_WANTED = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
+_TRIAL_ROLES = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
 # the motion of simulated trials if no job names another
 MOVE = SnapLimitedMove(
     distance=0.1,
@@ -115,7 +121,7 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | 
         return _all_axes(request, together, progress)
     if request.prefilter:
         raise ParameterError("--prefilter is for the axes of a job that run together: name it by --job, without --axis")
-    loop, axis = _loop(request)
+    loop, axis = _compensated_loop(request)
     iteration, tables, remarks = (_simulated if request.controller is None else _measured)(request, loop, progress)
     key = f"axis.{axis}.control.feedforward"
     text = to_toml(iteration.after, key, rotary=loop.axis.rotary).replace(f"[{key}]", f"[[{key}]]", 1)
@@ -148,7 +154,7 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
 
 def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
     """Run simulated trials on the machine."""
-    references = [_reference(job) for job in request.job] or [MOVE]
+    references = [_required_reference(job) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
     trials = iterate_trials(
         loop,
@@ -235,7 +241,7 @@ def _replaced(loop: Loop, section: str) -> list[str]:
     return [f"{section} takes the place of {' and '.join(there)} in the machine file."] if there else []
 
 
-def _loop(request: IterateRequest) -> tuple[Loop, str]:
+def _compensated_loop(request: IterateRequest) -> tuple[Loop, str]:
     """Return the loop with a compensator that has the columns, and the name of its axis."""
     machine = read_machine(request.machine)
     loop = machine.loop(request.axis)
@@ -249,7 +255,7 @@ def _loop(request: IterateRequest) -> tuple[Loop, str]:
     return begin_compensation(loop, columns, stribeck_velocity=request.stribeck_velocity), axis
 
 
-def _reference(job: JobLike) -> Reference:
+def _required_reference(job: JobLike) -> Reference:
     reference = read_job(job).reference
     if reference is None:
         raise ParameterError(f"{called(job)}: has no [reference], only a log: give the log itself, with --controller")
@@ -264,7 +270,7 @@ def _log(request: IterateRequest) -> OpenedFile:
 
 def _trial(request: IterateRequest, loop: Loop, progress: Progress) -> Trial:
     file, named = _log(request), request.named()
-    read = mapped(file, named, request.channels, _WANTED, request.sample_time, progress, request.unit)
+    read = mapped(file, named, request.channels, _TRIAL_ROLES, request.sample_time, progress, request.unit)
     read.doubt.stop(progress)
     measured = read.log
     set_position = chosen(file, measured, named, ("setpoint_position",), "set position", "--set-position")
@@ -282,3 +288,201 @@ def _trial(request: IterateRequest, loop: Loop, progress: Progress) -> Trial:
         smoothing=request.smoothing,
         name=str(file),
     )
+
+
+_MOTION_ROLES = ("time", "setpoint_position", "position_load", "position_motor", "force")
+
+
+class PrefilterRequest(Request):
+    """The log, the derivatives that may be used, and known data of the loop that ran it."""
+
+    log: LogLike = argument("A log of set position and position (MAT, CSV, Parquet)")
+    regressors: str = option("derivatives of the reference that may be used", default="v,a,j,s")
+    controller: MachineLike | None = option(
+        "the machine file of the loop: its clock, limit and prefilter", default=None
+    )
+    axis: str | None = option("its axis, if it has several", default=None)
+    job: JobLike | None = option("the job whose reference was run, for exact derivatives", default=None)
+    set_position: str | None = option("column of the set position", default=None)
+    position: str | None = option("column of the position of the table", default=None)
+    force: str | None = option("column of the commanded force", default=None)
+    time: str | None = option("column of the time, name:unit", default=None)
+    sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
+    unit: tuple[str, ...] = option(UNIT, default=())
+    channels: MappingLike | None = option(CHANNELS, default=None)
+    out: Path | None = option("File for the section (TOML)", short="-o", default=None)
+
+    def named(self) -> dict[str, str | None]:
+        """Return the column texts of the options by role; None for an option left out."""
+        return {
+            "setpoint_position": self.set_position,
+            "position_load": self.position,
+            "force": self.force,
+            "time": self.time,
+        }
+
+
+@command(PrefilterRequest)
+def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[PrefilterFit]:
+    """Fit the prefilter that cancels what a loop leaves of its tracking error, from one log.
+
+    The outcome has the parameters with their standard errors and the section for the machine file.
+    """
+    loop, name = _controlled_loop(request.controller, request.axis)
+    fit = _fit(request, _chosen(request.regressors), loop, _stated_reference(request.job), progress)
+    text = to_toml(fit.prefilter, f"axis.{name}.control.prefilter")
+    remarks = [
+        "Derivatives are central differences of the log's set positions, not filtered."
+        if request.job is None
+        else "Derivatives are those of the job's reference, exact."
+    ]
+    if loop is None:
+        remarks.append("Neither the clock nor the force limit of the controller is known: give it with --controller.")
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("writing")
+        write_whole(request.out, text)
+        files["Written"] = request.out
+    return Outcome(fit, [fit.table()], remarks, section=text, files=files)
+
+
+def _fit(
+    request: PrefilterRequest, regressors: list[str], loop: Loop | None, reference: Reference | None, progress: Progress
+) -> PrefilterFit:
+    file, named = OpenedFile(request.log), request.named()
+    read = mapped(file, named, request.channels, _MOTION_ROLES, request.sample_time, progress, request.unit)
+    read.doubt.stop(progress)
+    measured = read.log
+    set_position = chosen(file, measured, named, ("setpoint_position",), "set position", "--set-position")
+    position = chosen(file, measured, named, ("position_load", "position_motor"), "position", "--position")
+    present = None if loop is None else loop.control.prefilter
+    if present is not None and not isinstance(present, TrajectoryPrefilter):
+        raise ParameterError(
+            f"control.prefilter of the controller is a {present.kind}; the log of a loop without it, or with a "
+            f"trajectory_prefilter, can be used"
+        )
+    return fit_prefilter_to_log(
+        measured.time - measured.time[0],
+        measured[set_position],
+        measured[position],
+        measured.sample_time,
+        reference=reference,
+        regressors=regressors,
+        present=present,
+        force=measured.channels.get("force"),
+        control=loop,
+        name=str(file),
+    )
+
+
+def _controlled_loop(controller: MachineLike | None, axis: str | None) -> tuple[Loop | None, str]:
+    if controller is None:
+        return None, axis or "x"
+    machine = read_machine(controller)
+    loop = machine.loop(axis)
+    return loop, loop.name
+
+
+def _stated_reference(job: JobLike | None) -> Reference | None:
+    if job is None:
+        return None
+    reference = read_job(job).reference
+    if reference is None:
+        raise ParameterError(
+            f"{called(job)}: has no [reference], only a log: leave out --job, or name the job that was run"
+        )
+    return reference
+
+
+def _chosen(regressors: str) -> list[str]:
+    """Parse `v,a,j,s` or whole names into the names of regressors."""
+    chosen: list[str] = []
+    for word in (part.strip() for part in regressors.split(",")):
+        name = next((regressor for regressor in REGRESSORS if word and regressor.startswith(word)), None)
+        if name is None:
+            raise ParameterError(f"--regressors: '{word}' is none of v, a, j, s ({', '.join(REGRESSORS)})")
+        chosen.append(name)
+    return chosen
+
+
+METHODS = ("zero-phase", "splines")
+
+
+class SetpathRequest(Request):
+    """The axis, the motion, and how its set positions are found."""
+
+    source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
+    axis: str | None = option("its axis, if it has several", default=None)
+    job: JobLike | None = option("the job whose reference is followed; default: 100 mm out and back", default=None)
+    method: str = option(
+        "zero-phase: inverse of the loop (Tomizuka);  splines: fitted answers of splines (Okwudire)",
+        default="zero-phase",
+        options=METHODS,
+    )
+    spacing: int = option("samples between the knots of the splines", default=20, least=3, most=10_000)
+    window: int | None = option("coefficients of the splines that are known ahead; default: all", default=None)
+    out: Path | None = option(OUT_FILE, short="-o", default=None)
+
+    def check(self) -> None:
+        """Raise ParameterError for a window of a method that has none."""
+        if self.method != "splines" and self.window is not None:
+            raise ParameterError(f"--window = {self.window} is for --method splines, not {self.method}: leave it out")
+
+
+@command(SetpathRequest)
+def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedReference]:
+    """Change a set path beforehand, by the linear model of the loop, so that the table follows the wanted one.
+
+    Both paths are run on the axis as the file has it, friction included.
+    """
+    progress.step("model of the loop")
+    loop = read_machine(request.source).loop(request.axis)
+    reference = _reference_or_move(request.job)
+    if request.method == "zero-phase":
+        changed = zero_phase(loop, reference)
+    else:
+        changed = filtered_splines(loop, reference, spacing=request.spacing, window=request.window)
+    progress.step("runs of both paths")
+    rows = [
+        ["as it was", *_left(loop, reference, reference)],
+        ["changed", *_left(loop, changed.reference, changed.wanted)],
+    ]
+    title = f"{called(request.source)}, axis {loop.name}: distance of the table from the wanted path, {request.method}"
+    remarks = [
+        Text(
+            f"The changed path is up to {Quantity(changed.shift, 'm')} off the wanted one, and begins "
+            f"{Quantity(changed.lead, 's')} earlier than the motion: give every axis of a machine the same lead."
+        ),
+        "It holds for this load and these gains: after a change of either make it anew.",
+    ]
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("writing")
+        write_whole(request.out, _text(changed))
+        files["Written"] = request.out
+    table = Table(title, ["path", Column("largest", "m"), Column("RMS", "m")], rows)
+    return Outcome(changed, [table], remarks, files=files, rotary=loop.axis.rotary)
+
+
+def _reference_or_move(job: JobLike | None) -> Reference:
+    if job is None:
+        return MOVE
+    reference = read_job(job).reference
+    if reference is None:
+        raise ParameterError(f"{called(job)}: has no [reference], only a log: name a job with a reference")
+    return reference
+
+
+def _left(loop: Loop, reference: Reference, wanted: Reference) -> list[float]:
+    """Return the largest and the RMS distance of the table, m."""
+    run = simulate(loop, reference, record=["position_load"])
+    off = run["position_load"] - np.asarray(wanted.at(run.time).position)
+    return [float(np.max(np.abs(off))), float(np.sqrt(np.mean(off**2)))]
+
+
+def _text(changed: ChangedReference) -> str:
+    """Return the text of a CSV file: time, the set positions to play, and the wanted positions of the table."""
+    T = float(changed.reference.sample_time)
+    rows = zip(changed.reference.position, changed.wanted.position, strict=True)
+    lines = [f"{k * T:.9g},{float(played)!r},{float(wanted)!r}" for k, (played, wanted) in enumerate(rows)]
+    return "\n".join(["time_s,set_position_m,wanted_position_m", *lines, ""])

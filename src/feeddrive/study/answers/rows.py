@@ -1,4 +1,4 @@
-"""Rows of a sweep as arrays, with what each machine keeps of the specification."""
+"""The rows of a sweep as arrays: a random sample of them, and shares of machines with their confidence."""
 
 from __future__ import annotations
 
@@ -16,6 +16,52 @@ from feeddrive.study.study import Study
 
 if TYPE_CHECKING:
     import pyarrow
+
+
+LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Share:
+    """A count of machines out of a total, with a confidence interval for the share of all machines that could be built.
+
+    sampled  True if the machines were drawn at random: the points of a grid have no interval
+    """
+
+    kept: int
+    of: int
+    sampled: bool = True
+
+    @property
+    def value(self) -> float:
+        """The share, 0 to 1."""
+        return self.kept / self.of
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The confidence interval of `LEVEL`, (low, high); None without a random sample."""
+        if not self.sampled:
+            return None
+        low, high = clopper_pearson(self.kept, self.of)
+        return float(low), float(high)
+
+
+def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]:
+    """The Clopper-Pearson confidence interval of a share of which `kept` out of `of` were drawn.
+
+        P(X >= kept | low) = P(X <= kept | high) = (1 - level) / 2,   X binomial
+
+    It holds the true share in at least `level` of all studies, whatever the share and the number of machines; Wilson's
+    and the mid-P interval are shorter and do not: at a share of 0.9992, of 200 machines, Wilson's holds it in 85 %.
+    Numbers or arrays.  Source: Clopper & Pearson 1934.
+    """
+    from scipy.special import betaincinv  # 60 ms that `import feeddrive` need not wait for
+
+    tail = 0.5 * (1.0 - level)
+    kept, of = np.asarray(kept, dtype=np.float64), np.asarray(of, dtype=np.float64)
+    low = np.where(kept > 0, betaincinv(np.maximum(kept, 1.0), of - kept + 1.0, tail), 0.0)
+    high = np.where(kept < of, betaincinv(kept + 1.0, np.maximum(of - kept, 1.0), 1.0 - tail), 1.0)
+    return low, high
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,3 +159,29 @@ def joined(several: list[Judged]) -> Judged:
         {name: np.concatenate([part.figures[name] for part in several]) for name in first.figures},
         np.concatenate([part.reasons for part in several]),
     )
+
+
+MOST = 200_000  # rows; a quantile of so many is off by at most 0.4 % of the ranks in 99 of 100 samples
+
+
+class Sampled:
+    """Collects a random sample of the drawn machines: all, or about `MOST` of more, each with the same probability."""
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+        drawn = 2 * study.points if study.sampler == "saltelli" else study.count
+        self._share = min(1.0, MOST / drawn)
+        self._parts: list[Judged] = []
+
+    def add(self, rows: Judged) -> None:
+        """Add a random part of some rows; the choice depends on the seed and the first variant of the rows only."""
+        chosen = rows.drawn
+        if self._share < 1.0 and chosen.any():
+            rng = np.random.default_rng([self._study.seed, int(rows.variant[0])])
+            chosen = chosen & (rng.random(chosen.size) < self._share)
+        if chosen.any() or not self._parts:
+            self._parts.append(rows.some(chosen))
+
+    def result(self) -> Judged:
+        """The sample; there was at least one part."""
+        return joined(self._parts)

@@ -1,0 +1,490 @@
+"""Pictures of a part program: its plan, its run on a machine, and its contour error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.text import Text
+from feeddrive.path.limits import FEED, STANDSTILL
+from feeddrive.path.planned import Planned
+from feeddrive.path.proof.prove import DERIVATIVES
+from feeddrive.path.setpoints import causes
+from feeddrive.plot import style
+from feeddrive.plot.chart import (
+    ALERT,
+    BAR,
+    DASHED,
+    LOG,
+    MARKERS,
+    NEUTRAL,
+    PANELS,
+    PLAIN,
+    RING,
+    SOLID,
+    THIN,
+    WIDE,
+    WIDTH,
+    Abscissa,
+    Chart,
+    Curve,
+    Heat,
+    Level,
+    Mark,
+    Note,
+    Panel,
+    Tick,
+    filled_stairs,
+    listed,
+)
+from feeddrive.plot.drawing import figure_of
+from feeddrive.plot.style import POINTS, envelope
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from feeddrive.machining.contour import ContourError, Corner, Worst
+    from feeddrive.machining.part_run import PartRun
+
+
+_ENLARGED = 0.08  # of the larger extent: the largest deviation as it is drawn
+_STEPS = (1.0, 2.0, 5.0)
+_POINTS = 20_000  # of a path that is drawn
+_MARKED = 5
+_AROUND = 0.12  # of the extent of a path: half of what is shown around a place
+_REACH = 3.0  # times the error of a place: half of the width of its 1:1 view
+
+
+def contour_chart(contour: ContourError) -> Chart:
+    """The error over path length with its worst places, and the distribution of the error over the path."""
+    along, error = 1e3 * contour.along, 1e6 * contour.error
+    places = contour.worst(_MARKED)
+    worst = np.array([(1e3 * place.along, 1e6 * place.error) for place in places]).reshape(-1, 2)
+    low, high = style.padded(min(0.0, float(error.min())), max(0.0, float(error.max())))
+    largest, rms, within = (Quantity(size, "m") for size in (contour.largest, contour.rms, contour.within()))
+    over = Panel(
+        f"contour error{', + left' if contour.signed else ''}\n({unit_name('um')})",
+        (
+            Curve(*envelope(along, error), size=0.65),
+            Curve(worst[:, 0], worst[:, 1], "worst places", ALERT, RING),
+        ),
+        levels=(Level(0.0, faint=True),),
+        low=low,
+        high=high,
+        share=1.5,
+        caption=Text(f"largest {largest}, RMS {rms}, 95 % within {within}"),
+        abscissa=Abscissa(f"length of the path ({unit_name('mm')})"),
+    )
+    counts, edges = np.histogram(error, bins=60, weights=100.0 * contour.weights)
+    share = Panel(
+        "part of the path\n(%)",
+        (Curve(*filled_stairs(edges, counts), look=SOLID),),
+        low=0.0,
+        abscissa=Abscissa(f"contour error ({unit_name('um')})"),
+    )
+    return Chart("", (over, share), height=4.6, legend=PANELS)
+
+
+contour = figure_of(contour_chart)
+
+
+def contour_on_path_chart(
+    contour: ContourError,
+    axes: tuple[int, int] = (0, 1),
+    enlarged: float | None = None,
+    places: Sequence[Worst] = (),
+) -> Chart:
+    """The counted part of the path, colored by the size of the error, and the deviation, enlarged by a round factor.
+
+    Places in mm, the size of the error in µm.
+
+    axes      columns of the contour error that span the picture
+    enlarged  the factor; default: the largest deviation is a twelfth of the extent
+    places    that are marked; the key of a mark is the index of its place
+    """
+    i, j = axes
+    size = np.where(contour.counted, np.abs(contour.error), 0.0)
+    rows = envelope(np.arange(len(size), dtype=np.float64), size, _POINTS)[0].astype(np.intp)  # with the largest errors
+    kept = contour.counted[rows]
+    foot = np.where(kept[:, None], 1e3 * (contour.position - contour.vector)[rows], np.nan)
+    factor = _factor(contour, axes) if enlarged is None else enlarged
+    tool = foot + factor * 1e3 * contour.vector[rows]
+    curves = (
+        Curve(tool[:, i], tool[:, j], Text(f"tool, deviation × {Quantity(factor):6}"), NEUTRAL, THIN),
+        Curve(foot[:, i], foot[:, j], heat=np.where(kept, 1e6 * size[rows], np.nan)),
+    )
+    ends = [style.padded(*_ends(np.append(foot[:, k], tool[:, k]))) for k in axes]
+    (left, right), (low, high) = ends
+    shape = max(0.35, min(1.0, (high - low) / (right - left)))
+    caption = Text(f"largest {Quantity(contour.largest, 'm')}, RMS {Quantity(contour.rms, 'm')}")
+    heat = Heat(f"contour error ({unit_name('um')})", 0.0, max(1e6 * contour.largest, 1e-9))
+    marks = tuple(
+        Mark(
+            1e3 * float(place.position[i]),
+            1e3 * float(place.position[j]),
+            ALERT,
+            True,
+            caption=Text(f"{Quantity(abs(place.error), 'm'):3}"),
+            key=str(k),
+        )
+        for k, place in enumerate(places)
+    )
+    panel = Panel(
+        f"{contour.axes[j]} ({unit_name('mm')})", curves, marks, low=low, high=high, caption=caption, heat=heat
+    )
+    return Chart(
+        f"{contour.axes[i]} ({unit_name('mm')})",
+        (panel,),
+        low=left,
+        high=right,
+        square=True,
+        height=0.8 + 0.75 * WIDTH * shape,
+    )
+
+
+contour_on_path = figure_of(contour_on_path_chart)
+
+
+def _factor(contour: ContourError, axes: tuple[int, int]) -> float:
+    """Return the round factor by which deviations are enlarged: the largest is about a twelfth of the path's extent."""
+    foot = (contour.position - contour.vector)[contour.counted]
+    extent = max((float(np.ptp(foot[:, column])) if len(foot) else 0.0 for column in axes), default=0.0)
+    return _round(_ENLARGED * max(extent, 1e-12) / max(contour.largest, 1e-15))
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    there = values[np.isfinite(values)]
+    return (float(np.min(there)), float(np.max(there))) if there.size else (0.0, 0.0)
+
+
+def place_view(
+    contour: ContourError, place: Worst, axes: tuple[int, int] = (0, 1)
+) -> tuple[float, float, float, float]:
+    """The part of `contour_on_path_chart` around a place: left, right, low, high in mm."""
+    ends = [_ends(1e3 * contour.position[contour.counted, k]) for k in axes]
+    reach = _AROUND * max(high - low for low, high in ends)
+    x, y = (1e3 * float(place.position[k]) for k in axes)
+    return x - reach, x + reach, y - reach, y + reach
+
+
+def place_chart(contour: ContourError, place: Worst) -> Chart:
+    """Commanded path and tool around a place, in µm from the tool and 1:1, in the plane of the axes that move most."""
+    row = int(np.argmin(np.abs(contour.time - place.time)))
+    reach = 1e6 * max(_REACH * abs(place.error), 1e-9)
+    at, tool = (1e6 * (points - contour.position[row]) for points in (contour.set_position, contour.position))
+    near = np.flatnonzero(np.max(np.abs(at - at[row]), axis=1) <= 3.0 * reach)
+    begin, end = _together(near, row)
+    rows = slice(max(0, begin - 1), end + 2)  # a sample before and behind, for the lines at the edge
+    spans = np.ptp(np.vstack([at[rows], tool[rows]]), axis=0)
+    i, j = sorted(int(k) for k in np.argsort(spans)[-2:])
+    curves = (
+        Curve(at[rows, i], at[rows, j], "commanded", NEUTRAL),
+        Curve(tool[rows, i], tool[rows, j], "tool", 1, caption=Text(f"{Quantity(abs(place.error), 'm')} off the path")),
+    )
+    foot = tool[row] - 1e6 * contour.vector[row]
+    to_path = Curve(np.array([foot[i], 0.0]), np.array([foot[j], 0.0]), number=ALERT, look=BAR)
+    panel = Panel(
+        f"{contour.axes[j]} ({unit_name('um')})", (*curves, to_path), (Mark(0.0, 0.0, 1, True),), low=-reach, high=reach
+    )
+    return Chart(f"{contour.axes[i]} ({unit_name('um')})", (panel,), low=-reach, high=reach, square=True, height=4.8)
+
+
+def _together(near: np.ndarray, row: int) -> tuple[int, int]:
+    """Return the first and the last row of the unbroken run of rows that holds `row`."""
+    gaps = np.flatnonzero(np.diff(near) > 1)
+    k = int(np.searchsorted(near, row))
+    first = gaps[gaps < k]
+    last = gaps[gaps >= k]
+    return int(near[first[-1] + 1] if len(first) else near[0]), int(near[last[0]] if len(last) else near[-1])
+
+
+def corner_zoom_chart(
+    contour: ContourError, corners: Sequence[Corner] | None = None, tolerance: float | None = None
+) -> Chart:
+    """Corners 1:1, at most four: the path, the tool, and a band of the tolerance (m) around the path.
+
+    corners  default: the four with the largest error
+    """
+    wanted = sorted(contour.corners(), key=lambda corner: -corner.error) if corners is None else list(corners)
+    panels = [_corner(contour, corner, tolerance) for corner in wanted[:4]]
+    if not panels:
+        note = Note(0.0, 0.0, "the path has no corner", middle=True)
+        return Chart("", (Panel("", notes=(note,), low=-1.0, high=1.0),), low=-1.0, high=1.0, bare=True, height=4.1)
+    across = min(2, len(panels))
+    return Chart("", tuple(panels), across=across, height=0.5 + 3.6 * -(-len(panels) // across))
+
+
+corner_zoom = figure_of(corner_zoom_chart)
+
+
+def _corner(contour: ContourError, corner: Corner, tolerance: float | None) -> Panel:
+    at = 1e6 * (contour.set_position - corner.position)
+    tool = 1e6 * (contour.position - corner.position)
+    reach = 2.2e6 * max(corner.nearest, corner.error, 0.0 if tolerance is None else tolerance, 1e-7)
+    near = corner.rows
+    curves = [] if tolerance is None else [_tolerance(at[near], 1e6 * tolerance)]
+    curves += [
+        Curve(at[near, 0], at[near, 1], "path", NEUTRAL, size=0.85),
+        Curve(tool[near, 0], tool[near, 1], "tool", 1, PLAIN),
+    ]
+    where = "" if corner.line is None else f"line {corner.line}, "
+    caption = Text(f"{where}{Quantity(np.degrees(corner.turn), 'deg'):3}: passed at {Quantity(corner.nearest, 'm')}")
+    x, y = (f"{axis} ({unit_name('um')})" for axis in contour.axes[:2])
+    abscissa = Abscissa(x, low=-reach, high=reach, square=True)
+    return Panel(y, tuple(curves), low=-reach, high=reach, caption=caption, abscissa=abscissa)
+
+
+def _tolerance(path: np.ndarray, half: float) -> Curve:
+    """A band around a path: the lines left and right of each stretch, open at corners."""
+    step = np.diff(path, axis=0)
+    moved = np.linalg.norm(step, axis=1) > 0.0
+    begin, end, step = path[:-1][moved], path[1:][moved], step[moved]
+    normal = half * np.column_stack([-step[:, 1], step[:, 0]]) / np.linalg.norm(step, axis=1)[:, None]
+    smooth = np.flatnonzero(np.einsum("ij,ij->i", normal[1:], normal[:-1]) > 0.99 * half * half)
+    lines = list[np.ndarray]()
+    for side in (1.0, -1.0):
+        line = np.full((3 * len(begin), 2), np.nan)
+        line[::3], line[1::3] = begin + side * normal, end + side * normal
+        line[3 * smooth + 2] = end[smooth] + side * normal[smooth]
+        lines.append(line)
+    x, y = np.concatenate(lines).T
+    return Curve(x, y, number=ALERT, look=DASHED, caption=Text(f"tolerance {Quantity(1e-6 * half, 'm'):3}"), size=0.65)
+
+
+def _round(factor: float) -> float:
+    """Round a factor down to 1, 2 or 5 times a power of ten; at least 1."""
+    power = 10.0 ** np.floor(np.log10(max(factor, 1.0)))
+    return float(power * max(step for step in _STEPS if step * power <= max(factor, 1.0)))
+
+
+# from slow to fast: warm to cold, and thinner, so that gray print shows it too; number of the color, and width
+_SPEEDS = ((ALERT, 1.85), (1, 1.6), (4, 1.3), (2, 1.1), (5, 0.95), (0, 0.8))
+_COLUMNS = 400  # stretches of time over the width of a picture
+_FLAT = 0.02  # of the largest extent: an axis that moves less gets no view of its own
+_MARKED_STOPS = 300  # stops
+_UNITS = {
+    "mm": (("mm/s", 1e3), ("m/s²", 1.0), ("m/s³", 1.0), ("m/s⁴", 1.0)),
+    "deg": (("deg/s", float(np.degrees(1.0))), ("rad/s²", 1.0), ("rad/s³", 1.0), ("rad/s⁴", 1.0)),
+}
+
+
+def planned_chart(plan: Planned) -> Chart:
+    """The path with its speed as color, and the stops; a second view where a third axis moves."""
+    factors, units = (list(row) for row in zip(*plan.limits.shown, strict=True))
+    place, letters = np.array(factors) * plan.course.position, plan.limits.letters
+    if len(letters) == 1:
+        along = Curve(plan.course.time, place[:, 0])
+        return Chart("time (s)", (Panel(f"{letters} ({units[0]})", (along,)),))
+    extent = np.ptp(place, axis=0)
+    order = sorted(range(len(letters)), key=lambda i: (extent[i] <= _FLAT * extent.max(), i))
+    views = [(order[0], order[1])]
+    if len(letters) > 2 and extent[order[2]] > _FLAT * extent.max():
+        views.append((order[0], order[2]))
+    shapes = [max(0.12, min(0.8, extent[j] / max(extent[i], 1e-9))) for i, j in views]
+    stops = np.array([stop.position * factors for stop in plan.stops[:_MARKED_STOPS]]).reshape(-1, len(letters))
+    panels = list[Panel]()
+    for (i, j), shape in zip(views, shapes, strict=True):
+        curves = _path(plan, place[:, i], place[:, j])
+        if len(stops):
+            curves.append(Curve(stops[:, i], stops[:, j], "stop", NEUTRAL, RING, size=0.8))
+        abscissa = Abscissa(f"{letters[i]} ({units[i]})", square=True)
+        panels.append(Panel(f"{letters[j]} ({units[j]})", tuple(curves), share=shape, abscissa=abscissa))
+    return Chart("", tuple(panels), height=0.6 + 0.92 * WIDTH * sum(shapes) * 0.9)
+
+
+planned = figure_of(planned_chart)
+
+
+def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
+    """One curve for each class of speed, with gaps where others are."""
+    course = plan.course
+    traverse = np.isinf(course.feed)
+    speed = 1e3 * course.speed
+    top = float(np.max(speed[~traverse], initial=0.0)) or float(np.max(speed, initial=0.0)) or 1.0
+    edges = np.linspace(0.0, top, len(_SPEEDS) + 1)
+    kind = np.clip(np.searchsorted(edges, speed, side="left") - 1, 0, len(_SPEEDS) - 1)
+    kind[traverse] = -1
+    curves = list[Curve]()
+    if np.any(traverse):
+        curves.append(Curve(*_stretches(x, y, traverse), "traverse", NEUTRAL, DASHED, size=0.5))
+    for k, (number, size) in enumerate(_SPEEDS):
+        if np.any(kind == k):
+            low, high = Quantity(1e-3 * edges[k], "m/s", bare=True), Quantity(1e-3 * edges[k + 1], "m/s")
+            stretches = _stretches(x, y, kind == k)
+            curves.append(Curve(*stretches, number=number, look=PLAIN, caption=Text(f"{low:3} to {high:3}"), size=size))
+    return curves
+
+
+def _stretches(x: np.ndarray, y: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The chosen stretches, each up to the begin of the next one, with gaps between."""
+    there = chosen | np.concatenate([[False], chosen[:-1]])
+    return np.where(there, x, np.nan), np.where(there, y, np.nan)
+
+
+def plan_causes_chart(plan: Planned) -> Chart:
+    """The most used limit over time: a row for each limit, with its share of the cycle time."""
+    course = plan.course
+    cause = causes(np.maximum(np.abs(course.low), np.abs(course.high)) / plan.limits.array, course.speed, course.feed)
+    names = plan.limits.causes
+    lengths = np.diff(np.append(course.time, plan.cycle_time))
+    edges = np.linspace(0.0, max(plan.cycle_time, 1e-9), _COLUMNS + 1)
+    column = np.clip(np.searchsorted(edges, course.time + 0.5 * lengths, side="right") - 1, 0, _COLUMNS - 1)
+    whole = np.bincount(column, weights=lengths, minlength=_COLUMNS)
+    shown = [name for name in names if plan.seconds.get(name, 0.0) > 2e-3 * plan.cycle_time]
+    shown.sort(key=lambda name: -plan.seconds[name])
+    curves, levels, ticks = list[Curve](), list[Level](), list[Tick]()
+    for row, name in enumerate(shown):
+        here = cause == names.index(name)
+        part = np.bincount(column[here], weights=lengths[here], minlength=_COLUMNS) / np.maximum(whole, 1e-12)
+        shape = filled_stairs(edges, 0.8 * part, -float(row))
+        curves.append(Curve(*shape, number=_cause_number(name), look=SOLID))
+        levels.append(Level(-float(row), faint=True))
+        share = Text(f"{Quantity(plan.seconds[name] / plan.cycle_time, 'share'):3}")
+        ticks.append(Tick(0.4 - row, name, share))
+    rows = max(len(shown), 1)
+    panel = Panel("", tuple(curves), levels=tuple(levels), ticks=tuple(ticks), low=0.1 - rows, high=1.0)
+    return Chart("time (s)", (panel,), low=0.0, high=float(edges[-1]), height=0.8 + 0.34 * rows)
+
+
+plan_causes = figure_of(plan_causes_chart)
+
+
+def _cause_number(name: str) -> int:
+    """The number of the curve whose color a cause has."""
+    what = name.split(" ")[0]
+    if what in DERIVATIVES:
+        return (5, 0, 1, 4)[DERIVATIVES.index(what)]
+    return 2 if name == FEED else NEUTRAL if name == STANDSTILL else 3
+
+
+def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
+    """Velocity to snap of an axis over time, from the least to the most of each stretch, with its limits."""
+    course, limits, units = plan.course, plan.limits.array[axis], _UNITS[plan.limits.shown[axis][1]]
+    begins = np.unique(np.linspace(0, len(course.time), min(len(course.time), _COLUMNS) + 1).astype(int)[:-1])
+    edges = np.append(course.time[begins], plan.cycle_time)
+    panels = list[Panel]()
+    for k, (name, (unit, factor)) in enumerate(zip(DERIVATIVES, units, strict=True)):
+        low = factor * np.minimum.reduceat(course.low[:, axis, k], begins)
+        high = factor * np.maximum.reduceat(course.high[:, axis, k], begins)
+        x = np.repeat(edges, 2)[1:-1]
+        low, high = np.repeat(low, 2), np.repeat(high, 2)
+        shape = Curve(np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]]), look=SOLID)
+        # a stretch of one value has no area
+        lines = Curve(x, high, look=PLAIN, size=0.6), Curve(x, low, look=PLAIN, size=0.6)
+        top = factor * limits[k]
+        used = max(-float(low.min()), float(high.max()))
+        within = used > 0.2 * top
+        sides = tuple(Level(side, dashed=True, number=ALERT) for side in (-top, top)) if within else ()
+        bottom, upper = style.padded(*((-top, top) if within else (-used, used)))
+        caption = Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {Quantity(top, unit)}")
+        panels.append(
+            Panel(f"{name}\n({unit})", (shape, *lines), levels=sides, low=bottom, high=upper, caption=caption)
+        )
+    return Chart("time (s)", tuple(panels), low=float(edges[0]), high=float(edges[-1]), height=6.2)
+
+
+plan_profiles = figure_of(plan_profiles_chart)
+
+
+_WINDOW = 0.15  # s of estimates that are shown
+_BEFORE, _AFTER = 0.04, 0.1  # s around a worst place
+_SIZES = ("RMS", "95 % of the path", "largest")
+
+
+def part_run_chart(part: PartRun) -> Chart:
+    """The contour error over time; gray: what does not count."""
+    contour = part.contour
+    error = 1e6 * np.abs(contour.error)
+    curves = (
+        Curve(*envelope(contour.time, error), "does not count", NEUTRAL, THIN),
+        Curve(*envelope(contour.time, np.where(contour.counted, error, 0.0)), "counts"),
+    )
+    caption = Text(f"RMS {Quantity(contour.rms, 'm')}, largest {Quantity(contour.largest, 'm')}")
+    return Chart("time (s)", (Panel(f"contour error ({unit_name('um')})", curves, caption=caption),))
+
+
+part_run = figure_of(part_run_chart)
+
+
+def part_laws_chart(parts: Mapping[str, PartRun]) -> Chart:
+    """RMS, 95 % and the largest contour error of each law, a row each, on a logarithmic scale."""
+    sizes = np.array([(part.contour.rms, part.contour.within(), part.contour.largest) for part in parts.values()])
+    rows, shown = -np.arange(len(parts), dtype=np.float64), 1e6 * np.maximum(sizes, 1e-12)
+    spans = tuple(
+        Curve(np.array([row.min(), row.max()]), np.full(2, y), number=NEUTRAL, look=WIDE)
+        for row, y in zip(shown, rows, strict=True)
+    )
+    dots = tuple(Curve(shown[:, k], rows, name, k, MARKERS, size=1.4) for k, name in enumerate(_SIZES))
+    panel = Panel("", (*spans, *dots), ticks=listed(list(parts)), low=float(rows[-1]) - 0.6, high=0.6)
+    return Chart(
+        f"contour error ({unit_name('um')})",
+        (panel,),
+        LOG,
+        0.7 * float(shown.min()),
+        1.5 * float(shown.max()),
+        height=1.1 + 0.36 * len(parts),
+    )
+
+
+part_laws = figure_of(part_laws_chart)
+
+
+def part_cutting_chart(part: PartRun) -> Chart:
+    """The force of the cut on each axis over time."""
+    assert part.cutting is not None
+    panels = tuple(
+        Panel(
+            f"on {name} ({unit_name('N')})",
+            (Curve(*envelope(part.contour.time, part.cutting[:, i], POINTS // 2), number=i, look=PLAIN, size=0.6),),
+        )
+        for i, name in enumerate(part.contour.axes)
+    )
+    return Chart("time (s)", panels, height=0.9 + 1.15 * len(panels))
+
+
+part_cutting = figure_of(part_cutting_chart)
+
+
+def part_estimates_chart(part: PartRun, axis: str) -> Chart:
+    """The disturbance of an axis and its estimates by observers, over the 150 ms with the largest RMS cutting force."""
+    time, true = part.contour.time, part.disturbances[axis]
+    middle = _busiest(part, axis)
+    shown = (time >= middle - 0.5 * _WINDOW) & (time <= middle + 0.5 * _WINDOW)
+    curves = [Curve(1e3 * time[shown], true[shown], "what acts", NEUTRAL, WIDE, size=0.5)]
+    for i, (name, by) in enumerate(part.estimates.items()):
+        if axis in by:
+            late = Text(f"{Quantity(by[axis].lag, 's'):3} late")
+            values = by[axis].disturbance[shown]
+            curves.append(Curve(1e3 * time[shown], values, name.replace("_", " "), i, caption=late))
+    panel = Panel(f"force on {axis} ({unit_name('N')})", tuple(curves))
+    return Chart("time (ms)", (panel,), height=3.4, columns=2)
+
+
+part_estimates = figure_of(part_estimates_chart)
+
+
+def _busiest(part: PartRun, axis: str) -> float:
+    """The middle of the window with the largest RMS force of the cut on an axis, s."""
+    assert part.cutting is not None
+    time = part.contour.time
+    square = part.cutting[:, part.contour.axes.index(axis)] ** 2
+    width = max(1, min(len(time) - 1, round(_WINDOW / (time[1] - time[0]))))
+    total = np.cumsum(np.insert(square, 0, 0.0))
+    return float(time[int(np.argmax(total[width:] - total[:-width])) + width // 2])
+
+
+def part_zoom_chart(parts: Mapping[str, PartRun], time: float) -> Chart:
+    """The contour error of each law around an instant: ms from the instant, µm."""
+    curves = list[Curve]()
+    for k, (name, part) in enumerate(parts.items()):
+        at = part.contour.time
+        shown = (at >= time - _BEFORE) & (at <= time + _AFTER)
+        curves.append(Curve(1e3 * (at[shown] - time), 1e6 * np.abs(part.contour.error[shown]), name, k))
+    panel = Panel(f"contour error ({unit_name('um')})", tuple(curves))
+    return Chart("time after the worst instant (ms)", (panel,), height=3.4, columns=3)
+
+
+part_zoom = figure_of(part_zoom_chart)

@@ -1,0 +1,474 @@
+"""Statistics of the rows of a sweep: yield, worst cases, sensitivity, quantile bands and Pareto fronts.
+
+The first-order index of a factor is the share of the figure's variance that would be gone if the factor did not vary;
+the total one what would be left if it alone varied.  Source: Saltelli et al. 2010, by `scipy.stats.sobol_indices`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_loops import (
+    DELAY_MARGIN,
+    GAIN_MARGIN,
+    PHASE_MARGIN,
+    ROPE_SNAP,
+    SENSITIVITY_PEAK,
+    STIFFNESS_AT,
+    STIFFNESS_LEAST,
+    STIFFNESS_OVER,
+    StiffnessAt,
+)
+from feeddrive.figures.of_runs import FOLLOWING_PEAK, FOLLOWING_RMS, TRACKING_END, TRACKING_PEAK, TRACKING_RMS
+from feeddrive.language.errors import CancelledError, FeeddriveError
+from feeddrive.language.progress import Progress
+from feeddrive.loop.simulate import Run
+from feeddrive.study.answers.rows import LEVEL, Judged, Share, joined
+from feeddrive.study.chunk import run_of
+from feeddrive.study.study import Bound, Study
+from feeddrive.study.variants import variant_groups, variants
+
+_MOST_VALUES = 50  # of a choice that are told apart
+
+
+@dataclass(frozen=True)
+class BoundYield:
+    """One bound of the specification: the share that keeps it, and how many machines break it and no other one."""
+
+    bound: Bound
+    kept: Share
+    alone: int
+
+
+@dataclass(frozen=True)
+class Yield:
+    """Shares of the machines that were drawn.
+
+    inside  those that keep the whole specification; without one those that have figures
+    bad     how many have no figures: they keep nothing
+    bounds  one each, in the order of the study file
+    choices by column and value of what is chosen (law, machine, position): those inside
+    """
+
+    inside: Share
+    bad: int
+    bounds: tuple[BoundYield, ...]
+    choices: Mapping[str, Mapping[str, Share]]
+
+    @property
+    def hardest(self) -> BoundYield | None:
+        """The bound that most machines break; None if all keep all."""
+        broken = [bound_yield for bound_yield in self.bounds if bound_yield.kept.kept < bound_yield.kept.of]
+        return min(broken, key=lambda bound_yield: bound_yield.kept.kept, default=None)
+
+
+class YieldCount:
+    """Counts the machines that keep the bounds, part by part."""
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+        self._all = self._inside = self._bad = 0
+        self._kept = Counter[str]()
+        self._alone = Counter[str]()
+        self._choices: dict[str, Counter[tuple[str, bool]]] = {}
+
+    def add(self, rows: Judged) -> None:
+        """Count some rows; those that were not drawn do not count."""
+        drawn = rows.drawn
+        self._all += int(np.sum(drawn))
+        self._inside += int(np.sum(rows.inside & drawn))
+        self._bad += int(np.sum(rows.bad & drawn))
+        broken = sum((~kept for kept in rows.kept.values()), np.zeros(drawn.size, dtype=np.int64))
+        for name, kept in rows.kept.items():
+            self._kept[name] += int(np.sum(kept & drawn))
+            self._alone[name] += int(np.sum(~kept & (broken == 1) & ~rows.bad & drawn))
+        for column, values in rows.varied.items():
+            if values.dtype == object:
+                count = self._choices.setdefault(column, Counter())
+                count.update(zip(map(str, values[drawn]), rows.inside[drawn].tolist(), strict=True))
+
+    def result(self) -> Yield:
+        """Return the yield of all rows that were added."""
+        sampled = self._study.sampler != "grid"
+        bounds = tuple(
+            BoundYield(bound, Share(self._kept[bound.figure.key], self._all, sampled), self._alone[bound.figure.key])
+            for bound in self._study.specification
+        )
+        choices: dict[str, dict[str, Share]] = {}
+        for column, count in self._choices.items():
+            values = sorted({value for value, _ in count})[:_MOST_VALUES]
+            choices[column] = {
+                value: Share(count[value, True], count[value, True] + count[value, False], sampled) for value in values
+            }
+        return Yield(Share(self._inside, self._all, sampled), self._bad, bounds, choices)
+
+
+WORST = 3  # variants of a figure
+BAD = 10  # variants without figures that are named
+
+
+@dataclass(frozen=True)
+class WorstVariant:
+    """A variant, the value of its figure, and what varies in it, all in SI."""
+
+    variant: int
+    value: float
+    varied: Mapping[str, float | str]
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst variants of a figure, the worst first."""
+
+    figure: Figure
+    cases: tuple[WorstVariant, ...]
+
+
+class WorstKept:
+    """Collects the worst variants of the rows, part by part; of equal values the lower number."""
+
+    def __init__(self, study: Study) -> None:
+        self._cases: dict[Figure, list[WorstVariant]] = {figure: [] for figure in study.measure if figure.better}
+        self.bad: list[tuple[int, str]] = []
+
+    def add(self, rows: Judged) -> None:
+        """Add some rows."""
+        for figure, cases in self._cases.items():
+            sign = 1.0 if figure.better == "higher" else -1.0
+            values = sign * rows.figures[figure.key]
+            some = np.flatnonzero(~np.isnan(values))
+            some = some[np.argsort(values[some], kind="stable")[:WORST]]
+            cases += [_case(rows, place, figure.key) for place in some.tolist()]
+            cases.sort(key=lambda case: (sign * case.value, case.variant))
+            del cases[WORST:]
+        for place in np.flatnonzero(rows.bad)[: BAD - len(self.bad)].tolist():
+            self.bad.append((int(rows.variant[place]), str(rows.reasons[place])))
+
+    def result(self) -> tuple[Worst, ...]:
+        """Return the worst variants of each figure for which one direction is better."""
+        return tuple(Worst(figure, tuple(cases)) for figure, cases in self._cases.items() if cases)
+
+
+def _case(rows: Judged, place: int, figure: str) -> WorstVariant:
+    varied = {
+        name: values[place] if values.dtype == object else float(values[place]) for name, values in rows.varied.items()
+    }
+    return WorstVariant(int(rows.variant[place]), float(rows.figures[figure][place]), varied)
+
+
+INSIDE = "inside"
+"""An output beside the figures: 1 for a machine inside the specification, else 0."""
+_LEAST_POINTS = 32
+_RESAMPLES, _WORK = 999, 4e9  # of the bootstrap at most, and how many numbers they may look at
+
+
+@dataclass(frozen=True, eq=False)
+class SobolIndices:
+    """The indices of one output, each of shape (factors,), with an interval of `LEVEL`.
+
+    points   on which they rest; `without` were left out, since a variant of theirs has no figure or an infinite one
+    """
+
+    output: str
+    factors: tuple[str, ...]
+    first: np.ndarray
+    first_interval: np.ndarray  # (2, factors)
+    total: np.ndarray
+    total_interval: np.ndarray
+    points: int
+    without: int
+
+    @property
+    def order(self) -> np.ndarray:
+        """Places of the factors, the largest total index first."""
+        return np.argsort(-self.total, kind="stable")
+
+
+@dataclass(frozen=True)
+class RankCorrelation:
+    """Spearman's rank correlation of an output with what varies, -1 to 1, with an interval of `LEVEL`.
+
+    Its square is the share of the variance of the ranks that goes with the quantity, if what it does is monotone.
+    """
+
+    output: str
+    column: str
+    value: float
+    interval: tuple[float, float] | None
+
+
+class SaltelliRows:
+    """Collects the outputs of all variants of a study of the sampler saltelli, part by part.
+
+    Memory: 8 bytes for each variant and output.
+    """
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+        names = [figure.key for figure in study.measure] + ([INSIDE] if study.specification else [])
+        self._values = {name: np.full(study.count, np.nan) for name in names if study.sampler == "saltelli"}
+
+    def add(self, rows: Judged) -> None:
+        """Keep the outputs of some rows."""
+        for name, values in self._values.items():
+            values[rows.variant] = rows.inside if name == INSIDE else rows.figures[name]
+
+    def result(self) -> tuple[SobolIndices, ...]:
+        """Return the indices of each output that varies and is finite in enough points."""
+        factors = tuple(varied.name for varied in self._study.vary)
+        indices = (sobol(name, values, factors, self._study.seed) for name, values in self._values.items())
+        return tuple(row for row in indices if row is not None)
+
+
+def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int = 0) -> SobolIndices | None:
+    """The indices of an output, from its values at A, B, AB_1 .. AB_k one after the other, shape ((k + 2) points,).
+
+    None for an output that does not vary, or has finite values in fewer than 32 whole points.  The intervals are
+    percentiles of a bootstrap over points, drawn with `seed`.
+    """
+    from scipy import stats  # 0.3 s that commands without answers need not wait for
+
+    rows = values.reshape(len(factors) + 2, -1)
+    whole = np.isfinite(rows).all(axis=0)
+    points = 1 << (int(whole.sum()).bit_length() - 1) if whole.any() else 0  # scipy takes a power of 2
+    if points < _LEAST_POINTS:
+        return None
+    rows = rows[:, np.flatnonzero(whole)[:points]]
+    if np.ptp(rows[:2]) == 0.0:
+        return None
+
+    def indices(chosen: np.ndarray) -> np.ndarray:
+        f = rows[:, chosen]
+        of = {"f_A": f[None, 0], "f_B": f[None, 1], "f_AB": f[2:, None]}
+        result: Any = stats.sobol_indices(func=of, n=points)
+        return np.stack([np.atleast_1d(result.first_order), np.atleast_1d(result.total_order)])
+
+    resamples = int(min(_RESAMPLES, max(99, _WORK / rows.size)))
+    drawn = stats.bootstrap(
+        (np.arange(points),),
+        indices,
+        method="percentile",
+        confidence_level=LEVEL,
+        n_resamples=resamples,
+        vectorized=False,
+        rng=np.random.default_rng([seed, points]),
+    )
+    estimate = indices(np.arange(points))
+    interval = np.stack([drawn.confidence_interval.low, drawn.confidence_interval.high])
+    return SobolIndices(
+        output,
+        factors,
+        estimate[0],
+        interval[:, 0],
+        estimate[1],
+        interval[:, 1],
+        points,
+        values.size // len(rows) - points,
+    )
+
+
+def rank_correlations(sample: Judged) -> tuple[RankCorrelation, ...]:
+    """Correlate every figure with every varied number; the largest of each figure first."""
+    numbers = {name: values.astype(float) for name, values in sample.varied.items() if _is_number(values)}
+    outputs: Mapping[str, np.ndarray] = sample.figures
+    if sample.study.specification:
+        outputs = {**outputs, INSIDE: np.where(sample.bad, 0.0, sample.inside)}
+    correlations: list[RankCorrelation] = []
+    for output, values in outputs.items():
+        own = list(_of_output(output, values, numbers, sample.study.sampler != "grid"))
+        correlations += sorted(own, key=lambda rank: -abs(rank.value))
+    return tuple(correlations)
+
+
+def _is_number(values: np.ndarray) -> bool:
+    return values.dtype != object
+
+
+def _of_output(
+    output: str, values: np.ndarray, numbers: Mapping[str, np.ndarray], sampled: bool
+) -> Iterator[RankCorrelation]:
+    from scipy import stats
+
+    there = ~np.isnan(values)
+    count = int(there.sum())
+    if count < 4 or np.ptp(values[there]) == 0.0:
+        return
+    ranked = stats.rankdata(values[there])
+    for column, drawn in numbers.items():
+        if np.ptp(drawn[there]) == 0.0:
+            continue
+        value = float(np.corrcoef(ranked, stats.rankdata(drawn[there]))[0, 1])
+        yield RankCorrelation(output, column, value, _fisher(value, count) if sampled else None)
+
+
+def _fisher(value: float, count: int) -> tuple[float, float]:
+    """The interval of a rank correlation by atanh, with the variance of Bonett & Wright 2000."""
+    from scipy.special import ndtri
+
+    if abs(value) >= 1.0:
+        return value, value
+    half = float(ndtri(0.5 + 0.5 * LEVEL)) * np.sqrt((1.0 + 0.5 * value * value) / (count - 3))
+    middle = np.arctanh(value)
+    return float(np.tanh(middle - half)), float(np.tanh(middle + half))
+
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+_LEAST_LINES = 3  # frequencies that make a band
+_RUNS, _FEWEST, _SAMPLES = 128, 16, 2e7  # machines that are run again, and their samples in all
+_WINDOWS = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Quantiles over machines, of shape (5, n), over x of shape (n,): frequency in Hz, or the middle of windows in s.
+
+    machines  number of machines
+    unit      SI
+    """
+
+    x: np.ndarray
+    quantiles: np.ndarray
+    unit: str
+    machines: int
+
+    def at(self, quantile: float) -> np.ndarray:
+        """One of `QUANTILES`, shape (n,)."""
+        return self.quantiles[QUANTILES.index(quantile)]
+
+
+def stiffness_band(sample: Judged) -> Band | None:
+    """The band of the figures stiffness_F_Hz_N_per_m; None for a study that measures fewer than three of them."""
+    lines = {figure.of.frequency: figure.key for figure in sample.study.measure if isinstance(figure.of, StiffnessAt)}
+    if len(lines) < _LEAST_LINES or sample.bad.all():
+        return None
+    frequency = np.array(sorted(lines))
+    values = np.stack([sample.figures[lines[line]][~sample.bad] for line in frequency.tolist()], axis=1)
+    return Band(frequency, np.nanquantile(values, QUANTILES, axis=0), "N/m", len(values))
+
+
+def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
+    """The largest absolute following error in each of 500 windows of time, of up to 128 machines that are run again.
+
+    The machines are drawn at random from those with figures; motions of unequal length are cut to the shortest one.
+    None where no machine can be run.
+    """
+    study, progress = sample.study, progress or Progress()
+    good = sample.variant[~sample.bad]
+    rng = np.random.default_rng([study.seed, 1])
+    order = rng.permutation(good)[:_RUNS].tolist()
+    errors: list[np.ndarray] = []
+    times: list[np.ndarray] = []
+    most = _RUNS
+    for done, variant in enumerate(order):
+        if done >= most:
+            break
+        progress.step("following error over time", done, min(most, len(order)))
+        run = _run(study, variant)
+        if run is None:
+            continue
+        most = max(_FEWEST, min(_RUNS, int(_SAMPLES / run.samples)))
+        width = -(-run.samples // _WINDOWS)
+        edges = np.arange(0, run.samples, width)
+        errors.append(np.maximum.reduceat(np.abs(run["following_error"]), edges))
+        times.append(run.time[0] + (edges + 0.5 * width) * run.sample_time)
+    if not errors:
+        return None
+    shortest = min(range(len(times)), key=lambda i: float(times[i][-1]))
+    x = times[shortest]
+    rows = [np.interp(x, time, error) for time, error in zip(times, errors, strict=True)]
+    return Band(x, np.quantile(rows, QUANTILES, axis=0), "m", len(rows))
+
+
+def _run(study: Study, variant: int) -> Run | None:
+    """Simulate a variant; None if it cannot be run."""
+    try:
+        group = next(variant_groups(study, variants(study, variant, 1)))
+        return run_of(group, 0)
+    except CancelledError:
+        raise
+    except FeeddriveError:
+        return None
+
+
+# the figures of each subject, of which the first one that a study measures is used
+SUBJECTS = {
+    "tracking": (TRACKING_RMS, TRACKING_PEAK, FOLLOWING_RMS, FOLLOWING_PEAK, TRACKING_END),
+    "stiffness": (
+        STIFFNESS_LEAST,
+        STIFFNESS_OVER[1],
+        *STIFFNESS_AT,
+        STIFFNESS_OVER[0],
+        STIFFNESS_OVER[2],
+        ROPE_SNAP,
+    ),
+    "robustness": (SENSITIVITY_PEAK, DELAY_MARGIN, PHASE_MARGIN, GAIN_MARGIN),
+}
+
+
+def subjects(study: Study) -> dict[str, Figure]:
+    """Return the measured figure of each subject."""
+    measured = {
+        subject: next((figure for figure in figures if figure in study.measure), None)
+        for subject, figures in SUBJECTS.items()
+    }
+    return {subject: figure for subject, figure in measured.items() if figure is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """The variants of the front with their rows, in the order of tracking, or of the first subject there is."""
+
+    figures: dict[str, Figure]
+    rows: Judged
+
+
+class FrontKept:
+    """Collects the Pareto front of the rows, part by part."""
+
+    def __init__(self, study: Study) -> None:
+        self._figures = subjects(study)
+        self._rows: Judged | None = None
+
+    def add(self, rows: Judged) -> None:
+        """Add some rows; those without a number for one of the figures are left out."""
+        if len(self._figures) < 2:
+            return
+        several = [*([] if self._rows is None else [self._rows]), rows]
+        together = joined([part.some(front(_costs(part, self._figures))) for part in several])
+        self._rows = together.some(front(_costs(together, self._figures)))
+
+    def result(self) -> Front | None:
+        """Return the front; None for a study that measures fewer than two subjects, or has no variant with both."""
+        if self._rows is None or not self._rows.variant.size:
+            return None
+        order = np.argsort(_costs(self._rows, self._figures)[:, 0], kind="stable")
+        return Front(self._figures, self._rows.some(order))
+
+
+def _costs(rows: Judged, figures: dict[str, Figure]) -> np.ndarray:
+    """The objectives, all to be minimized, shape (n, subjects)."""
+    return np.stack(
+        [(-1.0 if figure.better == "higher" else 1.0) * rows.figures[figure.key] for figure in figures.values()], axis=1
+    )
+
+
+def front(costs: np.ndarray) -> np.ndarray:
+    """True for rows that no other row dominates, by being as small everywhere and smaller somewhere; (n, m) -> (n,).
+
+    Rows with NaN are not on it; of equal rows all are.
+    """
+    there = np.flatnonzero(~np.isnan(costs).any(axis=1))
+    left = there[np.lexsort(costs[there].T[::-1])]  # what dominates a row stands before it
+    undominated = np.zeros(len(costs), dtype=bool)
+    while left.size:
+        first = costs[left[0]]
+        equal = (costs[left] == first).all(axis=1)
+        undominated[left[equal]] = True
+        left = left[~equal & (costs[left] < first).any(axis=1)]
+    return undominated
