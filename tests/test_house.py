@@ -120,10 +120,42 @@ def follow_a_law(_: Path) -> None:
     schema_of(MachineSection, "machine")
 
 
-@pytest.mark.parametrize(
-    ("title", "run"),
-    [("Kv from", export_kv), ("A log column", identify_mass), ("A new law", follow_a_law)],
-)
+def plan_circle(folder: Path) -> None:
+    from feeddrive.workflow.plan import plan
+
+    program = folder / "circle.ngc"
+    program.write_text("G21 G64 P0.01 F2000\nG1 X10\nG2 X30 I10\nG1 X40 Y5\nM2\n")
+    plan(program, machine="gantry", out=folder / "out")
+
+
+def tune_axis(folder: Path) -> None:
+    from feeddrive.workflow.tune import tune
+
+    tune("linear_motor", out=folder / "out")
+
+
+WALKS = [
+    ("Kv from", export_kv),
+    ("A log column", identify_mass),
+    ("A new law", follow_a_law),
+    ("A part program", plan_circle),
+    ("A goal", tune_axis),
+]
+
+
+def test_a_wing_has_a_walk_and_a_room_a_wing() -> None:
+    rows = [line for line in TEXT.splitlines() if line.startswith("| ") and line.count("|") == 4]
+    wings = [line.split("|") for line in rows if "`" in line.split("|")[2]]
+    heads = re.findall(r"^### (.+)", TEXT, re.M)
+    for *_, walk, _ in wings:
+        assert any(head.startswith(walk.strip()) for head in heads), walk
+    assert len(wings) == len(WALKS)
+    rooms = [room for _, _, named, *_ in wings for room in re.findall(r"`(\w+)/`", named)]
+    assert len(rooms) == len(set(rooms))
+    assert set(rooms) == {path.name for path in SOURCE.iterdir() if (path / "__init__.py").exists()}
+
+
+@pytest.mark.parametrize(("title", "run"), WALKS)
 def test_on_a_walk_each_function_calls_the_next(
     title: str, run: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -379,19 +379,19 @@ COMMANDS: dict[str, Listed] = {
         ("law smith_law",),
     ),
     "prefilter": Listed(
-        "prefilter",
+        "learn",
         "Fit the prefilter that cancels what a loop leaves of its tracking error, from one log.",
         "Tune and compare",
         ("run.csv --out prefilter.toml",),
     ),
     "setpath": Listed(
-        "setpath",
+        "learn",
         "Change a set path beforehand, by the linear model of the loop, so that the table follows the wanted one.",
         "Tune and compare",
         ("linear_motor --method splines --out path.csv",),
     ),
     "iterate": Listed(
-        "iterate",
+        "learn",
         "Learn mass, viscous and dry friction to feed forward from the error of a trial: a log, or simulated ones.",
         "Tune and compare",
         ("run.csv --controller xy_table --axis x --out next.toml",),
@@ -445,13 +445,13 @@ COMMANDS: dict[str, Listed] = {
         ("ccw.csv cw.csv --x x:mm --y y:mm --out circles", "xy_table --radius 20"),
     ),
     "cosimulate": Listed(
-        "cosimulate",
+        "run_job",
         "Run the laws of a job against somebody else's model of the machine: an FMU in place of the plant.",
         "Simulate",
         ("job.toml press.fmu --variable force=motor.F --variable reading=table.x:mm",),
     ),
     "virtual-drive": Listed(
-        "virtual_drive",
+        "play",
         "Be a CiA 402 drive with the plant and the control of a machine file inside, until Ctrl-C.",
         "Simulate",
         ("ball_screw --interface veth1 --drive-file drive.toml",),
@@ -463,7 +463,7 @@ COMMANDS: dict[str, Listed] = {
         ("tuned/machine.toml --measured frf.csv",),
     ),
     "check": Listed(
-        "check",
+        "certify",
         "Check a certificate in exact arithmetic: 0 if it is proven, 1 with the reason if refused.",
         "Prove and deploy",
         ("tuned/certificate.json",),
@@ -475,7 +475,7 @@ COMMANDS: dict[str, Listed] = {
         ("tuned/machine.toml --axis x --target c --out axis_x",),
     ),
     "verify": Listed(
-        "verify",
+        "export",
         "Run the equality proof of an export again, with this machine's compiler; 1 if anything differs.",
         "Prove and deploy",
         ("axis_x",),

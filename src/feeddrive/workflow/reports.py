@@ -22,7 +22,7 @@ REPORTS = {
     "identification.response.modal_fit:ModalFit": "workflow.identify_responses:fit_report",
     "machining.lobes:Lobes": "workflow.lobes:lobes_report",
     "papers.claims:Experiment": "papers.claims:paper_report",
-    "path.planned:Planned": "report.plan_report:plan_report",
+    "path.planned:Planned": "report.machining_report:plan_report",
     "study.answers.answers:Answers": "study.answers.page:study_report",
     "tuning.tune:Tuned": "workflow.tune_files:tuned_report",
     "workflow.circle:MeasuredCircle": "workflow.circle:measured_circle_report",
