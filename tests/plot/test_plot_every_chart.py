@@ -233,7 +233,7 @@ def laws() -> list[tuple[str, dict[str, float | None]]]:
 BANDED = Stand(x=F, quantiles=np.outer([1.0, 1.3, 1.6, 1.9, 2.4], 1e7 * (1.0 + F)), unit="N/m")
 CIRCLE = 0.02 * np.cos(3.0 * T), 0.02 * np.sin(3.0 * T)
 OF_PLOT: dict[str, Callable[[], Chart]] = {
-    "distributions:effort": lambda: plot.effort_chart(Stand(operations={"add": 12, "divide": 4}, total=16)),
+    "curves:effort": lambda: plot.effort_chart(Stand(operations={"add": 12, "divide": 4}, total=16)),
     "identification:residuals": lambda: plot.residuals_chart(
         Stand(values=random(900), unit="N", autocorrelation=lambda lag: 1.0 / lag)
     ),
@@ -251,7 +251,7 @@ OF_PLOT: dict[str, Callable[[], Chart]] = {
     "lobes:lobes": lambda: plot.lobes_chart(lobes()),
     "lobes:cutting_forces": lambda: chart("lobes:cutting_forces")(cut()),
     "lobes:chatter_signs": lambda: plot.chatter_signs_chart(chatter()),
-    "surface:surface": lambda: chart("surface:surface")(wall(9)),
+    "curves:surface": lambda: chart("curves:surface")(wall(9)),
     "tuning:trial": lambda: plot.trial_chart(trial()),
     "tuning:iteration": lambda: plot.iteration_chart(Stand(trial=trial(), predicted_rms=2e-7, predicted=1e-7 * S)),
     "tuning:prefilter_fit": lambda: plot.prefilter_fit_chart(fit()),
@@ -272,17 +272,17 @@ OF_PLOT: dict[str, Callable[[], Chart]] = {
     "curves:left_over": lambda: chart("curves:left_over")(
         {"a": (F, F)}, {"a": (F[::9], F[::9])}, "left over (1)", (200.0, "teeth")
     ),
-    "part_run:part_run": lambda: plot.part_run_chart(part()),
-    "part_run:part_laws": lambda: plot.part_laws_chart({"P-PI": part(), "GPI": part()}),
-    "part_run:part_cutting": lambda: plot.part_cutting_chart(part()),
-    "part_run:part_estimates": lambda: plot.part_estimates_chart(part(), "x"),
-    "part_run:part_zoom": lambda: plot.part_zoom_chart({"P-PI": part()}, 1.0),
+    "part_program:part_run": lambda: plot.part_run_chart(part()),
+    "part_program:part_laws": lambda: plot.part_laws_chart({"P-PI": part(), "GPI": part()}),
+    "part_program:part_cutting": lambda: plot.part_cutting_chart(part()),
+    "part_program:part_estimates": lambda: plot.part_estimates_chart(part(), "x"),
+    "part_program:part_zoom": lambda: plot.part_zoom_chart({"P-PI": part()}, 1.0),
     "responses:response_fit": lambda: plot.response_fit_chart(agreement()),
     "responses:response_residuals": lambda: plot.response_residuals_chart(agreement()),
     "responses:response_nyquist": lambda: plot.response_nyquist_chart(agreement()),
     "responses:excitation": lambda: plot.excitation_chart(excitation()),
-    "friction:steady_runs": lambda: plot.steady_runs_chart(steady()),
-    "friction:identified_friction": lambda: plot.identified_friction_chart(friction_curve()),
+    "identification:steady_runs": lambda: plot.steady_runs_chart(steady()),
+    "identification:identified_friction": lambda: plot.identified_friction_chart(friction_curve()),
     "over_time:log": lambda: plot.log_chart(Stand(channels={"force": S, "state": S}, units={"force": "N"}, time=T)),
 }
 OF_ROOMS: dict[str, Callable[[], Chart]] = {

@@ -21,6 +21,7 @@ from feeddrive.blocks.controller.linear_adrc import LinearADRC as LinearADRC
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid as LinuxcncPid
 from feeddrive.blocks.controller.lqg import LQG as LQG
 from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
+from feeddrive.blocks.controller.stock_biquad import StockBiquad as StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid as StockPid
 from feeddrive.blocks.controller.super_twisting import SuperTwisting as SuperTwisting
 from feeddrive.blocks.coupling.cross_beam import CrossBeam as CrossBeam

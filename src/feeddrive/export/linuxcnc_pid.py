@@ -12,7 +12,8 @@ import numpy as np
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import require_stable, stability
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
-from feeddrive.blocks.controller.stock_pid import StockBiquad, StockPid
+from feeddrive.blocks.controller.stock_biquad import StockBiquad
+from feeddrive.blocks.controller.stock_pid import StockPid
 from feeddrive.blocks.families import Filter
 from feeddrive.blocks.filter.biquad import Section
 from feeddrive.blocks.filter.low_pass import LowPass

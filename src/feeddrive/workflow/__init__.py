@@ -7,8 +7,9 @@ make_lazy(
     {
         "adjust": "adjust",
         "benchmark": "benchmark",
-        "certify": "certify read_certificate write_certificate check",
+        "certify": "certify read_certificate write_certificate",
         "channels": "channels",
+        "check": "check",
         "circle": "circle",
         "cogging": "cogging",
         "command": "Outcome",

@@ -5,10 +5,10 @@
 from feeddrive.workflow.adjust import adjust as adjust
 from feeddrive.workflow.benchmark import benchmark as benchmark
 from feeddrive.workflow.certify import certify as certify
-from feeddrive.workflow.certify import check as check
 from feeddrive.workflow.certify import read_certificate as read_certificate
 from feeddrive.workflow.certify import write_certificate as write_certificate
 from feeddrive.workflow.channels import channels as channels
+from feeddrive.workflow.check import check as check
 from feeddrive.workflow.circle import circle as circle
 from feeddrive.workflow.cogging import cogging as cogging
 from feeddrive.workflow.command import Outcome as Outcome

@@ -1,4 +1,4 @@
-"""`feeddrive certify` and `feeddrive check`: a stability certificate, and its check in exact arithmetic.
+"""`feeddrive certify`: a stability certificate for a machine and its measured responses.
 
 A certificate is written only after the checker has accepted it, and read only if the checker accepts it.  A report is
 written next to it.
@@ -15,15 +15,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from feeddrive import plot
-from feeddrive.certificate import check as checker
+from feeddrive.certificate import check
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.certificate.certify import PlantLike, certify_loop, point_plants
-from feeddrive.certificate.check import checked
 from feeddrive.files.atomic_io import new_directory, read_whole, write_whole
 from feeddrive.files.frf import FrfLike, encoders, read_frf, read_frfs
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, sentence
-from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Column, Table
@@ -38,26 +36,6 @@ from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
 from feeddrive.workflow.tune_sources import in_metres, loop_or_response
-
-
-class CheckRequest(Request):
-    """The certificate to check."""
-
-    file: Path = argument("A certificate (JSON)")
-
-
-@command(CheckRequest)
-def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
-    """Check a certificate in exact arithmetic; the result says whether it is proven, the last line why not.
-
-    Raises FileError for a file that is not there.
-    """
-    if not request.file.exists():
-        raise FileError(f"{request.file}: no such file")
-    progress.step(f"checking {request.file}")
-    lines, proven = checked(str(request.file))
-    return Outcome(proven, lines, judgment=Judgment.PROVEN if proven else Judgment.NOT_PROVEN)
-
 
 FILE = "certificate.json"
 
@@ -265,7 +243,7 @@ def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
             Text(f"{Quantity(document['confidence'], 'share'):6}, all lines together"),
         ),
         ("SHA-256", document["sha256"]),
-        ("Check it", f"feeddrive check {FILE}, or with nothing but Python: python checker.py {FILE}"),
+        ("Check it", f"feeddrive check {FILE}, or with nothing but Python: python check.py {FILE}"),
     ]
 
 
@@ -347,12 +325,12 @@ def write_certificate(path: str | Path, certificate: Certificate) -> Path:
 
 def read_certificate(path: str | Path) -> Certificate:
     """Read the certificate in a file. Raise FileError, with the checker's reason, for one that is not proven."""
-    content = read_whole(path, checker.MOST_BYTES)
+    content = read_whole(path, check.MOST_BYTES)
     try:
-        document = checker.parse(content)
-        checker.verified(document)
-    except checker.RefusedError as error:
+        document = check.parse(content)
+        check.verified(document)
+    except check.RefusedError as error:
         raise FileError(f"{path}: refused: {error}") from None
-    except checker.BROKEN as error:
+    except check.BROKEN as error:
         raise FileError(f"{path}: refused: it does not have the form of a certificate: {error}") from None
     return Certificate(document)

@@ -463,7 +463,7 @@ COMMANDS: dict[str, Listed] = {
         ("tuned/machine.toml --measured frf.csv",),
     ),
     "check": Listed(
-        "certify",
+        "check",
         "Check a certificate in exact arithmetic: 0 if it is proven, 1 with the reason if refused.",
         "Prove and deploy",
         ("tuned/certificate.json",),

@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.axis_model import AxisModel, Start
-from feeddrive.blocks.controller.stock_pid import StockBiquad, StockPid, limited
+from feeddrive.blocks.controller.stock_biquad import StockBiquad
+from feeddrive.blocks.controller.stock_pid import StockPid, limited
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops

@@ -1,4 +1,4 @@
-"""The stock pid and biquad of LinuxCNC, as parts of `linuxcnc_pid`."""
+"""The `pid` component of LinuxCNC, computed as in its source."""
 
 from __future__ import annotations
 
@@ -7,37 +7,6 @@ from typing import NamedTuple
 
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, choice, parameter
-
-
-class StockBiquad(Block):
-    """One `biquad` of LinuxCNC's HAL with freely given coefficients (its type 0), bit for bit.
-
-        out = n0 in + s1,   s1 = n1 in - d1 out + s2,   s2 = n2 in - d2 out
-        H(z) = (n0 + n1 z⁻¹ + n2 z⁻²) / (1 + d1 z⁻¹ + d2 z⁻²)
-
-    Its types 1 and 2 are a low-pass and a notch of infinite depth; type 0 holds any second-order filter.
-    Source: LinuxCNC manual page biquad(9); the order of the operations from the answers of the component itself.
-    """
-
-    n0: Number = parameter("", "coefficient of the input", default=1)
-    n1: Number = parameter("", "coefficient of the input one sample before", default=0)
-    n2: Number = parameter("", "coefficient of the input two samples before", default=0)
-    d1: Number = parameter("", "coefficient of the output one sample before", default=0)
-    d2: Number = parameter("", "coefficient of the output two samples before", default=0)
-
-    class State(NamedTuple):
-        """The two delayed sums."""
-
-        s1: Number
-        s2: Number
-
-    def start(self, zero: Number) -> State:
-        """Empty, as HAL loads it."""
-        return self.State(zero, zero)
-
-    def step(self, state: State, value: Number) -> tuple[State, Number]:
-        output = value * self.n0 + state.s1
-        return self.State(value * self.n1 - output * self.d1 + state.s2, value * self.n2 - output * self.d2), output
 
 
 class StockPid(Block):

@@ -245,7 +245,7 @@ class Answers(Result):
 
 @chart_of.register
 def _chart(answers: Answers) -> Chart:
-    from feeddrive.study.answers import page as pictures
+    from feeddrive.study.answers import pictures
 
     return pictures.histograms_chart(answers.sample, answers.stiffness is not None)
 

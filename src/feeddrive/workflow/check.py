@@ -1,0 +1,31 @@
+"""`feeddrive check`: a certificate in exact arithmetic, with nothing but the standard library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feeddrive.certificate.check import checked
+from feeddrive.language.errors import FileError
+from feeddrive.language.judgment import Judgment
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import Request, argument
+
+
+class CheckRequest(Request):
+    """The certificate to check."""
+
+    file: Path = argument("A certificate (JSON)")
+
+
+@command(CheckRequest)
+def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
+    """Check a certificate in exact arithmetic; the result says whether it is proven, the last line why not.
+
+    Raises FileError for a file that is not there.
+    """
+    if not request.file.exists():
+        raise FileError(f"{request.file}: no such file")
+    progress.step(f"checking {request.file}")
+    lines, proven = checked(str(request.file))
+    return Outcome(proven, lines, judgment=Judgment.PROVEN if proven else Judgment.NOT_PROVEN)
