@@ -51,7 +51,7 @@ from feeddrive.plot.chart import (
 )
 from feeddrive.plot.drawing import drawn
 from feeddrive.study import robust as of_robust
-from feeddrive.study.answers import page as of_study
+from feeddrive.study.answers import pictures as of_study
 from feeddrive.study.answers.rows import Share
 from feeddrive.study.answers.statistics import INSIDE, RankCorrelation, SobolIndices
 from feeddrive.study.study import Bound

@@ -18,9 +18,10 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.report.page import html
 from feeddrive.study import distributions as points
 from feeddrive.study.answers import rows as sampled
-from feeddrive.study.answers.answers import Answers, answers_of, short
+from feeddrive.study.answers.answers import Answers, answers_of
 from feeddrive.study.answers.page import report_files, study_report, write_report
 from feeddrive.study.answers.rows import Sampled, Share, clopper_pearson, judged, parts
+from feeddrive.study.answers.sentences import short
 from feeddrive.study.answers.statistics import INSIDE, QUANTILES, YieldCount, front, rank_correlations, sobol
 from feeddrive.study.chunk import run_chunk
 from feeddrive.study.study import Study, read_study

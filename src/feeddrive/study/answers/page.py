@@ -27,8 +27,9 @@ from feeddrive.loop.machine import Machine
 from feeddrive.report.page import html
 from feeddrive.report.report import Code, Facts, Picture, Remarks, Report, Section, Verdict, further
 from feeddrive.study.answers import pictures
-from feeddrive.study.answers.answers import Answers, correlation, interval_text, name_of, share_text, short, value_cell
+from feeddrive.study.answers.answers import Answers
 from feeddrive.study.answers.rows import Share
+from feeddrive.study.answers.sentences import correlation, interval_text, name_of, share_text, short, value_cell
 from feeddrive.study.answers.statistics import INSIDE, QUANTILES
 from feeddrive.study.store import place
 from feeddrive.study.study import Study

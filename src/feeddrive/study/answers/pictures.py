@@ -31,8 +31,8 @@ from feeddrive.plot.chart import (
 )
 from feeddrive.plot.chart import Band as Area
 from feeddrive.plot.curves import histogram
-from feeddrive.study.answers.answers import bound_text, name_of, short
 from feeddrive.study.answers.rows import Judged
+from feeddrive.study.answers.sentences import bound_text, name_of, short
 from feeddrive.study.answers.statistics import INSIDE, Band, RankCorrelation, SobolIndices, Yield
 from feeddrive.study.study import Bound, Study
 
