@@ -1,4 +1,4 @@
-// The control of now is proven: a certificate, the circle test, and a part program on the machine.
+// The current control is proven: a certificate, the circle test, and a part program on the machine.
 
 import { look, whenPainted } from "../pictures/look";
 import { button, choice, make, renew } from "../parts";
