@@ -9,6 +9,7 @@ import tracemalloc
 import warnings
 import zlib
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from feeddrive.files import columns
-from feeddrive.files import read_log as formats
 from feeddrive.files.columns import Column
 from feeddrive.files.log import Log
 from feeddrive.files.read_log import checked_clock, read_log
 from feeddrive.language.errors import FileError, LogError, MissingExtraError, ParameterError
+
+formats = import_module("feeddrive.files.read_log")  # `feeddrive.files.read_log` is the function
 
 TEXT = "t [ms],x [mm],f,note\n" + "".join(f"{2 * k},{k},{10 * k},a\n" for k in range(10))
 

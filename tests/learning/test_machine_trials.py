@@ -16,7 +16,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.learning.trials import iterate_machine, tune_prefilters
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
-from feeddrive.workflow import learn as iterate
+from feeddrive.workflow import iterate
 from feeddrive.workflow.learn import IterateRequest
 
 MOVE = SnapLimitedMove(

@@ -13,8 +13,7 @@ import pytest
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, DELAY_MARGIN, SENSITIVITY_PEAK
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.study import Study, read_study, tune_robust, variants
-from feeddrive.study import variants as variant_groups
+from feeddrive.study import Study, read_study, tune_robust, variant_groups, variants
 from feeddrive.study.robust import Robust, limits_of, scenarios, with_control
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import modelled_point

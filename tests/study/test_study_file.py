@@ -11,8 +11,7 @@ import pytest
 
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
-from feeddrive.study import Study, read_study, variants
-from feeddrive.study import variants as variant_groups
+from feeddrive.study import Study, read_study, variant_groups, variants
 from feeddrive.study.study import MOST
 
 HEAD = """job = "ball_screw"

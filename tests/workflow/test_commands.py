@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import types
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,13 @@ from typer.testing import CliRunner
 import feeddrive as fd
 from feeddrive.cli import commands
 from feeddrive.cli.commands import OFFERED, app, offered
-from feeddrive.files import read_log as formats
 from feeddrive.language import units
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import COMMANDS, Command, Outcome, load
 from feeddrive.workflow.request import Request, argument, fields_of, option
+
+formats = import_module("feeddrive.files.read_log")  # `feeddrive.files.read_log` is the function
 
 
 class Asked(Request):

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.language.errors import ParameterError, UnstableError
@@ -122,6 +121,8 @@ def chatter_signs(
     width = lines.frequency[1] - lines.frequency[0]
     times = lines.frequency * period
     harmonic = np.abs(times - np.round(times)) <= (_SIDE_LINES + 0.5) * width * period
+    from scipy.interpolate import CubicSpline  # not for commands that only read
+
     curve = CubicSpline(sample_time * np.arange(signal.size), signal)
     at = (start or 0.0) + period * np.arange(count)
     inside = curve(at[:-1, None] + period / _PLACES * np.arange(_PLACES))
