@@ -101,7 +101,7 @@ _MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, not all decades have a numb
 _COLD, _HOT = 1.1, 2.6  # width of the smallest and the largest value
 
 
-def figure_of(chart: Callable[P, Chart]) -> Callable[P, Any]:
+def figure_of(chart: Callable[P, Chart]) -> Callable[P, Picture]:
     """Return the function that draws what a function `..._chart` shows, as a matplotlib figure."""
 
     @wraps(chart)
@@ -112,7 +112,7 @@ def figure_of(chart: Callable[P, Chart]) -> Callable[P, Any]:
     return draw
 
 
-def drawn(chart: Chart, units: Units | None = None) -> Any:
+def drawn(chart: Chart, units: Units | None = None) -> Picture:
     """The picture of a chart, a matplotlib figure, with its texts in the units of a reader; None: of `READER`."""
     from feeddrive.plot.picture import Picture
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from feeddrive.papers.beltran2013 import mill, shipped
 from feeddrive.papers.beltran2013.mill import AXES, Case, disturbances, loop
 from feeddrive.papers.claims import Claim, Experiment, stated
 from feeddrive.plot import curves as draw
+from feeddrive.plot.chart import Chart
 from feeddrive.report.report import Picture
 
 # rows of the paper and of the independent program: every tooth takes 0.05 mm, wherever the tool is
@@ -444,7 +444,7 @@ def _pictures(
             "The tool in a slot with the corrected data; the means are -112.5 N against the feed and 375 N across it.",
             "three forces over the angle of the spindle, each repeating twice in a turn",
             partial(
-                draw.turn,
+                draw.turn_chart,
                 turned.angle,
                 {"along the feed": turned.feed, "normal": turned.normal, "axial": turned.axial},
             ),
@@ -495,16 +495,16 @@ def _pictures(
     )
 
 
-def _errors(runs: Mapping[str, Run], factor: float, quantity: str) -> Any:
+def _errors(runs: Mapping[str, Run], factor: float, quantity: str) -> Chart:
     rows = {axis: {"error": factor * runs[axis]["tracking_error"]} for axis in AXES}
     return draw.by_axis_chart(runs["x"].time, rows, quantity)
 
 
-def _control(runs: Mapping[str, Run]) -> Any:
+def _control(runs: Mapping[str, Run]) -> Chart:
     return draw.by_axis_chart(runs["x"].time, {axis: {"force": runs[axis]["force"]} for axis in AXES}, "force (N)")
 
 
-def _disturbance(runs: Mapping[str, Run]) -> Any:
+def _disturbance(runs: Mapping[str, Run]) -> Chart:
     rows: dict[str, dict[str, np.ndarray]] = {}
     shown = (runs["x"].time >= 0.9) & (runs["x"].time < 1.05)
     for axis in AXES:
@@ -513,12 +513,12 @@ def _disturbance(runs: Mapping[str, Run]) -> Any:
     return draw.by_axis_chart(runs["x"].time[shown], rows, "disturbance (m/s²)")
 
 
-def _left_over(sines: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> Any:
+def _left_over(sines: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> Chart:
     curves = {_name(n): (FREQUENCY, np.abs(mill.left_over(mill.observer_of(n), FREQUENCY))) for n in STATES}
     return draw.left_over_chart(curves, {_name(n): sines[n] for n in sines}, "left over (1)", TEETH)
 
 
-def _compliance() -> Any:
+def _compliance() -> Chart:
     cases = {"not subtracted": Case("", share=0.0), **{_name(n): Case("", taylor_states=n) for n in STATES}}
     curves = {name: (FREQUENCY, 1e6 * compliance(loop("x", case), FREQUENCY).magnitude) for name, case in cases.items()}
     return draw.left_over_chart(curves, {}, "compliance (µm/N)", TEETH, one=False)
