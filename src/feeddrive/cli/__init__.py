@@ -1,8 +1,8 @@
 """The command line program `feeddrive`.
 
-Every error that a user can cause ends in one line on the error stream and the exit code that its class declares
-(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for an outcome that is not good, 130 for Ctrl-C, for a
-termination and for a terminal that closes.
+Every user error is reported as one line on the error stream, with the exit code of its class
+(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for a bad outcome, 130 for Ctrl-C, a termination signal and
+a closed terminal.
 """
 
 from __future__ import annotations
