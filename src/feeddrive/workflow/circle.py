@@ -48,7 +48,7 @@ _RADIUS, _FEEDS = 0.02, (0.02, 0.1)  # m, m/s, of a simulated machine
 
 
 class CircleRequest(Request):
-    """The circles to test, the roles of their columns, and known data of the machine."""
+    """The circles to evaluate, the roles of their columns, and known data of the machine."""
 
     sources: tuple[Path, ...] = argument(
         "Logs of one circle each (MAT, CSV, Parquet), best in both directions at two feeds; or one machine file "
@@ -98,10 +98,9 @@ def measured_circle_report(measured: MeasuredCircle, note: str = "") -> Report:
 
 @command(CircleRequest)
 def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle]:
-    """Circular test after ISO 230-4 with a split of its causes: from logs of x and y, or on the simulated machine.
+    """Evaluate a circular test to ISO 230-4 and separate its causes: from logs of x and y, or on a simulated machine.
 
-    Raises LogError for a log without a full circle at constant feed, and ParameterError for circles that do not fit
-    each other.
+    Raises LogError for a log without a full circle at constant feed, and ParameterError for incompatible circles.
     """
     machine = _machine(request.sources)
     if machine is None:
@@ -129,7 +128,7 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
 
 
 def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:
-    """Yield the paths, and report the reading of each."""
+    """Yield the paths, and report progress for each."""
     for path in paths:
         progress.step(f"reading {path.name}")
         yield path
@@ -168,7 +167,7 @@ def _measured(path: Path, request: CircleRequest) -> CirclePath:
 
 
 def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) -> list[CirclePath]:
-    """Simulate circles in both directions at all feeds, about the middle of the travel if it is stated."""
+    """Simulate circles in both directions at all feeds, centered in the travel range if it is stated."""
     machine = file.machine()
     axes = (request.x, request.y)
     for name in axes:
@@ -208,7 +207,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
 
 
 def _middle(file: MachineFile, name: str, radius: float) -> float:
-    """Return the middle of an axis's travel, m; 0 if it is not stated."""
+    """Return the center of an axis's travel range, m; 0 if it is not stated."""
     limits = file.limits.get(name)
     if limits is None or limits.travel_least is None or limits.travel_most is None:
         return 0.0

@@ -1,4 +1,6 @@
-"""`feeddrive new law NAME`: a package with a user-defined law, its battery, and a machine file to try it on."""
+"""`feeddrive new law NAME`: create a package with a user-defined law, its battery of tests, and a machine file to
+try it.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ class NewRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for what cannot be made, and for a name that is no name or is taken."""
+        """Raise ParameterError for an unknown kind, and for an invalid or existing name."""
         if self.what != "law":
             raise ParameterError(f"feeddrive new {self.what} is not known; there is: feeddrive new law NAME")
         kind = snake_case(self.name)
@@ -55,9 +57,9 @@ class NewRequest(Request):
 
 @command(NewRequest)
 def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
-    """Make a package for a user-defined law: its file, a test with the battery, a machine file, an entry point.
+    """Create a package for a user-defined law: its file, a test with the battery, a machine file, an entry point.
 
-    The result is its directory. Raises FileError if there is something of this name already: a law is never replaced.
+    The result is its directory. Raises FileError if it exists already: an existing law is never replaced.
     """
     kind = snake_case(request.name)
     out = request.out if request.out is not None else request.usual_out()
@@ -84,5 +86,5 @@ def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
 
 
 def _class(name: str) -> str:
-    """Return the name of the class: as it was given, or in capitals if the kind was given."""
+    """Return the class name: as given, or in CamelCase if the name was given in snake_case."""
     return name if name != snake_case(name) else "".join(part[:1].upper() + part[1:] for part in name.split("_"))
