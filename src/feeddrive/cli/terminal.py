@@ -44,8 +44,9 @@ def own_words() -> Generator[None]:
 
 
 def open_console(*, errors: bool = False) -> Console:
-    """Return a console on the standard output, or on the error stream for progress and questions when the output is
-    JSON.
+    """Return a console on the standard output, or on the error stream when the output is JSON.
+
+    The error stream then carries progress and questions.
 
     It is as wide as the terminal, and unlimited if it is not a terminal (whatever COLUMNS says).
     """

@@ -85,9 +85,7 @@ class Base:
         return "", "", path
 
     def block(self, path: str) -> tuple[Any, str]:
-        """Return the block that a path belongs to, and the path within it. Raise ParameterError if there is no such
-        block.
-        """
+        """Return the block that a path belongs to, and the path within it. Raise ParameterError if there is none."""
         axis, kind, rest = self.place(path)
         if not kind:
             return self.system, path
@@ -191,9 +189,7 @@ def _job(
 
 
 def _is_of_job(key: Key) -> bool:
-    """Return True if a key belongs to the job file; `axis` alone is an axis name there, otherwise a machine file
-    section.
-    """
+    """Return True for a key of the job file; `axis` alone is an axis name there, otherwise a section of the machine."""
     return key == ("axis",) or (key[0] in declarations(JobSection) and key[0] != "axis")
 
 

@@ -130,9 +130,7 @@ class Chunk(Case["pyarrow.Table"]):
 
     @property
     def threaded(self) -> bool:
-        """True if all figures are statistics, which compiled code computes; linear models and single runs are
-        Python.
-        """
+        """True if all figures are statistics, computed by compiled code; models and single runs are Python."""
         return all(figure.needs == STATISTICS for figure in self.study.measure)
 
     def outcome(self, progress: Progress) -> pyarrow.Table:
@@ -141,9 +139,7 @@ class Chunk(Case["pyarrow.Table"]):
 
 
 class Rows:
-    """The figures and failure reasons of the variants of a chunk, by index in it; a figure that does not occur is
-    NaN.
-    """
+    """The figures and failure reasons of the variants of a chunk, by index in it; a missing figure is NaN."""
 
     def __init__(self, measure: tuple[Figure, ...], count: int) -> None:
         self.figures = {figure.key: np.full(count, np.nan) for figure in measure}

@@ -30,9 +30,7 @@ _LEAST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53  # of the numbers in (0, 1)
 
 
 def uniform(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
-    """Return independent uniform numbers in (0, 1) for variants first .. first + count - 1, shape (count,
-    dimensions).
-    """
+    """Return uniform random numbers in (0, 1) for variants first .. first + count - 1, shape (count, dimensions)."""
     key = np.random.SeedSequence(seed).generate_state(2, np.uint64)
     numbers = np.empty((count, dimensions))
     at = first
@@ -102,8 +100,7 @@ def _mixed(x: np.ndarray) -> np.ndarray:
 
 
 def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, ...], total: int) -> np.ndarray:
-    """Return the points of a Sobol sensitivity analysis, shape (count, dimensions): `total` rows A, then B, AB_1 ..
-    AB_k.
+    """Return the points of a Sobol sensitivity analysis, shape (count, dimensions): `total` rows A, B, AB_1 .. AB_k.
 
     A and B are the halves of one Sobol sequence; AB_j is A with the coordinates of factor j taken from B, groups[j] in
     number.  Source: Saltelli et al. 2010, as in scipy.stats.sobol_indices.

@@ -232,9 +232,7 @@ def measured(
 
 
 def _limited(figure: Figure) -> tuple[Figure, bool]:
-    """Return the figure of a study that corresponds to a tuner's limit; True if it is the inverse of the limited
-    one.
-    """
+    """Return the study's figure for a limit of the tuner; True if it is the inverse of the limited figure."""
     return (STIFFNESS_LEAST, True) if figure == COMPLIANCE_PEAK else (figure, False)
 
 
@@ -334,9 +332,7 @@ class Robust(Result):
         return told if self.better else told + " Keep today's control: it is good on more machines."
 
     def table(self) -> Table:
-        """Tabulate the shares of fresh machines within each bound and the quantiles of the rope-snap error, before
-        and after.
-        """
+        """Tabulate the shares of fresh machines within each bound and the rope-snap quantiles, before and after."""
         rows: list[Sequence[Cell]] = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
         rows += [
             [bound_sentence(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]

@@ -62,8 +62,7 @@ class Place(Protocol):
 
 
 def place(address: str | Path) -> Place:
-    """Return the place of an address: a folder for `results/mill` or `file:///results/mill`, fsspec for
-    `s3://bucket/mill`.
+    """Return the place of an address: a folder (`results/mill`, `file:///results/mill`) or fsspec (`s3://bucket/mill`).
 
     Raises FileError for an address with a password and for one that fsspec cannot open, MissingExtraError without it.
     """
@@ -79,9 +78,7 @@ _PASSWORD = re.compile(r"(?<=://)([^/@:]*):[^/@]*@")
 
 
 def _check_no_password(address: str) -> None:
-    """Raise FileError for `ftp://name:password@host`: command lines, reports and messages expose the address to
-    others.
-    """
+    """Raise FileError for `ftp://name:password@host`: command lines, reports and messages would expose it."""
     if _PASSWORD.search(address):
         shown = _PASSWORD.sub(r"\1:...@", address)
         protocol = shown.partition("://")[0].rpartition(":")[2]

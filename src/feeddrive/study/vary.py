@@ -621,9 +621,7 @@ def _row(values: np.ndarray | None) -> tuple[float, ...]:
 
 
 def _paths(section: _Several, declared: Declared) -> Iterator[tuple[str, Declaration, float]]:
-    """Yield path, declaration and conversion factor to SI of each parameter. Raise ParameterError for a repeated
-    path.
-    """
+    """Yield path, declaration and factor to SI of each parameter. Raise ParameterError for a repeated path."""
     if not section.parameters:
         raise section.error("parameters must be a list of paths as a machine file has them", "parameters")
     entries = [_with_unit(section, written, declared) for written in section.parameters]

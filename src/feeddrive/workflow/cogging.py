@@ -320,9 +320,7 @@ def _rms(squares: float, unit: str) -> Text:
 
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:
-    """Return the machine file with the cogging added to its forces, comments kept; without a file, the section
-    alone.
-    """
+    """Return the machine file with the cogging among its forces, comments kept; without a file, the section alone."""
     block = _rounded(fit.block(at_table.period, force_per_unit=at_table.force_per_unit))
     section = _section(block, axis)
     if machine is None:

@@ -111,9 +111,7 @@ class Outcome(Generic[T]):
         yield from (f"{what}: {path}" for what, path in self.files.items())
 
     def report(self) -> Report:
-        """Return the report of the command, even if nothing was written: its own report, or one made from the
-        outcome.
-        """
+        """Return the report of the command, even if nothing was written: its own, or one made from the outcome."""
         return self._told() if self.page is None else self.page()
 
     def _told(self) -> Report:

@@ -1,6 +1,4 @@
-"""Reading several logs of one drive with the same columns, and the known data of the drive, for commands on such
-logs.
-"""
+"""Functions and options shared by commands that read several logs of one drive: columns, drive data, output."""
 
 from __future__ import annotations
 

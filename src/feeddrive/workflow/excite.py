@@ -140,9 +140,7 @@ def rehearsed(excitation: Excitation, loop: Loop, output: str = "reading_load") 
 
 
 def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
-    """Return a sentence on the lines with too much noise, their lower frequency, and the remedy; empty if there are
-    none.
-    """
+    """Return a sentence on lines with too much noise, where they begin, and the remedy; empty if there are none."""
     good = np.flatnonzero(share < _USELESS)
     lost = share.size - good.size
     if lost == 0:

@@ -120,8 +120,7 @@ def opened(
     time_unit: str | None = None,
     inside: Path | None = None,
 ) -> LiveSource:
-    """Open a source by its name: `-` for the pipe, a drive file for its drive, else a table that is still being
-    written.
+    """Open a source by its name: `-` for the pipe, a drive file for its drive, else a table still being written.
 
     inside  a folder that a file must not leave
 

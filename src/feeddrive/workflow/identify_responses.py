@@ -1,6 +1,4 @@
-"""`feeddrive identify FRF.csv`: masses, springs and modes from responses; the report, and the plant for a machine
-file.
-"""
+"""`feeddrive identify FRF.csv`: fit masses, springs and modes to responses; report, and plant for a machine file."""
 
 from __future__ import annotations
 

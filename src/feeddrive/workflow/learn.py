@@ -1,6 +1,4 @@
-"""`feeddrive iterate`, `prefilter` and `setpath`: learn feedforward, prefilters and set paths from trials, logs or
-models.
-"""
+"""`feeddrive iterate`, `prefilter` and `setpath`: learn feedforward, prefilters and set paths from data or models."""
 
 from __future__ import annotations
 

@@ -79,8 +79,7 @@ class LobesRequest(Request):
 
 @command(LobesRequest)
 def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
-    """Compute the chatter-free depths of a milling cut over the spindle speed; judge whether the machine's cut
-    chatters.
+    """Compute the chatter-free depths of a milling cut over the spindle speed, and judge the machine's cut.
 
     Raises ParameterError for a machine without a cut, for invalid speeds, and as `stability_lobes`.
     """

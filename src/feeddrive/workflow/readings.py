@@ -89,9 +89,7 @@ class Doubt:
 
 
 def units_first(doubts: Sequence[str]) -> Advice | None:
-    """Return the judgment that units must be settled first, for logs with implausible magnitudes; None without a
-    doubt.
-    """
+    """Return the judgment that units must be settled first, for implausible magnitudes; None without a doubt."""
     return Judgment.UNITS_IN_DOUBT.because(doubts[0]) if doubts else None
 
 
@@ -349,8 +347,7 @@ _OUTPUTS = (("m", "mm", "um", "nm"), ("m/s", "mm/s"), ("m/s2", "mm/s2"))  # of a
 def check_response(
     where: str, frf: FRF, told: bool, progress: Progress, cure: Callable[[str], str] | None = None
 ) -> str:
-    """Raise LogError for a response whose mass is implausible for a feed drive; return a sentence if its unit was
-    given.
+    """Raise LogError for a response with an implausible mass; if its unit was given, return a sentence instead.
 
     The mass is the median over the lines of |F / (ω² x)|; a response in another kind of unit is not judged.
 

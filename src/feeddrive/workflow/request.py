@@ -158,9 +158,7 @@ class Request(Declared):
     """The base class of all requests. Subclasses become frozen dataclasses that validate themselves."""
 
     def __init_subclass__(cls, more: Mapping[str, tuple[str, Any]] | None = None, after: str = "") -> None:
-        """Create a request class; `more` holds further options (annotation and `option(...)`), inserted after a
-        field.
-        """
+        """Create a request class; `more` has further options (annotation and `option(...)`), inserted after a field."""
         if more:
             hints = dict(cls.__annotations__)
             place = list(hints).index(after) + 1
@@ -280,9 +278,7 @@ def frequencies(band: str) -> tuple[float, float]:
 
 
 def signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
-    """Return the signature of a command: the fields of the request as parameters, the outcome's result as return
-    type.
-    """
+    """Return the signature of a command: the request's fields as parameters, the outcome's result as return type."""
     result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
     declared = inspect.signature(request)
     parameters = [declared.parameters[field.name] for field in fields_of(request)]  # type: ignore[arg-type]

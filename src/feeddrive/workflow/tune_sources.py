@@ -42,9 +42,7 @@ _APART = 0.25  # by which motor and load move differently where one encoder is n
 
 @dataclass(frozen=True)
 class Measurement:
-    """The responses at one position and load: of the load, of the motor (a file, its name, or none), and to a
-    hammer.
-    """
+    """The responses at one position and load: of the load, of the motor (file, name or none), and to a hammer."""
 
     load: FrfLike
     motor: str | None = None
@@ -291,9 +289,7 @@ def _check_sign(path: str, frf: FRF) -> None:
 
 
 def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -> None:
-    """Raise ParameterError for a response without a unit that differs by more than a factor of 3 from the baseline's
-    plant.
-    """
+    """Raise ParameterError for a response without a unit that is off by a factor > 3 from the baseline's plant."""
     model = linearize(loop, ["cut"], READINGS)
     low = point.frequency <= 3.0 * point.frequency[0]
     true = model.response(point.frequency[low], READINGS[1], "cut").response
@@ -328,9 +324,7 @@ def _check_encoders(path: str, loop: Loop) -> None:
 def _on_the_table(
     point: OperatingPoint, loop: Loop | None, load: FRF, motor: FRF | None, step: float
 ) -> tuple[OperatingPoint, list[str]]:
-    """Complete the point with the response to a table force, from the baseline's plant or a modal fit to both
-    encoders.
-    """
+    """Complete the point with the response to a table force, by the baseline's plant or a fit to both encoders."""
     remarks: list[str] = []
     if loop is not None:
         completed, words = with_table_force(point, loop, _BASELINE)

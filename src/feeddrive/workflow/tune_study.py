@@ -1,5 +1,4 @@
-"""`feeddrive tune --study`: tune one controller for the machines of a study, law by law, and verify it on fresh
-machines.
+"""`feeddrive tune --study`: tune one controller for the machines of a study, law by law; verify on fresh machines.
 
 report.html    the result, the spread of figures over fresh machines, the machines that decide
 summary.json   the same as numbers
