@@ -347,7 +347,7 @@ def _sampled(contents: LawsContents) -> bool:
 
 
 def prediction(replay: Replay) -> Table:
-    """Tabulate measured against predicted signals."""
+    """Tabulate measured and predicted signals."""
     return replay.table()
 
 

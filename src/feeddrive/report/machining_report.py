@@ -83,7 +83,7 @@ _LISTED = 200  # stops
 
 
 def plan_report(plan: Planned) -> Report:
-    """Return the report of a plan."""
+    """Return the report of a planned part program."""
     pictures = _pictures(plan)
     known = [
         ("Program", plan.program),
@@ -194,7 +194,7 @@ _DRAWN = 3  # laws whose path is drawn: today's, the best, and the one between
 
 
 def ran(contents: LawsContents) -> list[tuple[Entry, PartRun]]:
-    """Return the laws that ran a part program, in their order."""
+    """Return the laws that ran a part program, in their order, with their runs."""
     return [(entry, entry.part) for entry in contents.entries if entry.part is not None]
 
 

@@ -95,7 +95,7 @@ class Merits:
 
     @property
     def kept(self) -> np.ndarray:
-        """True for machines on which all bounds are kept."""
+        """True for machines on which all bounds are satisfied."""
         return self.broken <= KEPT
 
     @property
@@ -468,7 +468,7 @@ class RobustTuner:
 
     @property
     def kept_bounds(self) -> tuple[Bound, ...]:
-        """The limits of the tuner as bounds of figures."""
+        """The limits that the tuner enforces, as bounds on figures."""
         return tuple(bound for bound in bounds_of(self.study, self.limits) if is_limit(bound))
 
     def judged(self, control: Control) -> Merits:
@@ -530,7 +530,7 @@ class _Search:
         return best[1], f"after {_ROUNDS} rounds machines still join that are worse than those the tuner had"
 
     def _tuned(self, control: Control, active: list[int], starts: int) -> Tuned:
-        """Run the tuner on some machines; notches are placed in the first round only."""
+        """Run the tuner on the machines in the active set; notches are placed in the first round only."""
         of = self.tuner
         filters = "free" if self.rounds and of.filters == "placed" else of.filters
         of.progress.step(f"round {len(self.rounds) + 1}: {len(active)} machines decide")
@@ -590,7 +590,7 @@ def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | Non
 
 
 def _sorted(values: np.ndarray) -> np.ndarray:
-    """Sort the finite values."""
+    """Return the finite values in ascending order."""
     return np.sort(values[np.isfinite(values)])
 
 

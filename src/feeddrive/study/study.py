@@ -1,16 +1,16 @@
-"""A study file: a job, what varies in it, what is measured, and what a good machine keeps.
+"""A study file: a job, what varies in it, the figures to measure, and the specification of a good machine.
 
 title = "A series of ball-screw axes"
 job = "ball_screw"                 # a job file beside this one, or a bundled one; or all keys of a job here
-row = "today"                      # which of its laws
+row = "today"                      # one of its laws
 sampler = "sobol"                  # grid, latin_hypercube, sobol, monte_carlo or saltelli
-count = 200                        # variants; of saltelli the points, each of which has k + 2 variants; none of a grid
+count = 200                        # variants; saltelli: points of k + 2 variants each; not for a grid
 seed = 15
 measure = ["following_error_rms_m", "stiffness_least_N_per_m"]
-[specification]                    # what makes a good machine
+[specification]                    # requirements on a good machine
 following_error_peak_m = { most_um = 8 }
 sensitivity_peak = { most = 2 }
-[[vary]]                           # see `vary_sections.py`
+[[vary]]                           # see `vary.py`
 parameter = "axis.x.plant.mass_load"
 tolerance_percent = 10
 """

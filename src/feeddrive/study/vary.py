@@ -1,32 +1,32 @@
-"""What varies in a study: quantities and choices, and the sections `[[vary]]` that declare them.
+"""The varied quantities and choices of a study, and the sections `[[vary]]` that declare them.
 
-The varied things of a study, quantities and choices: their values at points of the unit cube.
-
-Each `[[vary]]` of a study file is one of these.  Its columns are what the table of rows shows, its changes what is put
-into the system, the reference or the load, by path.
-
-The sections `[[vary]]` of a study file, and their conversion to varied things.
+Each section gives one varied factor, with values at points of the unit cube.  Its columns appear in the table of rows;
+its changes are applied to the system, the reference or the load, by path.
 
 [[vary]]
-parameter = "axis.x.plant.stiffness"     # a path, as a machine file has it; or reference.velocity, load.force
+parameter = "axis.x.plant.stiffness"     # a path in the machine file; or reference.velocity, load.force
 kind = "normal"                          # uniform (default), loguniform, normal, lognormal, triangular, discrete
-nominal_N_per_um = 18                    # default: the value of the machine; units stand in the keys
+nominal_N_per_um = 18                    # default: the value of the machine; units are part of the keys
 deviation_percent = 4                    # of the nominal value, or deviation_N_per_um
 tolerance_percent = 10                   # truncates to nominal ± tolerance; or least and most
+
 [[vary]]
-name = "wear"                            # one factor on several numbers; `add` adds to them in the same way
+name = "wear"                            # one factor that scales several numbers; `add` adds to them likewise
 scale = ["axis.x.friction_motor.coulomb", "axis.x.friction_motor.breakaway"]
 least = 0.7
 most = 1.6
+
 [[vary]]
-name = "position"                        # several numbers together, by label
+name = "position"                        # named settings of several numbers
 parameters = ["axis.x.plant.stiffness_N_per_um", "axis.x.plant.damping"]
 settings = { near = [21, 700], middle = [18, 700], far = [15.5, 650] }
+
 [[vary]]
-name = "identified"                      # several numbers with a common normal distribution
+name = "identified"                      # several numbers with a joint normal distribution
 parameters = ["axis.x.plant.mass_load", "axis.x.friction_load.coulomb"]
 covariance = [[0.8, 0.1], [0.1, 2.5]]    # in SI; or deviations = [...] and correlations = [[...]]
 within = 3                               # deviations; nominal = [...] as above
+
 [[vary]]
 choice = "row"                           # a law of the job, or a key of job or machine: "machine", "program.file"
 values = ["today", "twice the gain"]
@@ -272,7 +272,7 @@ class Choice:
 
     @property
     def name(self) -> str:
-        """The key."""
+        """The key, which names the factor."""
         return self.key
 
     @property
@@ -384,7 +384,7 @@ class VaryNumber(VarySection):
 
 
 class _Ranged(VaryNumber):
-    """A number within a range."""
+    """A number that varies within a range."""
 
     least: Number | None = block.parameter(VARIED, "least value", default=None)
     most: Number | None = block.parameter(VARIED, "largest value", default=None)
@@ -465,7 +465,7 @@ class VaryTriangular(_Ranged, kind="triangular"):
 
 
 class VaryDiscrete(VaryNumber, kind="discrete"):
-    """One of several values."""
+    """One of several values, with weights."""
 
     values: np.ndarray | None = block.table(VARIED, "values", shortest=1, default=None)
     weights: np.ndarray | None = block.table("", "of the values; absent: equal ones", shortest=1, default=None)
@@ -529,7 +529,7 @@ _DISTRIBUTIONS: Mapping[str, type[VaryNumber]] = {
 
 
 def unit_varied(table: TomlTable, declared: Declared) -> str:
-    """Return the unit of the numbers of a section with a distribution; empty for a factor."""
+    """Return the unit of the varied numbers of a section; empty for a scale factor."""
     form = next(name for name in _FORMS if name in table.values)
     if form == "scale":
         return ""

@@ -146,7 +146,7 @@ def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
 
 
 def _measured(path: Path, request: CircleRequest) -> CirclePath:
-    """Read the circle of a log."""
+    """Read the circle in a log."""
     file = OpenedFile(path)
     # one after the other as the position of a table: that role has the unit of a length
     kept = {} if request.time is None else {"time": Column.of(request.time)}
@@ -231,7 +231,7 @@ def _remarks(measured: MeasuredCircle) -> list[str]:
 
 
 def _summary(measured: MeasuredCircle) -> dict[str, Any]:
-    """Return all figures in SI; a cause that cannot be separated is null."""
+    """Return all figures in SI for JSON; a cause that cannot be separated is null."""
     first = measured.test.circles[0]
     return {
         "radius_m": measured.test.radius,

@@ -98,7 +98,7 @@ def read_logs(
 def chosen(
     path: Path | OpenedFile, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str
 ) -> str:
-    """Return the role to use: a named one, else the first of `roles` in the log. Raise LogError if there is none."""
+    """Return the role to use: a named one, else the first of `roles` in the log. Raise LogError without one."""
     there = [role for role in roles if role in log.channels]
     told = [role for role in there if named.get(role) is not None]
     if not there:

@@ -58,7 +58,7 @@ class ExciteRequest(Request):
 
     @property
     def name(self) -> str:
-        """The name of the excitation and its directory: that of the machine file, with the axis if it was named."""
+        """The name of the excitation and its directory: the machine file's name, with the axis if it was given."""
         return f"{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
 
     def usual_out(self) -> Path:

@@ -297,7 +297,7 @@ def _new(identified: Identified, axis: str) -> str:
 
 
 def _say_errors(edit: TomlEdit, identified: Identified, axis: str, loop: Loop) -> None:
-    """Write the estimates with their standard errors in comments."""
+    """Write the estimates, with their standard errors in comments."""
     for estimate in estimates_of(identified):
         name = estimate.name if estimate.name in tree.parameters(loop) else _place(loop, estimate.name)
         if name is None:

@@ -153,7 +153,7 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
 
 
 def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
-    """Run simulated trials on the machine."""
+    """Run learning trials by simulation on the machine."""
     references = [_required_reference(job) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
     trials = iterate_trials(
@@ -182,7 +182,7 @@ def _together(request: IterateRequest) -> Job | None:
 
 
 def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
-    """Run a job on all axes of the machine."""
+    """Let all axes of the machine that a job moves learn from the same simulated runs."""
     file = read_machine(request.machine)
     machine = file.machine()
     paths = {file.named(job.axis): job.reference, **{name: other.reference for name, other in job.others.items()}}

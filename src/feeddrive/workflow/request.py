@@ -1,13 +1,13 @@
-"""A request: a frozen dataclass of declared fields, from which command-line options and forms are made.
+"""A request: a frozen dataclass of declared fields, from which command-line options and forms are generated.
 
     class ExciteRequest(Request):
         machine: str = argument("A machine file (TOML), or the name of a bundled machine")
         amplitude: float = option("peak of the excitation", unit="N", above=0)
         max_compliance: float | None = option("largest compliance", unit="m/N", entered="um/N", above=0)
 
-A field declares its meaning, its unit in SI, its bounds, its options and its default, once.  It is checked when the
-request is made, with the same error message as a parameter of a block.  `entered` is the unit used on the command line
-and in forms; in the request itself the value is in SI.
+Each field declares its meaning, SI unit, bounds, options and default once.  It is validated when the request is
+created, with the same error message as a block parameter.  `entered` is the unit used on the command line and in forms;
+the request itself holds SI values.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Field:
         return units.factor(self.declared.unit, self.unit) if self.declared.unit != self.unit else 1.0
 
     def help(self) -> str:
-        """Return meaning, options and unit as a sentence."""
+        """Return meaning, options and unit as a help text."""
         meaning = self.declared.meaning
         options = [str(choice) for choice in self.declared.options]
         named = f": {', '.join(options[:-1])} or {options[-1]}" if options else ""

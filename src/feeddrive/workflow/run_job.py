@@ -1,11 +1,11 @@
-"""`feeddrive run`, `demo` and `cosimulate`: simulation of the laws of a job.
+"""`feeddrive run`, `demo` and `cosimulate`: simulate the laws of a job.
 
 report.html          for people
 summary.json         every figure in SI, by law; versions, seed, digest of the log
 runs/LAW.parquet     all signals over time, with units
-runs/LAW.csv         the same as text, of runs up to 100,000 rows
+runs/LAW.csv         the same as text, for runs of up to 100,000 rows
 measured.parquet     the measured channels, for a job with a log
-job.toml             the job as it was given, with machine and part program beside it:  feeddrive run job.toml
+job.toml             a copy of the job, with machine and part program beside it:  feeddrive run job.toml
 """
 
 from __future__ import annotations

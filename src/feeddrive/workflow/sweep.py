@@ -78,7 +78,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
 
 
 def _bad(count: int, first: Sequence[tuple[int, str]]) -> Iterator[str]:
-    """Yield the first variants without figures, with their reasons."""
+    """Yield sentences on the first variants without figures, with their reasons."""
     for variant, reason in first:
         yield f"variant {variant} has no figures: {reason}"
     if count > len(first):

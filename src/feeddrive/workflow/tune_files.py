@@ -298,7 +298,7 @@ def old_and_new(story: Story, crossover: float) -> Picture:
 
 
 def _rows(tuned: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
-    """Return the figures of the stable loops by name."""
+    """Return the figures of the stable loops, with a name for each."""
     many = len(tuned.after) > 1
     return [
         (f"{name}, {figures.point}" if many else name, figures)

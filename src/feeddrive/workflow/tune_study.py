@@ -145,7 +145,7 @@ def _machine(tuner: RobustTuner, best: Robust) -> str | None:
 
 
 def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
-    """Return remarks on the result."""
+    """Return remarks on the tuning result."""
     best = laws.best
     remarks: list[str] = [Text(f"held back by {held.sentence()}") for held in best.tuned.held]
     remarks += [
@@ -243,7 +243,7 @@ def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
 
 
 def _deciding(best: Robust) -> Table:
-    """Tabulate the machines that decide, under the new control."""
+    """Tabulate the figures of the machines that decide, under the new control."""
     rows = [
         [
             figures.point,
