@@ -26,7 +26,7 @@ from feeddrive.language.text import Text, resolve
 from feeddrive.workflow.command import COMMANDS, Command, Listed, failure, load
 from feeddrive.workflow.request import Field, fields_of
 
-# what is no piece of work with a result, but another way to look at it
+# interactive front ends, which are not commands with a result
 SKINS = {
     "studio": Listed(
         "studio",

@@ -19,7 +19,7 @@ from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
 from feeddrive.report.report import Part, Picture, Section
 
-RESPONSE_LINES = 1500  # of the frequency responses of an entry, from 1 Hz to Nyquist
+RESPONSE_LINES = 1500  # lines of a frequency response, from 1 Hz to Nyquist
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,8 @@ class Entry:
     tracking: FRF | None = None
     no_model: str = ""
     replay: Replay | None = None
-    together: Run | None = None  # all axes of a machine in the same run
-    part: PartRun | None = None  # its figures along a part program
+    together: Run | None = None  # the run of all axes together
+    part: PartRun | None = None  # the figures along a part program
 
     def counted(self, signal: str) -> np.ndarray:
         """Return the samples of a signal that count, in SI."""

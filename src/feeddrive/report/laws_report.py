@@ -28,7 +28,7 @@ from feeddrive.report.report import Code, Facts, Marked, Part, Picture, Remarks,
 
 SHORT = 16  # samples: a shorter run has no picture over time
 MOST = 8  # laws that the pictures show; the tables have all
-CURVES = 4  # more curves than these share the points of so many: the page stays small
+CURVES = 4  # more curves share the points of this many, to keep the page small
 
 
 def chosen(contents: LawsContents) -> LawsContents:

@@ -79,7 +79,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Rep
     )
 
 
-_LISTED = 200  # stops
+_LISTED = 200  # largest number of listed stops
 
 
 def plan_report(plan: Planned) -> Report:
@@ -190,7 +190,7 @@ def _stops(plan: Planned) -> list[Part]:
 
 _WORST = 8
 _CAUSES = 6
-_DRAWN = 3  # laws whose path is drawn: today's, the best, and the one between
+_DRAWN = 3  # laws whose path is drawn: today's, the best, and one in between
 
 
 def ran(contents: LawsContents) -> list[tuple[Entry, PartRun]]:

@@ -34,10 +34,10 @@ THEME = {
     style.ALERT: "var(--alert)",
     **{color: f"var(--curve-{i})" for i, color in enumerate(style.COLORS)},
 }
-_WIDTHS = range(25, 70, 5)  # rem: of screens on which a table may be cut off
-_CHARACTER, _BETWEEN, _AROUND = 0.5, 1.2, 4.0  # rem: a character of a table, between two columns, beside the table
+_WIDTHS = range(25, 70, 5)  # rem: screen widths at which a table may be cut off
+_CHARACTER, _BETWEEN, _AROUND = 0.5, 1.2, 4.0  # rem: character width, column gap, margin of a table
 _DECIMALS = re.compile(r"\d+\.\d+")
-# control characters, which no page may hold, apart from the ends of lines and tabs
+# control characters other than line ends and tabs, which a page must not contain
 _CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
 
 
@@ -133,7 +133,7 @@ def svg(chart: Chart, key: str, alt: str) -> str:
     text = StringIO()
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
-        # the browser has the glyphs that matplotlib's own font lacks
+        # glyphs missing from matplotlib's font are available in the browser
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         figure.savefig(text, format="svg", metadata=silent)
     return _inlined(text.getvalue(), key, alt, float(figure.get_figwidth()) / style.WIDTH)
@@ -147,7 +147,7 @@ def _inlined(text: str, key: str, alt: str, width: float) -> str:
     box = re.search(r'viewBox="([^"]*)"', text)
     head = f'<svg viewBox="{box[1] if box else ""}" width="{100 * width:.0f}%" role="img" aria-label="{escape(alt)}">'
     body = text[text.index(">") + 1 :].replace("xlink:href", "href")
-    # matplotlib writes six decimals: a tenth of a point for a path, a hundredth for what is placed
+    # matplotlib writes six decimals: keep one for paths, two for positions
     body = re.sub(r'(?<= )(d|x|y|width|height|transform)="([^"]*)"', _rounded, body)
     body = _own_identifiers(body, key)
     body = re.sub(r"#[0-9a-f]{6}", lambda match: THEME.get(match[0], match[0]), body)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 
-STUDY = b"feeddrive.study"  # in the metadata of each file: the digest of the study that its rows are of
+STUDY = b"feeddrive.study"  # metadata key for the digest of the study
 _KEY = b"feeddrive.sha256"
 _BLANK = b"0" * 64
 _VALUE = b"\x18\x40"  # Thrift's compact protocol: the next field is a binary, of 64 bytes
@@ -81,8 +81,8 @@ def chunk_rows(content: bytes, *, sealed: bool) -> tuple[Any, str]:
     try:
         rows = parquet.read_table(arrow.BufferReader(content), page_checksum_verification=True)
         study = (rows.schema.metadata or {}).get(STUDY, b"").decode()
-        _ = rows.column_names, rows.validate(full=True)  # names are decoded when somebody asks for them
-    except Exception as error:  # pyarrow passes on any error of its C++ library, and Unicode errors of its own
+        _ = rows.column_names, rows.validate(full=True)  # accessing the names decodes and so checks them
+    except Exception as error:  # pyarrow raises any error of its C++ library, and Unicode errors
         raise DamagedChunkError(next(iter(str(error).splitlines()), type(error).__name__)) from None
     return rows.replace_schema_metadata(None), study
 
@@ -117,7 +117,7 @@ class Chunk(Case["pyarrow.Table"]):
 
     kind: ClassVar[str] = "chunk"
     common: ClassVar[tuple[str, ...]] = ("study",)
-    isolated: ClassVar[bool] = True  # figures may be somebody else's code
+    isolated: ClassVar[bool] = True  # figures may be user code
 
     study: Study
     number: int
@@ -168,7 +168,7 @@ class Rows:
 
     def table(self, drawn: Variants) -> pyarrow.Table:
         """Return the rows as a pyarrow table, in the order of their variants."""
-        import pyarrow as arrow  # 50 ms, which `import feeddrive` and commands that only read need not wait for
+        import pyarrow as arrow  # deferred: 50 ms
 
         columns: dict[str, Any] = {VARIANT: arrow.array(drawn.numbers)}
         columns |= {name: arrow.array(values) for name, values in drawn.values.items()}

@@ -23,10 +23,10 @@ import numpy as np
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import number
 
-BLOCK = 1024  # variants that share one counter of Philox
-BITS = 30  # of a Sobol sequence, which ends after 2^30 points
-_CELL = 2.0 ** -(BITS + 1)  # to the middle of its cell, so that none is 0
-_LEAST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53  # of the numbers in (0, 1)
+BLOCK = 1024  # variants that share one Philox counter
+BITS = 30  # of a Sobol sequence, which has 2^30 points
+_CELL = 2.0 ** -(BITS + 1)  # shift to the center of a cell, so that no point is 0
+_LEAST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53  # bounds of the numbers in (0, 1)
 
 
 def uniform(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
@@ -45,7 +45,7 @@ def uniform(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> n
 
 def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
     """Return points of the scrambled Sobol sequence, shape (count, dimensions)."""
-    from scipy.stats import qmc  # not for commands that only read
+    from scipy.stats import qmc  # deferred: not needed by commands that only read
 
     if not dimensions:
         return np.empty((count, 0))
@@ -54,7 +54,7 @@ def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.
     if first:
         sequence.fast_forward(first)
         return sequence.random(count) + _CELL
-    # one and the rest: SciPy warns of a first call for other than a power of 2, of which each chunk is only a part
+    # SciPy warns if the first call is not for a power of 2 points, so draw one point, then the rest
     return np.concatenate([sequence.random(min(count, 1)), sequence.random(max(count - 1, 0))]) + _CELL
 
 
@@ -312,14 +312,14 @@ def truncated(u: np.ndarray, low: float, high: float) -> np.ndarray:
 
     Above 0 the complementary probabilities are used, which avoids cancellation: relative error below 1e-12.
     """
-    from scipy.special import ndtr, ndtri  # not for commands that only read
+    from scipy.special import ndtr, ndtri  # deferred: not needed by commands that only read
 
     if low > 0.0:
         return -truncated(1.0 - u, -high, -low)
     return ndtri(ndtr(low) + u * (ndtr(high) - ndtr(low)))
 
 
-_FARTHEST = 6.0  # deviations: a range that begins farther out holds less than 1e-9 of the distribution
+_FARTHEST = 6.0  # deviations: a range farther out has a probability below 1e-9
 
 
 def _ordered(kind: str, least: float, most: float) -> None:

@@ -47,9 +47,9 @@ from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.tuning.tune import Tuned, tune_control
 
-MOST = 5_000  # machines that are held in memory, some 100 kB each
-KEPT = 2e-3  # relative excess at which a bound still counts as kept, as in the proof of a tuning
-_VIOLATION = 1e3  # weight of an excess in the goal's logarithm: a violated bound outweighs every goal
+MOST = 5_000  # machines held in memory, about 100 kB each
+KEPT = 2e-3  # relative violation that still counts as kept, as in the proof of a tuning
+_VIOLATION = 1e3  # penalty weight relative to ln(goal): any violation outweighs every goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ def with_control(study: Study, control: Control) -> Study:
     return replace(study, jobs=jobs)
 
 
-STREAM = 1  # of the seed; a study itself is stream 0
+STREAM = 1  # random stream of the fresh machines; the study itself uses stream 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,8 +277,8 @@ def is_limit(bound: Bound) -> bool:
 
 
 _ROUNDS = 16
-_JOIN = 3  # machines that join at once
-_SAME = 5e-3  # of the goal's logarithm: a machine that is worse by less need not join
+_JOIN = 3  # machines added per round
+_SAME = 5e-3  # tolerance in ln(goal) below which a worse machine is not added
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -145,7 +145,7 @@ class Remote:
         try:
             self._files: Any
             self._files, self._root = fsspec.url_to_fs(address)
-        except (ImportError, ValueError, OSError) as error:  # ImportError names the package of the protocol
+        except (ImportError, ValueError, OSError) as error:  # ImportError names the missing package of the protocol
             raise FileError(f"{address}: cannot be opened: {error}") from None
 
     def names(self, folder: str = "") -> list[str]:
@@ -155,7 +155,7 @@ class Remote:
             entries = self._files.ls(self._path(folder), detail=False)
         except FileNotFoundError:
             return []
-        except Exception as error:  # a file system of another package raises what it likes
+        except Exception as error:  # third-party file systems raise arbitrary exceptions
             raise self._refusal(folder, "read", error) from None
         there = (str(entry).rstrip("/").rpartition("/")[2] for entry in entries)
         return sorted(name for name in there if name and not name.startswith("."))
@@ -212,7 +212,7 @@ _KIND = "rows of a feeddrive study"
 _NAME = re.compile(r"chunk_(\d{8})\.parquet")
 _MOST_MANIFEST = 64_000_000  # bytes
 _MOST_CHUNK = 4_000_000_000  # bytes
-_MOST_CHUNKS = 10**8  # by the digits of a file's name
+_MOST_CHUNKS = 10**8  # limited by the eight digits in the file name
 GO_ON = "then go on with --resume"
 
 
@@ -260,8 +260,8 @@ class Store:
         self._place = place(address)
         self._manifest: Manifest | None = None
         self._made = False  # True once the manifest is written
-        self._sealed = True  # all chunks must hold their SHA-256, which stores of earlier versions did not have
-        self._schema: Any = None  # of the first chunk that was read or written: all others have it, too
+        self._sealed = True  # all chunks must carry a SHA-256; stores of earlier versions had none
+        self._schema: Any = None  # schema of the first chunk read or written, required of all others
 
     @property
     def address(self) -> str:
@@ -345,7 +345,7 @@ class Store:
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[Any]:
         """Yield the rows of the chunks in order, as pyarrow tables; memory is that of one chunk."""
-        self.manifest()  # refuses what is no store
+        self.manifest()  # raises if this is not a store
         for number in self._numbers():
             yield self.read(number, columns)
 

@@ -106,7 +106,7 @@ def figures_of(
 
 
 SAMPLERS = ("grid", "latin_hypercube", "sobol", "monte_carlo", "saltelli")
-MOST = 2**BITS  # variants: where the sequences of Sobol end
+MOST = 2**BITS  # variants: the length of the Sobol sequence
 
 
 class StudySection(Section):
@@ -284,7 +284,7 @@ def _paths(
     bases = [Base(job, str(name)) for job in jobs.values() for name in rows or [row]]
 
     def declared(path: str) -> Declaration:
-        in_bases = [base.declaration(path) for base in bases]  # it must be there in all of them
+        in_bases = [base.declaration(path) for base in bases]  # it must exist in all of them
         return in_bases[0]
 
     return declared, bases[0].nominal

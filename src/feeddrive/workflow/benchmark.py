@@ -68,7 +68,7 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
             files["Report"] = write_benchmark(scored, request.out)
     judgment, verdict = advice(scored, asked=bool(request.law))
     missing = [reasons(scored)] if scored.unplaced() else []
-    named = missing if request.law else []  # who asks for a law is told why it has no place
+    named = missing if request.law else []  # explain the missing rank of a requested law
     return Outcome(
         scored,
         [*scored.tables(), *named],

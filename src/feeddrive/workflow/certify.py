@@ -252,7 +252,7 @@ def plants_table(certificate: Certificate, *, rotary: bool = False) -> Table:
     """Tabulate the source of each plant."""
 
     def source(text: str) -> str:
-        # the certificate is signed with the texts of an axis that moves along
+        # the signed texts of the certificate have the units of a linear axis
         return text.replace(" m/s", f" {turning('m/s')}") if rotary else text
 
     rows = [
@@ -304,7 +304,7 @@ def _pictures(certificate: Certificate) -> Iterator[Picture]:
         certificate.chart,
     )
     if certificate.two_rates:
-        return  # one L has no disc of its own: a plant is met at a frequency and all its images at once
+        return  # no separate disc per plant: L combines the plant at a frequency and all its aliases
     yield Picture(
         "discs",
         "Discs in the complex plane",

@@ -92,7 +92,7 @@ def _guessed_roles(
     """Return the named roles, completed by guesses, which are shown; and why likely columns were rejected."""
     guess = guess_roles(whole_log(path, told.get("time"), sample_time))
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
-    # a column that was named for one role does not stand for another
+    # a column named for one role cannot have another
     taken = {column.name for column in told.values()}
     guessed = {role: column for role, column in guessed.items() if column.name not in taken}
     if guessed or any(role not in told for role in guess.needs):

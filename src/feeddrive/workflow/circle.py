@@ -43,7 +43,7 @@ from feeddrive.report.report import Report
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
 
-_TURNS = 2.2  # of a simulated circle: run-in and run-out take a part of the first and the last one
+_TURNS = 2.2  # turns of a simulated circle: run-in and run-out use parts of the first and the last turn
 _RADIUS, _FEEDS = 0.02, (0.02, 0.1)  # m, m/s, of a simulated machine
 
 
@@ -148,7 +148,7 @@ def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
 def _measured(path: Path, request: CircleRequest) -> CirclePath:
     """Read the circle in a log."""
     file = OpenedFile(path)
-    # one after the other as the position of a table: that role has the unit of a length
+    # read each in turn as the position of a table: that role has the unit of a length
     kept = {} if request.time is None else {"time": Column.of(request.time)}
     logs = [
         read_log(file, {"position_load": Column.of(text), **kept}, sample_time=request.sample_time)
@@ -191,7 +191,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
                     phase=phase,
                     direction=direction,
                     center=at,
-                    run_up_time=min(0.3, np.pi * radius / feed),  # at most the time of half a turn
+                    run_up_time=min(0.3, np.pi * radius / feed),  # s, at most half a turn
                 )
                 for name, phase, at in zip(axes, (0, 90), center, strict=True)
             }

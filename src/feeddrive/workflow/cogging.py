@@ -49,10 +49,10 @@ from feeddrive.workflow.request import argument, called, option
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
 _FORCES = ("force", "torque", "current", "command")
 _NAME_IT = "--position or --angle (or give --map, if each row is a place)"
-_ANY_CLOCK = 1e-3  # s, of a file without one
-_MOST = 1000  # orders that may be asked for
-_NAMED = 6  # orders that a sentence names
-_STRONG = 0.05  # share of the strongest from which an order is named
+_ANY_CLOCK = 1e-3  # s, for a file without a clock
+_MOST = 1000  # largest order
+_NAMED = 6  # orders named in a sentence
+_STRONG = 0.05  # amplitude relative to the strongest order from which an order is named
 
 
 class CoggingRequest(DriveLogsRequest):
@@ -131,7 +131,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
         progress.step("report")
         files = written(write_report(page(), text, request.out), text)
     full = fit.table()
-    # the chance of each is in the report: a terminal of 80 columns holds the rest whole
+    # the p-values are only in the report, so that the table fits a terminal of 80 columns
     shown = Table(full.title, full.columns[:-1], [row[:-1] for row in full.rows])
     notes = [f"No machine file was written: {why}."] if text is None else []
     remarks = [sentence(text) for text in (*seen.doubts, *fit.remarks)]

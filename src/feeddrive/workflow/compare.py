@@ -107,7 +107,7 @@ def taken(machine: MachineFile, axis: str, control: Control) -> str:
     return machine_text(machine, axis, control)
 
 
-# columns of the screen, and the keys of their figures
+# columns of the terminal table, and the keys of their figures
 _COLUMNS = (
     (Column("Ms", form="2"), "sensitivity_peak"),
     (Column("delay samples", form="2"), "delay_margin_samples"),
@@ -118,7 +118,7 @@ _COLUMNS = (
     (Column("settled", "s", "2"), "snap_settling_s"),
     (Column("noise", "N", "2"), "force_noise_N"),
 )
-_SENTENCES = re.compile(r"\. (?=[A-Z])")  # between two: not the point of a number in a line of code
+_SENTENCES = re.compile(r"\. (?=[A-Z])")  # between sentences, not a decimal point in code
 
 
 def screen(comparison: Comparison) -> Table:

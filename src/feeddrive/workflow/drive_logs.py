@@ -22,7 +22,7 @@ from feeddrive.report.report import Report
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, option
 
-# along the table and round the shaft, the first that is there is taken; a position is differenced
+# roles at the table and at the shaft, in order of preference; a position is differentiated
 _TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
 _SHAFT = ("speed_motor", "angle_motor")
 FORCES = ("force", "torque", "command", "current")

@@ -63,7 +63,7 @@ def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -
 
 def _store(keep: Path | None, out: Path | None, *, resume: bool) -> Folder | None:
     if keep is not None:
-        return Folder(keep)  # who names the directory goes on with what is there
+        return Folder(keep)  # a named directory is always continued
     if out is not None:
         return Folder(out.parent / f"{out.name}_cases", resume)
     if resume:

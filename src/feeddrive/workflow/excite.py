@@ -30,7 +30,7 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option, stem
 
-_USELESS = 0.3  # deviation of a line from which it carries no tuning
+_USELESS = 0.3  # relative standard deviation beyond which a line is useless for tuning
 WARNING = (
     "The axis moves by itself while this is sent. Keep the travel clear, keep a hand on the stop, and begin with a "
     "tenth of the amplitude."
@@ -122,7 +122,7 @@ def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> P
         for i, drawn in enumerate(excitation.drawings, start=1):
             sent = {"excitation": drawn.excitation, "set_position": drawn.set_position}
             units = {"excitation": excitation.unit, "set_position": of_axis("m")}
-            stamps = np.round(drawn.time, 12)  # 0.00015 and not 0.00015000000000000001, for readability of the file
+            stamps = np.round(drawn.time, 12)  # readable file: 0.00015, not 0.00015000000000000001
             write_run_csv(folder / f"excitation_{i}.csv", stamps, sent, units)
             columns = {"excitation": drawn.excitation, **drawn.signals}
             units = {name: of_axis(UNITS.get(name, "m")) for name in columns} | {"excitation": excitation.unit}

@@ -22,7 +22,7 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT_FILE, Request, argument, option
 
 PIPE = "-"
-_OFTEN = 0.02  # s between two looks
+_OFTEN = 0.02  # s, polling interval
 _NO_CLOCK = "{name}: has no clock: give the sample time, so that its rows have times in s"
 
 

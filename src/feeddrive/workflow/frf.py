@@ -35,10 +35,10 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import check_response, doubt, units_first, with_units
 from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, frequencies, option
 
-# names that a column may have for each role, the first that is there is taken
+# usual column names of each role, in order of preference
 _INPUT = ("force", "torque", "current", "command", "iq")
 _REFERENCE = ("excitation", "added_force", "reference")
-# of both encoders, the first kind that is there
+# pairs of usual encoder names, in order of preference
 _OUTPUTS = (
     ("position_load", "reading_load", "position_motor", "reading_motor"),
     ("angle_load", "angle_motor"),
@@ -101,7 +101,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
             skip=request.skip,
             segment=request.segment,
         )
-        if request.channels is None and "blows" not in estimate.counts:  # a hammer finds modes, no mass
+        if request.channels is None and "blows" not in estimate.counts:  # an impact test identifies modes, not the mass
             doubted += _check_mass(read[0].name, estimate, of_input, output, progress)
         estimates.append(estimate)
         shown += [estimate.table(), *([levels(estimate)] if estimate.levels else [])]
@@ -164,7 +164,7 @@ def _read(
         return read, doubted
     guess = guess_roles(read[0])
     show(guess, files[0], progress)
-    if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
+    if not guess.mapping:  # all columns need a factor: keep them, so that the error names them
         return read, doubted
     told = {} if time_ is None else {"time": time_}
     roles = with_units(files[0], guess.mapping, unit)
@@ -323,7 +323,7 @@ def estimates_report(
 ) -> Report:
     """Return the report of one or several responses, a section for each; `known`: facts on the measurement."""
     verdict = _advice(estimates) if verdict is None else verdict
-    heads = [estimate.frf.output for estimate in estimates]  # columns under the names that their owner gave them
+    heads = [estimate.frf.output for estimate in estimates]  # the user's column names
     keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(estimates))]
     lead: list[str] = [
         sentence if len(estimates) == 1 else Text(f"{name}: {sentence}")
@@ -395,7 +395,7 @@ def sentences(estimate: FrequencyEstimate) -> list[str]:
 def levels(estimate: FrequencyEstimate) -> Table:
     """Tabulate noise and distortion relative to the response, as the median in each of six frequency bands."""
     f, size = estimate.frequency, estimate.frf.magnitude
-    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)  # a band has no upper edge: the last line must lie below it
+    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)  # the upper edge is exclusive: keep the last line below it
     rows: list[list[Cell]] = []
     for low, high in pairwise(edges):
         row: list[Cell] = [Text(f"{Quantity(low, 'Hz', bare=True)} .. {Quantity(high, 'Hz')}")]

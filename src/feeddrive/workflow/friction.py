@@ -53,10 +53,10 @@ from feeddrive.workflow.drive_logs import (
 from feeddrive.workflow.readings import units_first
 from feeddrive.workflow.request import argument, called, option
 
-_POOR = 0.15  # share of the force's RMS that a curve may leave before it is advised against
-_SLOW = 2  # runs in each direction that must be slower than the Stribeck velocity for its level to be seen
-_AT_END = 0.9  # of the largest speed: a Stribeck velocity beyond it is that of the end of the search
-_OPEN = 0.5  # standard error over value from which a parameter counts as not known
+_POOR = 0.15  # residual over the force's RMS beyond which a curve is rejected
+_SLOW = 2  # runs per direction below the Stribeck velocity that are needed to identify the breakaway level
+_AT_END = 0.9  # of the largest speed: a Stribeck velocity beyond it is at the end of the search range
+_OPEN = 0.5  # standard error over value beyond which a parameter counts as undetermined
 
 
 class FrictionRequest(DriveLogsRequest):

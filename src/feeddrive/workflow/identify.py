@@ -45,7 +45,7 @@ from feeddrive.workflow.identify_responses import IdentifyRequest, identify_resp
 from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called
 
-_POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
+_POSITIONS = ("position_load", "position_motor")  # in order of preference
 _ANGLES = ("angle_load", "angle_motor")
 _FORCES = ("force", "torque", "command")
 _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", *_ANGLES, "torque")

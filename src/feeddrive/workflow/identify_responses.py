@@ -42,8 +42,8 @@ from feeddrive.workflow.drive_logs import narrow, write_report, written
 from feeddrive.workflow.readings import check_response, units_first
 from feeddrive.workflow.request import CHANNELS, OUT, Request, argument, called, frequencies, option
 
-_POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, from which a model is not worth using
-_DECIBEL = 8.686  # of 1 in ln
+_POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
+_DECIBEL = 8.686  # dB per unit of ln
 
 
 def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:

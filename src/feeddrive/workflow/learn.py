@@ -38,7 +38,7 @@ from feeddrive.workflow.drive_logs import chosen
 from feeddrive.workflow.request import CHANNELS, OUT_FILE, UNIT, Request, argument, called, option
 
 _TRIAL_ROLES = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
-# the motion of simulated trials if no job names another
+# default motion of simulated trials
 MOVE = SnapLimitedMove(
     distance=0.1,
     velocity=0.25,

@@ -29,8 +29,8 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
 
-_SPEEDS, _HELICAL = 120, 40  # unless the caller says how many; of a helical cutter each depth has pieces of its own
-_MOST = 5000  # speeds that may be asked for
+_SPEEDS, _HELICAL = 120, 40  # default numbers of speeds; a helical cutter needs separate segments at each depth
+_MOST = 5000  # largest number of speeds
 
 
 class LobesRequest(Request):

@@ -17,7 +17,7 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
 
 _TEMPLATES = files("feeddrive.workflow") / "templates" / "my_law"
-_SUFFIX = ".txt"  # of a template: it is text here, and code in the package that is written
+_SUFFIX = ".txt"  # of a template, which becomes code in the written package
 
 
 class NewRequest(Request):
@@ -78,7 +78,7 @@ def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
                 name, text = name.replace(word, own), text.replace(word, own)
             (folder / name).write_text(text, encoding="utf-8")
             written[name] = out / name
-    (out / MARKER).unlink()  # from here on it is a person's: no result of a command may replace it
+    (out / MARKER).unlink()  # the user's code from now on, which no command may replace
     here = out / f"{kind}.py"
     return Outcome(out, verdict=f"Write the equations into {here}, then follow {out / 'README.md'}.", files=written)
 

@@ -32,7 +32,7 @@ from feeddrive.report.page import html
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option
 
-_SHOWN, _WATCHED = 0.2, 5.0  # s between two reports on a terminal, and as lines
+_SHOWN, _WATCHED = 0.2, 5.0  # s between two reports: on a terminal, and as lines (--watch)
 FAULT = (
     f"the motion {Judgment.NOT_PLANNED.says}: this is a fault of feeddrive, not of the program; please report it with "
     "the program and the limits"
@@ -102,7 +102,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
         sample_time = float(next(iter(machine.loops.values())).sample_time)
     override = None if request.override is None else read_steps(request.override)
     names = request.program.name, called(request.machine if machine is None else machine.name)
-    with contextlib.closing(_moves(request, limits, progress)) as moves:  # whatever ends it, the program is closed
+    with contextlib.closing(_moves(request, limits, progress)) as moves:  # always closes the program file
         setpoints = Setpoints(moves, limits, sample_time, override)
         if request.out is None:
             return _outcome(planned_of(setpoints, *names), None, machine)

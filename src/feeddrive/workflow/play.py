@@ -196,9 +196,7 @@ def _play(
     except BusError as error:
         if played is None:
             raise
-        return replace(
-            played, aborted=str(error)
-        )  # leaving the drive failed: the log of the motion is kept all the same
+        return replace(played, aborted=str(error))  # disconnecting failed: keep the log of the motion
     return played
 
 

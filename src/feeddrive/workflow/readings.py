@@ -39,7 +39,7 @@ _MOTIONS = (
     "setpoint_angle",
 )
 _FORCES = ("force", "torque")
-# in which units each quantity is logged; the first is SI
+# units in which each quantity may be logged; the first is SI
 _UNITS = {
     "m": ("m", "mm", "um", "in"),
     "m/s": ("m/s", "mm/s", "m/min", "mm/min"),
@@ -48,7 +48,7 @@ _UNITS = {
     "N": ("N", "kN", "mN"),
     "N m": ("N m", "mN m", "kN m"),
 }
-# HAL knows no units: a machine is in mm or inch, by LINEAR_UNITS of its INI file
+# HAL has no units: LINEAR_UNITS in the INI file sets mm or inch
 _OF_HAL = ("mm", "in")
 _HAL_FORMATS = ("halscope", "halsampler")
 _HAL_PINS = ("joint.", "axis.", "pid.")
@@ -171,7 +171,7 @@ def doubt(
     if steady:
         measured = {name: size for name, size in measured.items() if name in ("travel", "speed", "force", "torque")}
     is_hal = motion is not None and not motion.how and motion.si == "m" and _hal(file, motion.column)
-    # beside a motion along the table a torque is asked about too, unless a command may be what acts
+    # with a table motion the torque's unit is questioned too, unless a command may be the force
     silent = torque is not None and (force is torque or "command" not in mapping)
     wrong = outside(frame, measured)
     if not wrong and not is_hal and not silent:
@@ -341,7 +341,11 @@ def _table(name: str, frame: Frame, readings: Sequence[_Reading]) -> Table:
     return Table(f"{name}: the two likeliest readings", heads, rows, sentences=2)
 
 
-_OUTPUTS = (("m", "mm", "um", "nm"), ("m/s", "mm/s"), ("m/s2", "mm/s2"))  # of a response, by its order
+_OUTPUTS = (
+    ("m", "mm", "um", "nm"),
+    ("m/s", "mm/s"),
+    ("m/s2", "mm/s2"),
+)  # units of a response's numerator, by order of derivative
 
 
 def check_response(
@@ -373,9 +377,7 @@ def check_response(
     why = Text(f"read in {unit} its mass is {spoken(read_mass, 'kg')}, where feed drives have {mass.bounds()}")
     if told:
         return Text(f"{where}: {why}, as its unit was told")
-    read: list[
-        tuple[str, float, float]
-    ] = []  # unit, mass, and how it scatters over the lines: least in the right order
+    read: list[tuple[str, float, float]] = []  # unit, mass, and its scatter over the lines, least for the right order
     for n in [order] if frf.unit else range(len(_OUTPUTS)):
         scatter = float(np.std(np.log(masses[n])))
         for name in _OUTPUTS[n]:

@@ -9,7 +9,7 @@ from importlib import import_module
 
 from feeddrive.language.table import report_of
 
-# module and class of a result -> the function that makes its report
+# module and class of a result -> its report function
 REPORTS = {
     "benchmark.benchmark:Benchmark": "benchmark.report:benchmark_report",
     "certificate.certificate:Certificate": "workflow.certify:certificate_report",

@@ -35,7 +35,7 @@ def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence
     names = claims.chosen(request.paper)
     files: dict[str, Path] = {}
     with contextlib.ExitStack() as stack:
-        # opened before the work: a place that cannot be written is refused at once
+        # opened before the work, so that an unwritable output fails immediately
         folder = None if request.out is None else stack.enter_context(new_directory(request.out))
         reproduced = claims.reproduce(names, progress)
         if folder is not None and request.out is not None:

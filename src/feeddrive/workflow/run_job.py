@@ -37,7 +37,7 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.evaluated import EngineRequest
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
-_TEXT = 100_000  # rows: a longer run is not written as text
+_TEXT = 100_000  # rows: longer runs are not written as text
 
 
 class RunRequest(EngineRequest):
@@ -81,7 +81,7 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     """
     progress.step("reading the job")
     job = read_job(request.job, request.log)
-    # processes take a second to begin, longer than most jobs
+    # starting processes takes a second, longer than most jobs
     workers = 1 if request.workers is None and request.scheduler is None else request.workers
     result = run_laws(job, progress, Engine.of(workers, request.scheduler))
     files: dict[str, Path] = {}

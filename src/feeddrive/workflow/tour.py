@@ -27,8 +27,8 @@ from feeddrive.workflow.request import OUT, Request, option
 
 MACHINE = "ball_screw"
 WORKPIECE = 12.0  # kg on the table
-DRIER = 25.0  # N of dry friction more than the file says
-NOISE = 5e-9  # m, standard deviation of both readings, before they are rounded to the counts of the file
+DRIER = 25.0  # N, dry friction in addition to that of the machine file
+NOISE = 5e-9  # m, standard deviation of both readings, before quantization to the counts of the file
 SEED = 16
 _STROKES = ((0.06, 0.25, 4.0), (0.03, 0.1, 3.0), (0.005, 0.02, 1.0))  # m, m/s, m/s2: there and back
 _JERK, _SNAP, _PAUSE = 200.0, 2e4, 0.05  # m/s3, m/s4, s

@@ -31,7 +31,7 @@ from feeddrive.workflow.request import OUT, Request, argument, called, frequenci
 from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 
-# what a study does not have: its machines are models, and its job says which axis
+# options that exclude --study: its machines are models, and its job names the axis
 _ALONE = {
     "recipe": None,
     "baseline": None,
@@ -222,7 +222,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
 
 def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     """Tune one control for the machines of a study."""
-    from feeddrive.study.robust import RobustTuner  # sweeps, which a tuning of one axis does not need
+    from feeddrive.study.robust import RobustTuner  # imports sweeps, which tuning one axis does not need
     from feeddrive.workflow.tune_study import tuned_study
 
     assert request.study is not None

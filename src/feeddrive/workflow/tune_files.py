@@ -138,7 +138,7 @@ def tuned_report(tuned: Tuned, story: Story | None = None) -> Report:
     picture, *others = [*_pictures(tuned, story), *timed]
     known = {**story.facts, "Old and new in time": reason} if reason else story.facts
     shown = tables(tuned, story)
-    first = len(shown) - min(2, len(tuned.cascade)) - 1  # loop by loop, and the proof, are details
+    first = len(shown) - min(2, len(tuned.cascade)) - 1  # the cascade, loop by loop, and the proof are details
     return Report(
         Text(f"{story.what}: {marked(tuned.rule).split(' subject to ')[0].split(';')[0]}"),
         "feeddrive tune",
@@ -244,7 +244,7 @@ def _change(before: float, after: float) -> str:
 
 
 _STEP = 20e-6  # m
-_LONG = 10.0  # periods of the slowest crossover that are shown
+_LONG = 10.0  # periods of the slowest crossover to show
 
 
 def _timed(tuned: Tuned, story: Story) -> tuple[list[Picture], str]:
@@ -401,7 +401,7 @@ def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block)
         if before.get(name) != value:
             unit = tree.declaration(new, name).unit
             written = edit.set((*key, *_path(name)), float(value), unit, _DIGITS)
-            if name in before:  # what a comment says of the old number shall not be read of the new one
+            if name in before:  # a comment on the old number must not be read as one on the new number
                 scale = _scale(str(written[-1]), _path(name)[-1], unit)
                 edit.comment(written, f"was {number(before[name] / scale, 7)}")
 

@@ -34,10 +34,10 @@ LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
 _BASELINE = "the plant of the baseline"
 _NONE = "none"  # --motor none: the axis has one encoder
-_SIZE = 3.0  # by which a response may differ from the baseline's plant before its unit is doubted
-_BACKWARD = (math.radians(45.0), math.radians(150.0))  # phase of velocity over force that only a wrong sign gives
-_OF_A_FIT = 250  # lines
-_APART = 0.25  # by which motor and load move differently where one encoder is not enough
+_SIZE = 3.0  # factor to the baseline's plant beyond which the unit of a response is doubted
+_BACKWARD = (math.radians(45.0), math.radians(150.0))  # phase of velocity/force: wrong sign
+_OF_A_FIT = 250  # lines of a modal fit
+_APART = 0.25  # relative difference of motor and load beyond which one encoder is not enough
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[
     first, *others = (
         source if isinstance(source, OperatingPoint) else loop_or_response(source, sources.axis)
         for source in (sources.source, *sources.at)
-        if source is not None  # as of a study, which gives machines of its own
+        if source is not None  # None for a study, which has its own machines
     )
     measured = [source for source in others if not isinstance(source, OperatingPoint | Loop)]
     points: list[OperatingPoint | Loop] = []
@@ -259,7 +259,7 @@ def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
     wanted = {
         units.turning(response_unit) if turns else response_unit: whole for response_unit, whole in by_order.items()
     }
-    if stated in ("", "m/N"):  # responses of models are in m/N, also where the axis turns
+    if stated in ("", "m/N"):  # responses of models are in m/N even for rotary axes
         return frf
     known = units.response(unit_of(stated) or stated)
     if known is not None and known[0] in wanted:
@@ -334,7 +334,7 @@ def _on_the_table(
     if motor is None:
         return point, remarks
     try:
-        # what a control reads and commands is sampled and held, also where a file does not say so
+        # the control samples its readings and holds its command, even if the file does not say so
         at_motor, at_load = (replace(_fewer(frf), sample_time=step) for frf in (motor, load))
         fit = fit_modal_axis(at_motor, at_load)
         plant, actuator = fit.blocks()

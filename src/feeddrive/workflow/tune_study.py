@@ -31,7 +31,7 @@ from feeddrive.tuning.tune import law_tunables
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.tune_files import Story, machine_text, summary, tables
 
-EVERY = "every"  # in place of a law: all that can be tuned on the axis
+EVERY = "every"  # in place of a law name: all laws that can control the axis
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,8 +102,8 @@ def _written(value: Any) -> str:
     return repr(value)
 
 
-_FRONT = 40  # machines of a table
-_REPLAYED = 3  # bad variants that are written to be run again
+_FRONT = 40  # largest number of machines in a table
+_REPLAYED = 3  # failed variants for which a job file is written
 _ITS_INTERVAL = (
     "Brackets: 95 % interval of the share of all machines that such tolerances make, after Clopper and Pearson. It "
     "holds the true share in at least 95 of 100 studies of independent machines."
@@ -133,7 +133,7 @@ def report_files(answers: Answers) -> Iterator[tuple[str, str]]:
     for variant in sorted(set(chosen)):
         try:
             texts = replay_files(answers.study, variant)
-        except FeeddriveError:  # its reason stands among the rows
+        except FeeddriveError:  # the rows hold its reason
             continue
         for name, text in texts.items():
             yield f"worst/{name}", text

@@ -39,11 +39,11 @@ from feeddrive.study.study import Bound, Study
 if TYPE_CHECKING:
     from feeddrive.study.answers.statistics import Front
 
-_DOTS = 1200  # of a scatter: the page stays small
-_PANELS = 12  # histograms
-_OUTPUTS = 4  # whose sensitivities are shown
-_FACTORS = 8  # of each
-_LETTERS = 30  # of the name of a factor
+_DOTS = 1200  # points of a scatter plot, to keep the page small
+_PANELS = 12  # largest number of histograms
+_OUTPUTS = 4  # outputs whose sensitivities are shown
+_FACTORS = 8  # shown per output
+_LETTERS = 30  # longest shown name of a factor
 
 
 def labelled(figure: Figure) -> str:

@@ -51,11 +51,13 @@ def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]
 
         P(X >= kept | low) = P(X <= kept | high) = (1 - level) / 2,   X binomial
 
-    It holds the true share in at least `level` of all studies, whatever the share and the number of machines; Wilson's
-    and the mid-P interval are shorter and do not: at a share of 0.9992, of 200 machines, Wilson's holds it in 85 %.
-    Numbers or arrays.  Source: Clopper & Pearson 1934.
+    It contains the true share in at least `level` of all studies, whatever the share and the number of machines.
+    Wilson's and the mid-P interval are shorter but do not guarantee this: for a share of 0.9992 and 200 machines,
+    Wilson's contains it in 85 %.
+
+    Arguments are numbers or arrays.  Source: Clopper & Pearson 1934.
     """
-    from scipy.special import betaincinv  # 60 ms that `import feeddrive` need not wait for
+    from scipy.special import betaincinv  # 60 ms import
 
     tail = 0.5 * (1.0 - level)
     kept, of = np.asarray(kept, dtype=np.float64), np.asarray(of, dtype=np.float64)
@@ -66,12 +68,12 @@ def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Some rows of a study, n of them, in SI.
+    """Rows of a study with their figures, n in number, in SI.
 
     variant  numbers, shape (n,)
-    varied   by column what varies, shape (n,); texts and counts as objects
-    figures  by name, shape (n,); NaN where a variant has none
-    reasons  of a bad variant, else None
+    varied   varied values by column, shape (n,); texts and counts as objects
+    figures  by name, shape (n,); NaN for a variant without the figure
+    reasons  the failure reason of a bad variant, else None
     """
 
     study: Study
@@ -161,7 +163,7 @@ def joined(several: list[Judged]) -> Judged:
     )
 
 
-MOST = 200_000  # rows; a quantile of so many is off by at most 0.4 % of the ranks in 99 of 100 samples
+MOST = 200_000  # rows: with 99 % probability a quantile is within 0.4 % of its rank
 
 
 class Sampled:

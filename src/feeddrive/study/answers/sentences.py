@@ -14,8 +14,8 @@ from feeddrive.study.answers.rows import Share
 from feeddrive.study.answers.statistics import BoundYield, RankCorrelation, SobolIndices, Yield
 from feeddrive.study.study import Bound, Study
 
-_NAMED = 3  # quantities of a sentence
-_INFLUENCE = 0.05  # a share of the variance below which a quantity is not named
+_NAMED = 3  # factors named in a sentence
+_INFLUENCE = 0.05  # share of the variance below which a factor is not named
 
 
 def value_cell(figure: Figure, value: float) -> Quantity | str:

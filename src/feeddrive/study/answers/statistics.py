@@ -35,7 +35,7 @@ from feeddrive.study.chunk import run_of
 from feeddrive.study.study import Bound, Study
 from feeddrive.study.variants import variant_groups, variants
 
-_MOST_VALUES = 50  # of a choice that are told apart
+_MOST_VALUES = 50  # values of a choice that are counted separately
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class YieldCount:
         return Yield(Share(self._inside, self._all, sampled), self._bad, bounds, choices)
 
 
-WORST = 3  # variants of a figure
-BAD = 10  # variants without figures that are named
+WORST = 3  # worst variants kept per figure
+BAD = 10  # variants without figures that are listed
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def _case(rows: Judged, place: int, figure: str) -> WorstVariant:
 INSIDE = "inside"
 """An output beside the figures: 1 for a machine inside the specification, else 0."""
 _LEAST_POINTS = 32
-_RESAMPLES, _WORK = 999, 4e9  # of the bootstrap at most, and how many numbers they may look at
+_RESAMPLES, _WORK = 999, 4e9  # limits of the bootstrap: resamples, and numbers to process
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,17 +228,16 @@ class SaltelliRows:
 
 
 def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int = 0) -> SobolIndices | None:
-    """Return the Sobol indices of an output, from its values at A, B, AB_1 .. AB_k in sequence, shape ((k + 2)
-    points,).
+    """Return the Sobol indices of an output, from its values at A, B, AB_1 .. AB_k in sequence, (k + 2) per point.
 
     None for an output that does not vary, or has finite values in fewer than 32 complete points.  The intervals are
     percentiles of a bootstrap over points, drawn with `seed`.
     """
-    from scipy import stats  # 0.3 s that commands without answers need not wait for
+    from scipy import stats  # 0.3 s import, needed for answers only
 
     rows = values.reshape(len(factors) + 2, -1)
     whole = np.isfinite(rows).all(axis=0)
-    points = 1 << (int(whole.sum()).bit_length() - 1) if whole.any() else 0  # scipy takes a power of 2
+    points = 1 << (int(whole.sum()).bit_length() - 1) if whole.any() else 0  # scipy needs a power of 2
     if points < _LEAST_POINTS:
         return None
     rows = rows[:, np.flatnonzero(whole)[:points]]
@@ -321,8 +320,8 @@ def _fisher(value: float, count: int) -> tuple[float, float]:
 
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-_LEAST_LINES = 3  # frequencies that make a band
-_RUNS, _FEWEST, _SAMPLES = 128, 16, 2e7  # machines that are run again, and their samples in all
+_LEAST_LINES = 3  # fewest frequencies of a band
+_RUNS, _FEWEST, _SAMPLES = 128, 16, 2e7  # machines to simulate again: most, fewest; total samples
 _WINDOWS = 500
 
 
@@ -398,7 +397,7 @@ def _run(study: Study, variant: int) -> Run | None:
         return None
 
 
-# the figures of each subject, of which the first one that a study measures is used
+# candidate figures of each subject; the first one that a study measures is used
 SUBJECTS = {
     "tracking": (TRACKING_RMS, TRACKING_PEAK, FOLLOWING_RMS, FOLLOWING_PEAK, TRACKING_END),
     "stiffness": (
@@ -467,7 +466,7 @@ def front(costs: np.ndarray) -> np.ndarray:
     are included.
     """
     there = np.flatnonzero(~np.isnan(costs).any(axis=1))
-    left = there[np.lexsort(costs[there].T[::-1])]  # what dominates a row stands before it
+    left = there[np.lexsort(costs[there].T[::-1])]  # a dominating row precedes the rows it dominates
     undominated = np.zeros(len(costs), dtype=bool)
     while left.size:
         first = costs[left[0]]
