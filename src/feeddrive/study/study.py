@@ -110,7 +110,7 @@ MOST = 2**BITS  # variants: the length of the Sobol sequence
 
 
 class StudySection(Section):
-    """A study: a job, what varies in it, and the figures to measure for every variant."""
+    """A study: a job, its varied factors, and the figures to measure for every variant."""
 
     inlined: ClassVar[Mapping[str, type[Section]]] = {"job": JobSection}
 

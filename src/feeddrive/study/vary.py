@@ -310,7 +310,7 @@ class VarySection(Section):
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """Return the section class by the key that says what varies, and by the kind of distribution."""
+        """Return the section class of a table, by the key that selects the form, and by the kind of distribution."""
         forms = [name for name in _FORMS if name in table.values]
         if len(forms) != 1:
             told = f", not {' and '.join(forms)}" if forms else ""
@@ -369,7 +369,7 @@ class VaryNumber(VarySection):
 
     @property
     def form(self) -> str:
-        """The key that says what varies."""
+        """The key that selects the form: parameter, scale or add."""
         return next(name for name in ("parameter", "scale", "add") if getattr(self, name) is not None)
 
     @property
@@ -541,7 +541,7 @@ def unit_varied(table: TomlTable, declared: Declared) -> str:
 
 
 def varied(section: VarySection, declared: Declared, nominal: Nominal, grid: bool) -> Varied:
-    """Convert a section to what it varies.
+    """Convert a section to the varied factor that it declares.
 
     declared  returns the declaration of a path
     nominal   returns the value of a path in the job

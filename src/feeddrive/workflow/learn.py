@@ -182,7 +182,7 @@ def _together(request: IterateRequest) -> Job | None:
 
 
 def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
-    """Let all axes of the machine that a job moves learn from the same simulated runs."""
+    """Simulate learning trials of a job in which all axes of the machine learn together."""
     file = read_machine(request.machine)
     machine = file.machine()
     paths = {file.named(job.axis): job.reference, **{name: other.reference for name, other in job.others.items()}}

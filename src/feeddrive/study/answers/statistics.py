@@ -228,10 +228,10 @@ class SaltelliRows:
 
 
 def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int = 0) -> SobolIndices | None:
-    """Return the Sobol indices of an output, from its values at A, B, AB_1 .. AB_k in sequence, (k + 2) per point.
+    """Return the Sobol indices of an output, from its values at A, B, AB_1 .. AB_k in sequence.
 
-    None for an output that does not vary, or has finite values in fewer than 32 complete points.  The intervals are
-    percentiles of a bootstrap over points, drawn with `seed`.
+    The values have the shape ((k + 2) points,).  None for an output that does not vary, or has finite values in fewer
+    than 32 complete points.  The intervals are percentiles of a bootstrap over points, drawn with `seed`.
     """
     from scipy import stats  # 0.3 s import, needed for answers only
 
@@ -275,7 +275,7 @@ def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int =
 
 
 def rank_correlations(sample: Judged) -> tuple[RankCorrelation, ...]:
-    """Correlate every figure with every varied number; the largest of each figure comes first."""
+    """Return the rank correlation of every figure with every varied number; the largest of each figure comes first."""
     numbers = {name: values.astype(float) for name, values in sample.varied.items() if _is_number(values)}
     outputs: Mapping[str, np.ndarray] = sample.figures
     if sample.study.specification:
