@@ -1,8 +1,8 @@
 """The command line program `feeddrive`.
 
-Every error that a user can cause ends in one line on the error stream and the exit code that its class declares
-(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for an outcome that is not good, 130 for Ctrl-C, for a
-termination and for a terminal that closes.
+Every user error is reported as one line on the error stream, with the exit code of its class
+(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for a bad outcome, 130 for Ctrl-C, a termination signal and
+a closed terminal.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ def _stopped(message: object = "stopped; nothing was written") -> NoReturn:
 
 def main() -> None:
     """Run the command line and exit."""
-    # Before numpy is there: its threads share out matrices that are too small for it, and wait longer than they work.
+    # Set before numpy is imported: its threads split matrices that are too small and wait longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for number in ENDINGS:
-        if signal.getsignal(number) is signal.SIG_DFL:  # one that is ignored stays so, as nohup wants it
+        if signal.getsignal(number) is signal.SIG_DFL:  # a signal ignored by nohup stays ignored
             signal.signal(number, signal.default_int_handler)
     try:
         from feeddrive.cli.terminal import own_words
@@ -49,11 +49,11 @@ def main() -> None:
         sys.exit(1)
     except KeyboardInterrupt:
         _stopped()
-    except RuntimeError as error:  # Python wraps a Ctrl-C that comes while a class is made
+    except RuntimeError as error:  # Python wraps a Ctrl-C during class creation
         if isinstance(error.__cause__, KeyboardInterrupt):
             _stopped()
         raise
-    except SystemExit as ended:  # typer turns Ctrl-C within a command into this code, without a word
+    except SystemExit as ended:  # typer turns Ctrl-C within a command into this exit code, without a message
         if ended.code == STOPPED:
             _stopped()
         raise

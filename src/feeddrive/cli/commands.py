@@ -1,6 +1,6 @@
 """The command line generated from the requests: every command, its arguments and options, and its output.
 
-A command is imported when it is called or its `--help` is shown; `feeddrive --help` needs only the names.
+A command's module is imported when it is called or its `--help` is shown; `feeddrive --help` needs only the names.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from feeddrive.language.text import Text, resolve
 from feeddrive.workflow.command import COMMANDS, Command, Listed, failure, load
 from feeddrive.workflow.request import Field, fields_of
 
-# what is no piece of work with a result, but another way to look at it
+# interactive front ends, which are not commands with a result
 SKINS = {
     "studio": Listed(
         "studio",
@@ -40,7 +40,7 @@ STOPPED = CancelledError.exit_code
 
 
 def offered(name: str) -> Command[Any, Any, Any]:
-    """Return the command of a name."""
+    """Return the command with this name."""
     if name not in SKINS:
         return load(name)
     from feeddrive.studio.command import studio  # not for `--help`
@@ -49,11 +49,11 @@ def offered(name: str) -> Command[Any, Any, Any]:
 
 
 class _Later(TyperCommand):
-    """A command by name and sentence; its module is imported when its options are needed."""
+    """A command known by name and summary; its module is imported when its options are needed."""
 
     @cached_property
     def real(self) -> Any:
-        """Return the command itself."""
+        """The actual command."""
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=self.rich_markup_mode)
         examples = [f"feeddrive {self.name} {arguments}".rstrip() for arguments in OFFERED[str(self.name)].examples]
         epilog = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
@@ -62,15 +62,15 @@ class _Later(TyperCommand):
 
     @property
     def params(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Return arguments and options."""
+        """The arguments and options."""
         return self.real.params
 
     @params.setter
     def params(self, _: Any) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Ignore the assignment: the parameters are those of the command itself."""
+        """Ignore the assignment: the parameters are those of the actual command."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        """Return the context of the command itself."""
+        """Return the context of the actual command."""
         return self.real.make_context(*args, **kwargs)
 
 
@@ -87,7 +87,7 @@ class Commands(TyperGroup):
         self.commands = {str(command.name): command for command in self.later}
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """List the commands under the headings of the workflow; a terminal takes them from the panels."""
+        """List the commands by group; on a terminal the panels show the groups."""
         for group in dict.fromkeys(command.group for command in OFFERED.values()):
             with formatter.section(group):
                 formatter.write_dl(
@@ -103,7 +103,7 @@ class Commands(TyperGroup):
         windows_expand_args: bool = True,
         **extra: Any,
     ) -> Any:
-        """Run the command that the arguments name."""
+        """Run the command given by the arguments."""
         if not (sys.stdout.isatty() and sys.stderr.isatty()):
             extra["terminal_width"] = UNBROKEN
             self.rich_markup_mode = None
@@ -152,7 +152,7 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Options before the command."""
+    """Declare the options that precede the command."""
 
 
 JSON = "--json"
@@ -160,7 +160,7 @@ BLOCKS = "A file or PACKAGE.MODULE with laws or other blocks of your own, whose 
 
 
 def _function(command: Command[Any, Any, Any]) -> Any:
-    """Return the function that typer makes a command from, with a parameter for each field of the request."""
+    """Return the function from which typer makes a command, with a parameter for each field of the request."""
     fields = {field.name: field for field in fields_of(command.request)}  # type: ignore[arg-type]
 
     def perform(blocks: list[str] | None, verbose: bool, json: bool, **values: Any) -> None:
@@ -199,7 +199,7 @@ _JSON = inspect.Parameter(
 
 
 def _opted_in(places: Sequence[str]) -> AbstractContextManager[None]:
-    """Register the user-defined blocks at these places, if any are named."""
+    """Register the user-defined blocks in these files or modules, if there are any."""
     if not places:
         return nullcontext()
     from feeddrive.blocks.catalogue import with_blocks  # not for `--help`
@@ -224,7 +224,7 @@ def _in_one_line() -> Generator[None]:
 
 
 def _parameter(field: Field) -> inspect.Parameter:
-    """Return a field as typer reads it."""
+    """Return a field as a parameter that typer understands."""
     kind: Any = list[field.kind] if field.many else field.kind  # type: ignore[name-defined]
     default: Any = inspect.Parameter.empty
     if not field.required:
@@ -248,7 +248,7 @@ def _parameter(field: Field) -> inspect.Parameter:
 
 
 def _entered(field: Field, value: Any) -> Any:
-    """Return a value of the command line as the request holds it: in SI, and a tuple where several are allowed."""
+    """Convert a value from the command line for the request: to SI, and to a tuple if several are allowed."""
     if field.many:
         return tuple(_in_si(field, item) for item in value or ())
     return value if value is None else _in_si(field, value)
@@ -286,13 +286,13 @@ def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose
 
 
 def _write(record: dict[str, Any]) -> None:
-    """Write a JSON object to the standard output, in ASCII, so that it holds no control sequence of a terminal."""
+    """Write a JSON object to the standard output, in ASCII, so that it contains no terminal control sequences."""
     sys.stdout.write(json.dumps(record, allow_nan=False, indent=1) + "\n")
     sys.stdout.flush()
 
 
 def _write_error(command: str, error: Exception, code: int | None) -> None:
-    """Write an error with its exit code as JSON; an internal fault of feeddrive has no code, and is not written."""
+    """Write an error with its exit code as JSON; write nothing for an internal fault, which has no code."""
     if code is not None:
         told = getattr(error, "format_message", error.__str__)()
         _write({"command": command, "exit_code": code, "error": {**failure(error), "message": told}})

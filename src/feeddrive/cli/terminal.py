@@ -1,4 +1,4 @@
-"""Terminal output: progress, tables and sentences; unbroken lines if the output is a pipe or a file."""
+"""Terminal output: progress, tables and sentences; lines are not wrapped if the output is a pipe or a file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UNBROKEN = 1_000_000
 
 @contextmanager
 def own_words() -> Generator[None]:
-    """Keep warnings and log lines of libraries off the terminal, also in workers.
+    """Suppress warnings and log messages of libraries on the terminal, also in workers.
 
     `python -W` and PYTHONWARNINGS show warnings as usual.
     """
@@ -44,9 +44,11 @@ def own_words() -> Generator[None]:
 
 
 def open_console(*, errors: bool = False) -> Console:
-    """Return the standard output, or the error stream, which carries progress and questions when the output is JSON.
+    """Return a console on the standard output, or on the error stream when the output is JSON.
 
-    It is as wide as the terminal, or without a margin where it is none (whatever COLUMNS says).
+    The error stream then carries progress and questions.
+
+    It is as wide as the terminal, and unlimited if it is not a terminal (whatever COLUMNS says).
     """
     from rich.console import Console  # not for `--help`
 
@@ -55,9 +57,7 @@ def open_console(*, errors: bool = False) -> Console:
 
 
 def show(console: Console, content: Table | Grid | str, *, soft_wrap: bool = False) -> None:
-    """Print a table, or a sentence that is wrapped between words; control sequences in it have no effect, see
-    `visible`.
-    """
+    """Print a table, or a sentence wrapped between words; control sequences in it are made harmless (see `visible`)."""
     if isinstance(content, Table | Grid):
         console.print(DrawnTable(content if isinstance(content, Grid) else content.grid()))
     else:
@@ -81,7 +81,7 @@ class TerminalProgress(Progress):
             self._bar.stop()
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-        """Move the bar."""
+        """Update the progress bar."""
         if not self._console.is_terminal:
             return
         from rich.markup import escape
@@ -100,7 +100,7 @@ class TerminalProgress(Progress):
         self._console.file.flush()
 
     def confirm(self, question: str) -> bool:
-        """Ask on the terminal; anything but yes ends the command."""
+        """Ask on the terminal; any answer but yes ends the command."""
         typer.confirm(visible(Text(question)), abort=True, err=self._console.stderr)
         return True
 
@@ -114,9 +114,9 @@ def _bar(console: Console, *, counted: bool) -> Any:
 
 
 class DrawnTable:
-    """A table as rich draws it: heads and columns of sentences may wrap; no value is cut.
+    """A table as rich draws it: headings and columns of sentences may wrap; no value is truncated.
 
-    Where the terminal is narrower than the values, the rows go on in the next line.
+    If the terminal is narrower than the values, the rows continue on the next line.
     """
 
     def __init__(self, table: Grid) -> None:

@@ -1,4 +1,4 @@
-"""The contents of a report about laws over the same work: an entry for each law, and their common facts."""
+"""The contents of a report that compares laws on the same task: an entry for each law, and their common facts."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
 from feeddrive.report.report import Part, Picture, Section
 
-RESPONSE_LINES = 1500  # of the frequency responses of an entry, from 1 Hz to Nyquist
+RESPONSE_LINES = 1500  # lines of a frequency response, from 1 Hz to Nyquist
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
     """One law of the comparison: its loop, its run, and its figures in the frequency domain.
 
-    The loop is stable: check it before (`require_stable`).  The run has all signals recorded.  With a `replay` it is
-    the prediction, and the samples that the replay skips do not count. `no_model` is the reason if the law has no
-    linear model; its stability is then not proven.
+    The loop must be stable: check it first (`require_stable`).  The run must have all signals recorded.  With a
+    `replay`, the run is the prediction, and the samples that the replay skips do not count. `no_model` is the reason if
+    the law has no linear model; its stability is then not proven.
     """
 
     name: str
@@ -40,8 +40,8 @@ class Entry:
     tracking: FRF | None = None
     no_model: str = ""
     replay: Replay | None = None
-    together: Run | None = None  # all axes of a machine in the same run
-    part: PartRun | None = None  # its figures along a part program
+    together: Run | None = None  # the run of all axes together
+    part: PartRun | None = None  # the figures along a part program
 
     def counted(self, signal: str) -> np.ndarray:
         """Return the samples of a signal that count, in SI."""
@@ -59,17 +59,17 @@ class Entry:
         return float(np.sqrt(np.mean(self.counted(signal) ** 2)))
 
     def peak(self, signal: str) -> float:
-        """Return the largest size of the samples that count, SI."""
+        """Return the peak absolute value of the samples that count, SI."""
         return float(np.max(np.abs(self.counted(signal)), initial=0.0))
 
     @cached_property
     def margins(self) -> Margins | None:
-        """The margins of the loop gain."""
+        """The stability margins of the loop gain."""
         return None if self.loop_gain is None else margins(self.loop_gain)
 
     @cached_property
     def stiffness(self) -> Stiffness | None:
-        """The inverse of the compliance."""
+        """The dynamic stiffness: the inverse of the compliance."""
         return None if self.compliance is None else stiffness(self.compliance)
 
     @cached_property
@@ -79,7 +79,7 @@ class Entry:
 
     @cached_property
     def limits(self) -> dict[str, float]:
-        """Force limits in N by name: commanded, and the motor's peak and continuous one, as far as they are stated."""
+        """The stated force limits in N by name: the commanded limit, and the motor's peak and continuous limits."""
         stated: dict[str, float] = {}
         limit = self.loop.control.force_limit
         motor = self.loop.axis.actuator.motor
@@ -95,21 +95,21 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class LawsContents:
-    """The content of a report. Texts are shown unchanged, escaped.
+    """The content of a report on laws. Texts are shown verbatim, with HTML escaped.
 
-    entries   one for each law, the first is the one that the others are compared with
-    facts machine and run, by headline: machine, reference, load, noise, seed ...
-    rule what makes the laws comparable, as a sentence
+    entries   one for each law; the first is the baseline of the comparison
+    facts     machine and run, by headline: machine, reference, load, noise, seed ...
+    rule      a sentence on what makes the laws comparable
     job       the exact text of the job
-    versions of Python, feeddrive and its libraries, by name
-    notes     remarks of the person who ran it
-    command   that ran it
-    overview  the picture that shows the verdict; None: the first of all others
-    extras    tables of its own, first in the result
-    pictures  pictures of its own, before all others
-    planned   the part program that all laws ran, if one
-    cuts      what cut while which lines ran, in cells
-    details   sections of its own, folded
+    versions  of Python, feeddrive and its libraries, by name
+    notes     remarks by the user
+    command   the command that ran it
+    overview  the picture that shows the verdict; None: the first of the other pictures
+    extras    additional tables, first in the result
+    pictures  additional pictures, before all others
+    planned   the part program that all laws ran, if any
+    cuts      tables of the cuts by program line, with force and chatter
+    details   additional folded sections
     """
 
     title: str

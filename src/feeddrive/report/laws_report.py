@@ -1,4 +1,4 @@
-"""The report about laws over the same work: its pictures with captions, and its tables."""
+"""The report on laws compared on the same task: its pictures with captions, and its tables."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from feeddrive.report.report import Code, Facts, Marked, Part, Picture, Remarks,
 
 SHORT = 16  # samples: a shorter run has no picture over time
 MOST = 8  # laws that the pictures show; the tables have all
-CURVES = 4  # more curves than these share the points of so many: the page stays small
+CURVES = 4  # more curves share the points of this many, to keep the page small
 
 
 def chosen(contents: LawsContents) -> LawsContents:
-    """Return the contents with the laws that the pictures show: the first, and those that follow best, in order."""
+    """Return the contents with the laws that the pictures show: the first, and those with the least following error."""
     others = sorted(contents.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
     return replace(contents, entries=[entry for i, entry in enumerate(contents.entries) if i == 0 or entry in others])
 
@@ -192,7 +192,7 @@ def _closed_loop(contents: LawsContents) -> Iterator[Picture]:
 
 
 def laws_report(contents: LawsContents) -> Report:
-    """Return the report; its page has less than 1 MB (of a part program 1.5 MB).
+    """Return the report on the laws; its page is smaller than 1 MB (1.5 MB with a part program).
 
     Raises ParameterError for contents without entries.
     """
@@ -278,7 +278,7 @@ def errors(contents: LawsContents) -> Marked:
 
 
 def _against(entry: Entry, signal: str, what: str) -> Text:
-    """Return a force, and in brackets its share of the limit."""
+    """Return a force, with its share of the limit in brackets."""
     value = entry.peak(signal) if what == "peak" else entry.rms(signal)
     bounds = entry.limits
     limit = (
@@ -347,12 +347,12 @@ def _sampled(contents: LawsContents) -> bool:
 
 
 def prediction(replay: Replay) -> Table:
-    """Tabulate measured against predicted signals."""
+    """Tabulate measured and predicted signals."""
     return replay.table()
 
 
 def parameters(contents: LawsContents) -> Table:
-    """Tabulate every parameter of every law with its unit and meaning; rows in which the laws differ are marked."""
+    """Tabulate every parameter of every law with its unit and meaning; mark the rows in which the laws differ."""
     rows: dict[str, tuple[Declaration, list[Any]]] = {}
     count = len(contents.entries)
     for i, entry in enumerate(contents.entries):
@@ -375,7 +375,7 @@ def parameters(contents: LawsContents) -> Table:
 
 
 def _place(name: str) -> int:
-    """Sort the control before the axis, otherwise as in the loop."""
+    """Return the sort key of a parameter: the control before the axis."""
     return 0 if ".control." in name else 1
 
 

@@ -1,4 +1,4 @@
-"""Reports of a machine that cuts: a circular test, a plan, and a part program."""
+"""The reports of machining results: a circular test, a planned part program, and a part program that was run."""
 
 from __future__ import annotations
 
@@ -79,11 +79,11 @@ def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Rep
     )
 
 
-_LISTED = 200  # stops
+_LISTED = 200  # largest number of listed stops
 
 
 def plan_report(plan: Planned) -> Report:
-    """Return the report of a plan."""
+    """Return the report of a planned part program."""
     pictures = _pictures(plan)
     known = [
         ("Program", plan.program),
@@ -190,16 +190,16 @@ def _stops(plan: Planned) -> list[Part]:
 
 _WORST = 8
 _CAUSES = 6
-_DRAWN = 3  # laws whose path is drawn: today's, the best, and the one between
+_DRAWN = 3  # laws whose path is drawn: today's, the best, and one in between
 
 
 def ran(contents: LawsContents) -> list[tuple[Entry, PartRun]]:
-    """Return the laws that ran a part program, in their order."""
+    """Return the laws that ran a part program, in their order, with their runs."""
     return [(entry, entry.part) for entry in contents.entries if entry.part is not None]
 
 
 def lead(contents: LawsContents) -> list[str]:
-    """Return the results in sentences, most important first."""
+    """Return the results as sentences, most important first."""
     runs = ran(contents)
     first = runs[0][1]
     best = min((part for _, part in runs), key=lambda part: part.contour.rms)
@@ -235,7 +235,7 @@ def _contour(part: PartRun) -> str:
 
 
 def _place(part: PartRun, position: Iterable[float], *, bare: bool = False) -> Text:
-    """Return a place in the workpiece, whose lengths are none of an axis; `bare`: without the unit."""
+    """Return a position on the workpiece as text; `bare`: without the unit. It stays in mm also for rotary axes."""
     coordinates = [
         f"{axis.upper()} {Quantity(x, 'm', form='.2f mm', stays=True, bare=True)}"
         for axis, x in zip(part.contour.axes, position, strict=True)
@@ -250,13 +250,13 @@ def _limited(planned: Planned) -> str:
 
 
 def tables(contents: LawsContents) -> list[Part]:
-    """Tabulate the laws over the program, and the worst places."""
+    """Tabulate the laws over the program, and the positions with the largest errors."""
     runs = ran(contents)
     return [_laws(runs), _places(runs)] if runs else []
 
 
 def details(contents: LawsContents) -> list[Part]:
-    """Tabulate axes, motors, spindle, observers, sections that cut, and limits of the speed."""
+    """Tabulate axes, motors, spindle, observers, cutting sections and velocity limits."""
     runs = ran(contents)
     if not runs:
         return []
@@ -282,7 +282,7 @@ def details(contents: LawsContents) -> list[Part]:
 
 
 def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
-    """Tabulate the laws over a program, short, for a terminal."""
+    """Tabulate the laws over a program in short form, for a terminal."""
     columns = [
         Column("law"),
         Column("contour RMS", "m"),
@@ -359,7 +359,7 @@ def _axis(part: PartRun, axis: str) -> list[Cell]:
 
 
 def _places(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
-    """Tabulate the worst places of the first law, with the errors of the others there."""
+    """Tabulate the positions where the first law has its largest errors, with the errors of the others there."""
     first = runs[0][1]
     columns = [
         Column(f"place {unit_name('m', 'mm', stays=True)}"),
@@ -442,7 +442,7 @@ def _causes(planned: Planned) -> Table:
 
 
 def pictures(contents: LawsContents) -> Iterator[Picture]:
-    """Yield the pictures: the path with the error on it, the error along it, the time."""
+    """Yield the pictures: contour error by law and on the path, cutting force, force estimates, and active limits."""
     runs = ran(contents)
     if not runs:
         return

@@ -1,6 +1,6 @@
-"""The writer of reports: one HTML page for offline use, from the one template `templates/report.html`.
+"""The HTML writer of reports: one self-contained page for offline use, from the template `templates/report.html`.
 
-Every text is escaped, and an undefined name in the template is an error.  No page loads or runs anything.
+Every text is escaped, and an undefined name in the template is an error.  No page loads resources or runs scripts.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ THEME = {
     style.ALERT: "var(--alert)",
     **{color: f"var(--curve-{i})" for i, color in enumerate(style.COLORS)},
 }
-_WIDTHS = range(25, 70, 5)  # rem: of screens on which a table may be cut off
-_CHARACTER, _BETWEEN, _AROUND = 0.5, 1.2, 4.0  # rem: a character of a table, between two columns, beside the table
+_WIDTHS = range(25, 70, 5)  # rem: screen widths at which a table may be cut off
+_CHARACTER, _BETWEEN, _AROUND = 0.5, 1.2, 4.0  # rem: character width, column gap, margin of a table
 _DECIMALS = re.compile(r"\d+\.\d+")
-# control characters, which no page may hold, apart from the ends of lines and tabs
+# control characters other than line ends and tabs, which a page must not contain
 _CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
 
 
 def page_units(*, rotary: bool) -> Units:
-    """Return the units of a page: typographic, and those of an axis that turns if it is about one."""
+    """Return the units of a page: typographic, and rotary if the report is about a rotary axis."""
     return replace(DRAWN, rotary=rotary)
 
 
 def html(report: Report, units: Units | None = None) -> str:
-    """Return a report as a whole HTML page without scripts or other files.
+    """Return a report as a complete HTML page without scripts or external files.
 
-    units  of the reader; None: typographic, and those of an axis that turns if the report is about one
+    units  of the reader; None: typographic, and rotary if the report is about a rotary axis
 
     Pure: the same report gives the same text.
     """
@@ -77,7 +77,7 @@ def _environment() -> Environment:
             return Markup(svg(shown.chart(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
-        """Keep a unit such as N/µm on one line: by a word joiner, or by an element where the unit is still a mark."""
+        """Keep a unit such as N/µm on one line: by a word joiner, or an element if the unit is still a placeholder."""
         whole, joined = Markup('<span class="unit">{}</span>'), Markup("/&#8288;")
         pieces = split(marked(text))
         escaped = (whole.format(piece) if is_mark else escape(piece).replace("/", joined) for piece, is_mark in pieces)
@@ -89,14 +89,14 @@ def _environment() -> Environment:
 
 
 def _kind(part: Part) -> str:
-    """Return the name of the macro that writes a part."""
+    """Return the name of the template macro that writes a part."""
     if isinstance(part, str):
         return "text"
     return "table" if isinstance(part, Table | Grid | Marked) else type(part).__name__.lower()
 
 
 def _grid(part: Table | Grid | Marked) -> Grid:
-    """Return a table as marked texts, its title as a sentence."""
+    """Return a table as marked-up texts, with its title as a sentence."""
     table = part.table if isinstance(part, Marked) else part
     grid = table if isinstance(table, Grid) else table.marked()
     ends = plain(grid.title).rstrip()[-1:] in (".", ":", "?", "!", "")
@@ -104,7 +104,7 @@ def _grid(part: Table | Grid | Marked) -> Grid:
 
 
 def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = False) -> str:
-    """Return the class of a table that is cut off on a screen narrower than a width in rem; empty if it never is.
+    """Return the CSS class of a table that is too wide for a screen of some width in rem; empty if it always fits.
 
     Heads and the first column break between words, cells only in a table of sentences.
     """
@@ -133,7 +133,7 @@ def svg(chart: Chart, key: str, alt: str) -> str:
     text = StringIO()
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
-        # the browser has the glyphs that matplotlib's own font lacks
+        # glyphs missing from matplotlib's font are available in the browser
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         figure.savefig(text, format="svg", metadata=silent)
     return _inlined(text.getvalue(), key, alt, float(figure.get_figwidth()) / style.WIDTH)
@@ -147,7 +147,7 @@ def _inlined(text: str, key: str, alt: str, width: float) -> str:
     box = re.search(r'viewBox="([^"]*)"', text)
     head = f'<svg viewBox="{box[1] if box else ""}" width="{100 * width:.0f}%" role="img" aria-label="{escape(alt)}">'
     body = text[text.index(">") + 1 :].replace("xlink:href", "href")
-    # matplotlib writes six decimals: a tenth of a point for a path, a hundredth for what is placed
+    # matplotlib writes six decimals: keep one for paths, two for positions
     body = re.sub(r'(?<= )(d|x|y|width|height|transform)="([^"]*)"', _rounded, body)
     body = _own_identifiers(body, key)
     body = re.sub(r"#[0-9a-f]{6}", lambda match: THEME.get(match[0], match[0]), body)
@@ -161,7 +161,7 @@ def _rounded(match: re.Match[str]) -> str:
 
 
 def _own_identifiers(body: str, key: str) -> str:
-    """Rename the identifiers that are referred to, and remove the others."""
+    """Rename the identifiers that are referenced, and remove the others."""
     used = list(dict.fromkeys(re.findall(r"(?:url\(|href=\")#([^)\"]+)", body)))
     names = {name: f"{key}{i}" for i, name in enumerate(used)}
     body = re.sub(r' id="([^"]*)"', lambda match: f' id="{names[match[1]]}"' if match[1] in names else "", body)

@@ -7,7 +7,7 @@
                   folded=True)),
     )
 
-`page.html` writes it, `Report.record` gives it as JSON has it.  All numbers stay numbers until then.
+`page.html` writes it as HTML, and `Report.record` returns it for JSON.  Numbers are not formatted before that.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from feeddrive.plot.chart import Chart
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture that is computed when it is shown.
+    """A picture whose chart is computed when it is shown.
 
-    key      letters that name it in its report
+    key      letters that identify it in its report
     caption  how to read it
-    alt      what it shows, for who does not see it
-    chart    computes it
+    alt      a text description for readers who cannot see it
+    chart    the function that computes it
     """
 
     key: str
@@ -42,7 +42,7 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class Marked:
-    """A table with marked cells or rows.
+    """A table with highlighted cells or rows.
 
     best   the row of the best cell, for each column after the first; None for none
     alert  rows that need attention
@@ -57,7 +57,7 @@ class Marked:
 
 @dataclass(frozen=True)
 class Facts:
-    """Names with their facts, in order."""
+    """Ordered pairs of name and fact."""
 
     pairs: tuple[tuple[str, str], ...]
 
@@ -68,9 +68,9 @@ class Facts:
 
 @dataclass(frozen=True)
 class Remarks:
-    """Sentences as a list under a head; nothing is shown if there are none.
+    """A list of sentences under a heading; an empty list is not shown.
 
-    warns  they must not be overlooked
+    warns  True for warnings that must not be overlooked
     """
 
     sentences: tuple[str, ...]
@@ -85,7 +85,7 @@ class Remarks:
 
 @dataclass(frozen=True)
 class Code:
-    """The text of a file, as it is written there."""
+    """The verbatim text of a file."""
 
     title: str
     text: str
@@ -96,11 +96,11 @@ Part: TypeAlias = Table | Grid | Marked | Picture | Facts | Remarks | Code | str
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Parts under a headline.
+    """A section of a report under a heading.
 
-    key     letters that name it in its report
-    folded  a detail: shown on demand, and in print
-    file    a report beside this one to which the headline leads
+    key     letters that identify it in its report
+    folded  True for a detail: shown on demand, and in print
+    file    a report beside this one to which the heading links
     """
 
     key: str
@@ -111,12 +111,12 @@ class Section:
 
     @property
     def pictures(self) -> Iterator[Picture]:
-        """Its pictures, in order."""
+        """The pictures of the section, in order."""
         return (part for part in self.parts if isinstance(part, Picture))
 
     @property
     def is_empty(self) -> bool:
-        """True if it has nothing to show."""
+        """True if the section has nothing to show."""
         return all(
             part == ""
             or (isinstance(part, Facts) and not part.pairs)
@@ -129,7 +129,7 @@ class Section:
 class Verdict:
     """The outcome in sentences, most important first.
 
-    good  whether the result may be used; None where there is nothing to decide
+    good  True if the result may be used; None if there is nothing to decide
     """
 
     sentences: tuple[str, ...]
@@ -144,12 +144,12 @@ class Verdict:
 class Report:
     """A report for a reader: the verdict, the picture that shows it, tables, further pictures, details.
 
-    title     of the report
-    command   that makes it, as "feeddrive lobes"
-    verdict   what came out
+    title     the title of the report
+    command   the command that makes it, as "feeddrive lobes"
+    verdict   the outcome
     sections  in order; empty ones are left out, folded ones come last
-    picture   the one that shows the verdict
-    rotary    it is about an axis that turns, and is read in rad, N m and kg m2
+    picture   the picture that shows the verdict
+    rotary    True for a rotary axis, which is shown in rad, N m and kg m2
     """
 
     title: str
@@ -160,7 +160,7 @@ class Report:
     rotary: bool = False
 
     def __post_init__(self) -> None:
-        """Raise ParameterError for pictures of which none is that of the verdict, and for a key that is taken."""
+        """Raise ParameterError if there are pictures but none for the verdict, and for a duplicate key."""
         shown = [section for section in self.sections if not section.is_empty]
         object.__setattr__(self, "sections", tuple(sorted(shown, key=lambda section: section.folded)))
         first = next((picture for section in self.sections for picture in section.pictures), None)
@@ -177,12 +177,12 @@ class Report:
 
     @property
     def pictures(self) -> list[Picture]:
-        """All pictures, that of the verdict first."""
+        """All pictures, starting with that of the verdict."""
         listed = [picture for section in self.sections for picture in section.pictures]
         return listed if self.picture is None else [self.picture, *listed]
 
     def record(self, units: Units = USUAL) -> dict[str, Any]:
-        """Return the report as JSON has it: tables in SI with units, sentences as texts, pictures by key.
+        """Return the report for JSON: tables in SI with units, sentences as texts, pictures by key.
 
         units  of the sentences
         """
@@ -233,12 +233,12 @@ def _recorded(part: Part, units: Units) -> dict[str, Any]:
 
 
 def titled(table: Table, title: str) -> Table:
-    """Return a table under another title."""
+    """Return a table with another title."""
     return replace(table, title=title)
 
 
 def further(pictures: Iterable[Picture]) -> Section:
-    """Return the section of the pictures that follow the tables."""
+    """Return the section of further pictures, which follows the tables."""
     return Section("pictures", "Pictures", tuple(pictures))
 
 

@@ -1,4 +1,4 @@
-"""Texts of a report: formatted numbers, blocks and results in sentences, remarks on the figures."""
+"""The texts of a report: formatted numbers, sentences on blocks and results, and remarks on the figures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethw
 
 
 def result(contents: LawsContents) -> list[str]:
-    """Return the results, most important first."""
+    """Return the results as sentences, most important first."""
     replayed = next((entry for entry in contents.entries if entry.replay is not None), None)
     if replayed is not None and replayed.replay is not None:
         return _prediction(replayed.replay)
@@ -95,7 +95,7 @@ def _judged(entry: Entry) -> str:
 
 
 def remarks(contents: LawsContents) -> list[str]:
-    """Return important remarks, then the notes of the job."""
+    """Return important remarks, followed by the notes of the job."""
     listed: list[str] = []
     ringing = [
         f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak, 3)})"
@@ -157,7 +157,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def block_sentence(block: Block) -> Text:
-    """Describe a block by its kind, those parameters that are set, and its parts in brackets."""
+    """Describe a block by its kind, the parameters that are set, and its parts in brackets."""
     declared = declarations(type(block))
     values = {name: getattr(block, name) for name in declared}
     parameters = [
@@ -175,7 +175,7 @@ def block_sentence(block: Block) -> Text:
 
 
 def described(control: Control) -> Text:
-    """Describe the parts of a control, with those parameters that are set."""
+    """Describe the parts of a control, with the parameters that are set."""
     parts = [block_sentence(control.law)]
     parts += [Text(f"compensation {block_sentence(block)}") for block in control.compensation]
     parts += [Text(f"filter {block_sentence(block)}") for block in control.filters]

@@ -1,4 +1,4 @@
-"""What the variants of a study start from: the job, once for each combination of choices, and its numbers."""
+"""The starting point of the variants of a study: one job per combination of choices, and its nominal numbers."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ class Base:
 
     @property
     def system(self) -> System:
-        """The axis, or all axes if they run together."""
+        """The loop of the row, or the machine if the axes run together."""
         return self.job.machines.get(self.row, self.job.loops[self.row])
 
     @property
     def loop(self) -> Loop:
-        """The axis of the row alone."""
+        """The loop of the row's axis alone."""
         return self.job.loops[self.row]
 
     @property
     def axis(self) -> str:
-        """The name of that axis."""
+        """The name of the row's axis."""
         return self.loop.name
 
     @property
     def moved(self) -> dict[str, Other]:
-        """Motion and load by axis."""
+        """The motion and load of each axis, by name."""
         return {self.axis: Other(reference=self.job.reference, load=self.job.load), **self.job.others}
 
     def references(self, changed: dict[str, Other] | None = None) -> Reference | dict[str, Reference]:
-        """The motion as `simulate` takes it; axes without one stand still."""
+        """Return the motion as `simulate` takes it; axes without a motion stand still."""
         moved = self.moved if changed is None else changed
         own = moved[self.axis].reference
         assert own is not None
@@ -62,14 +62,17 @@ class Base:
         return {axis: (moved[axis].reference or still) if axis in moved else still for axis in self.system.axes()}
 
     def loads(self, changed: dict[str, Other] | None = None) -> Load | dict[str, Load] | None:
-        """The forces on the tables as `simulate` takes them."""
+        """Return the forces on the tables as `simulate` takes them."""
         moved = self.moved if changed is None else changed
         if not isinstance(self.system, Machine):
             return moved[self.axis].load
         return {axis: other.load for axis, other in moved.items() if other.load is not None} or None
 
     def place(self, path: str) -> tuple[str, str, str]:
-        """Split a path of a motion or load into axis, "reference" or "load", and rest; other paths have no axis."""
+        """Split the path of a motion or load into axis, "reference" or "load", and remaining path.
+
+        The axis is empty for other paths.
+        """
         first, _, rest = path.partition(".")
         if first in ("reference", "load"):
             return self.axis, first, rest
@@ -82,7 +85,7 @@ class Base:
         return "", "", path
 
     def block(self, path: str) -> tuple[Any, str]:
-        """The block that a path belongs to, and the path in it. Raises ParameterError if there is none."""
+        """Return the block that a path belongs to, and the path within it. Raise ParameterError if there is none."""
         axis, kind, rest = self.place(path)
         if not kind:
             return self.system, path
@@ -92,7 +95,7 @@ class Base:
         return block, rest
 
     def declaration(self, path: str) -> Declaration:
-        """The declaration of a path. Raises ParameterError, with the row, for one that is not there."""
+        """Return the declaration of a path. Raise ParameterError, naming the row, for an unknown path."""
         block, rest = self.block(path)
         try:
             own = tree.declaration(block, rest)
@@ -103,7 +106,7 @@ class Base:
         return own.of_axis(self.loop.axis.rotary and block is not self.system)
 
     def nominal(self, path: str) -> float:
-        """The value of a path. Raises ParameterError for one that is not there, or has no value."""
+        """Return the nominal value of a path. Raise ParameterError for a path that is unknown or has no value."""
         block, rest = self.block(path)
         value = tree.get(block, rest)
         if value is None:
@@ -111,7 +114,7 @@ class Base:
         return float(value)
 
     def blocks(self) -> Iterator[Block]:
-        """The system, and the motions and loads of all axes."""
+        """Yield the system, then the motions and loads of all axes."""
         yield self.system
         for other in self.moved.values():
             yield from (block for block in (other.reference, other.load) if block is not None)
@@ -121,17 +124,17 @@ MOST_JOBS = 256  # combinations of choices
 
 
 def choices_in(root: TomlTable) -> list[VaryChoice]:
-    """The sections [[vary]] with a choice, which must be read before the jobs."""
+    """Return the `[[vary]]` sections with a choice, which must be read before the jobs."""
     return [read_section(VaryChoice, table) for table in root.listed("vary") if "choice" in table.values]
 
 
 def read_jobs(
     root: TomlTable, place: Path, job: str | None, of_study: Collection[str], choices: Sequence[VaryChoice]
 ) -> dict[tuple[Any, ...], Job]:
-    """The job for each combination of choices.
+    """Return the job for each combination of choices.
 
-    job       file of the job; None where its keys stand in the study
-    of_study  keys of the study alone
+    job       the job file; None if its keys are in the study file
+    of_study  the keys that belong to the study only
     """
     file, beside = _job_file(root, place, job, of_study)
     choices = [choice for choice in choices if choice.choice != "row"]
@@ -143,7 +146,7 @@ def read_jobs(
 
 
 def _job_file(root: TomlTable, place: Path, name: str | None, of_study: Collection[str]) -> tuple[TomlFile, Path]:
-    """The job file and its path; for a study that holds the keys of a job, the study file without its own keys."""
+    """Return the job file and its path; if the study holds the job's keys, the study file without its own keys."""
     if name is None:
         content = {key: value for key, value in root.values.items() if key not in of_study}
         return replace(root.file, content=content), place
@@ -167,7 +170,7 @@ def _job(
     file: TomlFile,
     place: Path,
 ) -> Job:
-    """The job with the values of the choices."""
+    """Return the job with the given values of the choices."""
     by_key = dict(zip(keys, values, strict=True))
     of_job = {key: value for key, value in by_key.items() if _is_of_job(key)}
     of_machine = {key: value for key, value in by_key.items() if key not in of_job}
@@ -186,12 +189,12 @@ def _job(
 
 
 def _is_of_job(key: Key) -> bool:
-    """True if a key stands in the job file; `axis` is the name of an axis there, and a section of the machine file."""
+    """Return True for a key of the job file; `axis` alone is an axis name there, otherwise a section of the machine."""
     return key == ("axis",) or (key[0] in declarations(JobSection) and key[0] != "axis")
 
 
 def check_rows(root: TomlTable, jobs: Mapping[tuple[Any, ...], Job], row: str, choices: Sequence[VaryChoice]) -> None:
-    """Raise ParameterError for a row that a job does not have."""
+    """Raise ParameterError for a row that is missing from one of the jobs."""
     asked: list[tuple[TomlTable | VaryChoice, str, Any]] = [(root, "row", row)]
     asked += [(choice, "values", value) for choice in choices if choice.choice == "row" for value in choice.values]
     for job in jobs.values():

@@ -1,18 +1,14 @@
-"""One chunk of a study: its variants simulated as rows of a table, and its Parquet file.
+"""Compute one chunk of a study and store it: variants simulated in batches, and rows in a sealed Parquet file.
 
-One chunk of a store as the bytes of a Parquet file, with a SHA-256 of the whole file in its footer.
+A row depends only on the study and the number of its variant: not on the chunk, the neighbouring variants, lanes,
+threads or the process that computes it.  Variants that need a different graph (another law, another number of samples
+of dead time) form their own batches.  A variant that cannot be built, is unstable or diverges becomes a row with the
+reason and without figures; stability is checked only if a figure comes from the linear model.
 
-The digest stands among the key-value pairs of the footer, 64 hex digits under `feeddrive.sha256`, where every reader of
-Parquet can see it. It is taken over the file with 64 zeros in their place, so that a changed bit anywhere, page or
-footer, is found before pyarrow reads the file: page checksums do not cover the footer, and of 15,000 files with one
-changed bit in them 356 gave wrong rows and 74 a UnicodeDecodeError.
-
-One chunk of a study: its variants simulated in batches of one structure, as rows of a table.
-
-A row depends on the study and on the number of its variant alone: not on the chunk, on the variants beside it, on
-lanes, threads or the process that computes it.  Variants that need another graph (another law, another number of
-samples of dead time) are batches of their own.  A variant that cannot be made, is not stable or leaves its bounds is a
-row with its reason and without figures; whether it is stable is asked where a figure comes from its linear model.
+A SHA-256 of the whole file is stored in the footer of the Parquet file, as 64 hex digits in the key-value pair
+`feeddrive.sha256`, where every Parquet reader can see it.  It is computed over the file with 64 zeros in its place, so
+that any flipped bit, in a page or in the footer, is detected before pyarrow reads the file.  Page checksums do not
+cover the footer: of 15,000 files with one flipped bit, 356 gave wrong rows and 74 a UnicodeDecodeError.
 """
 
 from __future__ import annotations
@@ -43,18 +39,18 @@ if TYPE_CHECKING:
     import pyarrow
 
 
-STUDY = b"feeddrive.study"  # in the metadata of each file: the digest of the study that its rows are of
+STUDY = b"feeddrive.study"  # metadata key for the digest of the study
 _KEY = b"feeddrive.sha256"
 _BLANK = b"0" * 64
 _VALUE = b"\x18\x40"  # Thrift's compact protocol: the next field is a binary, of 64 bytes
 
 
 class DamagedChunkError(Exception):
-    """The bytes are not those that were written; the text says why."""
+    """The exception for a chunk whose bytes differ from those written; its text gives the reason."""
 
 
 def chunk_bytes(rows: Any, study: str) -> bytes:
-    """Return the Parquet file of a pyarrow table, signed with the digest of its study and sealed."""
+    """Return the sealed Parquet file of a pyarrow table, with the digest of its study."""
     import pyarrow as arrow
     from pyarrow import parquet
 
@@ -69,10 +65,10 @@ def chunk_bytes(rows: Any, study: str) -> bytes:
 
 
 def chunk_rows(content: bytes, *, sealed: bool) -> tuple[Any, str]:
-    """Return the rows of a chunk as a pyarrow table, and the digest of the study that they are of.
+    """Return the rows of a chunk as a pyarrow table, and the digest of its study.
 
-    A file without a seal, as feeddrive wrote them before, is read if `sealed` is False; then only its pages are
-    covered by checksums. Raises DamagedChunkError.
+    Files without a seal, as written by earlier versions, are read if `sealed` is False; then only their pages are
+    protected by checksums. Raises DamagedChunkError.
     """
     import pyarrow as arrow
     from pyarrow import parquet
@@ -85,8 +81,8 @@ def chunk_rows(content: bytes, *, sealed: bool) -> tuple[Any, str]:
     try:
         rows = parquet.read_table(arrow.BufferReader(content), page_checksum_verification=True)
         study = (rows.schema.metadata or {}).get(STUDY, b"").decode()
-        _ = rows.column_names, rows.validate(full=True)  # names are decoded when somebody asks for them
-    except Exception as error:  # pyarrow passes on any error of its C++ library, and Unicode errors of its own
+        _ = rows.column_names, rows.validate(full=True)  # accessing the names decodes and so checks them
+    except Exception as error:  # pyarrow raises any error of its C++ library, and Unicode errors
         raise DamagedChunkError(next(iter(str(error).splitlines()), type(error).__name__)) from None
     return rows.replace_schema_metadata(None), study
 
@@ -102,9 +98,9 @@ VARIANT, REASON = "variant", "reason"  # columns of every table of rows
 
 
 def run_chunk(study: Study, number: int, *, threads: int = 1, progress: Progress | None = None) -> pyarrow.Table:
-    """The rows of one chunk: variant, what varies, figures in SI, and the reason of a variant that has none.
+    """Return the rows of one chunk: variant number, varied values, figures in SI, and the reason if there are none.
 
-    `progress` is asked between groups of variants whether to go on.
+    `progress` is asked between groups of variants whether to continue.
     """
     within = study.range(number)
     drawn = variants(study, within.start, len(within))
@@ -121,43 +117,43 @@ class Chunk(Case["pyarrow.Table"]):
 
     kind: ClassVar[str] = "chunk"
     common: ClassVar[tuple[str, ...]] = ("study",)
-    isolated: ClassVar[bool] = True  # figures may be somebody else's code
+    isolated: ClassVar[bool] = True  # figures may be user code
 
     study: Study
     number: int
 
     @property
     def name(self) -> str:
-        """Number and variants."""
+        """The number and variants of the chunk."""
         variants = self.study.range(self.number)
         return f"chunk {self.number} (variants {variants.start} to {variants.stop - 1})"
 
     @property
     def threaded(self) -> bool:
-        """True if all figures are statistics, which machine code gathers; models and runs are Python."""
+        """True if all figures are statistics, computed by compiled code; models and single runs are Python."""
         return all(figure.needs == STATISTICS for figure in self.study.measure)
 
     def outcome(self, progress: Progress) -> pyarrow.Table:
-        """The rows of the chunk."""
+        """Compute the rows of the chunk."""
         return run_chunk(self.study, self.number, progress=progress)
 
 
 class Rows:
-    """Figures and reasons of the variants of a chunk, by their place in it; a figure that does not occur is NaN."""
+    """The figures and failure reasons of the variants of a chunk, by index in it; a missing figure is NaN."""
 
     def __init__(self, measure: tuple[Figure, ...], count: int) -> None:
         self.figures = {figure.key: np.full(count, np.nan) for figure in measure}
         self.reasons: list[str | None] = [None] * count
 
     def refuse(self, place: int, reason: object) -> None:
-        """Mark the variant at a place as bad: its first reason stays, its figures are dropped."""
+        """Mark the variant at an index as failed: keep its first reason, and drop its figures."""
         self.reasons[place] = self.reasons[place] or plain(str(reason)) or type(reason).__name__
         for values in self.figures.values():
             values[place] = np.nan
 
     @contextmanager
     def refusing(self, place: int) -> Generator[None]:
-        """Record an exception as the reason of the variant at a place.
+        """Record an exception as the failure reason of the variant at an index.
 
         Neither a bad variant nor a user-defined figure that fails may end a sweep of thousands.
         """
@@ -171,8 +167,8 @@ class Rows:
             self.refuse(place, f"{type(error).__name__}: {error}")
 
     def table(self, drawn: Variants) -> pyarrow.Table:
-        """The rows in the order of their variants."""
-        import pyarrow as arrow  # 50 ms, which `import feeddrive` and commands that only read need not wait for
+        """Return the rows as a pyarrow table, in the order of their variants."""
+        import pyarrow as arrow  # deferred: 50 ms
 
         columns: dict[str, Any] = {VARIANT: arrow.array(drawn.numbers)}
         columns |= {name: arrow.array(values) for name, values in drawn.values.items()}
@@ -182,7 +178,7 @@ class Rows:
 
 
 def batches(group: VariantGroup, rows: Rows) -> Iterator[tuple[VariantGroup, System]]:
-    """The group in parts that one graph can run, each with its system; variants that cannot be made are refused."""
+    """Yield the parts of a group that share one graph, each with its system; refuse variants that cannot be built."""
     for alike in _alike(group):
         part = group.chosen(alike)
         try:
@@ -195,14 +191,14 @@ def batches(group: VariantGroup, rows: Rows) -> Iterator[tuple[VariantGroup, Sys
 
 
 def varied(group: VariantGroup) -> System:
-    """The system of all variants of a group, with arrays. Raises as `tree.vary`."""
+    """Return the system of all variants of a group, with array-valued numbers. Raise as `tree.vary`."""
     return tree.vary(group.system, group.changes)
 
 
 def _alike(group: VariantGroup) -> list[np.ndarray]:
-    """Group variants by the whole samples of their dead time, and by whether a fraction of a sample is left.
+    """Group variants by the whole samples of their dead time, and by whether a fractional sample remains.
 
-    Either of them changes the graph, and with it the last bits.
+    Both change the graph, and with it the last bits of the results.
     """
     groups: dict[tuple[Any, ...], list[int]] = {}
     delays: list[Any] = []
@@ -218,7 +214,7 @@ def _alike(group: VariantGroup) -> list[np.ndarray]:
 
 
 def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
-    """Return the variants that can be built; a set that holds one that cannot is halved until it is found."""
+    """Return the variants that can be built; bisect a set that cannot, and refuse the variants at fault."""
     try:
         if some.size == 1:
             group.one(int(some[0]))
@@ -233,7 +229,7 @@ def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
 
 
 def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, threads: int, progress: Progress) -> None:
-    """The figures of the variants of one graph: of the batch, then of each variant's linear model and own run."""
+    """Compute the figures of the variants of one graph: of the batch, then of each variant's linear model and run."""
     wanted = {need: [figure for figure in study.measure if figure.needs == need] for need in NEEDS}
     if wanted["statistics"]:
         _gather(group, system, wanted["statistics"], rows, threads, progress)
@@ -255,7 +251,7 @@ def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, thread
 def _gather(
     group: VariantGroup, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress
 ) -> None:
-    """Figures of the statistics of a batch; a batch that cannot be run is halved down to the variant at fault."""
+    """Compute the statistics of a batch; bisect a batch that cannot be run to find the variant at fault."""
     signals = dict.fromkeys(f"{group.port}{signal}" for figure in wanted for signal in figure.signals)
     try:
         batch = simulate_batch(
@@ -293,7 +289,7 @@ def _gather(
 
 
 def run_of(group: VariantGroup, place: int) -> Run:
-    """Simulate one variant; of a machine return the signals of the measured axis."""
+    """Simulate one variant; for a machine, return the signals of the measured axis."""
     system = group.one(place)
     seed = int(group.seed[place])
     run = simulate(system, group.references, load=group.loads, duration=group.duration, seed=seed, name=group.axis)

@@ -1,17 +1,15 @@
-"""Distributions of one number as quantile functions, and the points of the unit cube at which they are taken.
+"""Distributions of one number as quantile functions, and the points of the unit cube at which they are evaluated.
 
-Points in the unit cube for any range of variants: the same numbers in every split, in constant memory.
+A quantile function maps u in (0, 1) to the value below which the share u of the probability lies.  All samplers draw in
+(0, 1), so that a Latin hypercube or a Sobol sequence covers any distribution.  A range `least`..`most` truncates a
+distribution: the probability outside is spread proportionally over the inside, and does not pile up at the ends.
+Numbers are in SI.
 
-Each sampler is a function of the number of the variant and of a seed only.  Random numbers come from Philox, whose
-counter is the number of a block of variants (Salmon et al. 2011); Sobol points from scipy.stats.qmc, which jumps to any
-place; a Latin hypercube of n variants takes the strata of each coordinate in an order that is a permutation of
-0 .. n - 1 with access to any entry (`permuted`), and a random place inside of the stratum.
-
-Distributions of one number as quantile functions: a number u of (0, 1) gives the value below which the share u lies.
-
-All samplers make their numbers in (0, 1), so that a Latin hypercube or a Sobol sequence covers any of them.  A range
-`least`..`most` truncates: the probability outside of it is spread over the inside in proportion, nothing is heaped up
-at its ends.  Numbers are in SI.
+Each sampler is a function of the variant number and a seed only, so that every split of the variants gives the same
+points, in constant memory.  Random numbers come from Philox, whose counter is the number of a block of variants (Salmon
+et al. 2011); Sobol points from scipy.stats.qmc, which can jump to any index.  A Latin hypercube of n variants visits
+the strata of each coordinate in the order of a random-access permutation of 0 .. n - 1 (`permuted`), at a random
+position within the stratum.
 """
 
 from __future__ import annotations
@@ -25,14 +23,14 @@ import numpy as np
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import number
 
-BLOCK = 1024  # variants that share one counter of Philox
-BITS = 30  # of a Sobol sequence, which ends after 2^30 points
-_CELL = 2.0 ** -(BITS + 1)  # to the middle of its cell, so that none is 0
-_LEAST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53  # of the numbers in (0, 1)
+BLOCK = 1024  # variants that share one Philox counter
+BITS = 30  # of a Sobol sequence, which has 2^30 points
+_CELL = 2.0 ** -(BITS + 1)  # shift to the center of a cell, so that no point is 0
+_LEAST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53  # bounds of the numbers in (0, 1)
 
 
 def uniform(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
-    """Independent numbers of (0, 1) for variants first .. first + count - 1, shape (count, dimensions)."""
+    """Return uniform random numbers in (0, 1) for variants first .. first + count - 1, shape (count, dimensions)."""
     key = np.random.SeedSequence(seed).generate_state(2, np.uint64)
     numbers = np.empty((count, dimensions))
     at = first
@@ -46,8 +44,8 @@ def uniform(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> n
 
 
 def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
-    """Points of the scrambled Sobol sequence, shape (count, dimensions)."""
-    from scipy.stats import qmc  # not for commands that only read
+    """Return points of the scrambled Sobol sequence, shape (count, dimensions)."""
+    from scipy.stats import qmc  # deferred: not needed by commands that only read
 
     if not dimensions:
         return np.empty((count, 0))
@@ -56,12 +54,12 @@ def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.
     if first:
         sequence.fast_forward(first)
         return sequence.random(count) + _CELL
-    # one and the rest: SciPy warns of a first call for other than a power of 2, of which each chunk is only a part
+    # SciPy warns if the first call is not for a power of 2 points, so draw one point, then the rest
     return np.concatenate([sequence.random(min(count, 1)), sequence.random(max(count - 1, 0))]) + _CELL
 
 
 def latin_hypercube(seed: tuple[int, ...], first: int, count: int, dimensions: int, total: int) -> np.ndarray:
-    """Points of a Latin hypercube of `total` points: one in each stratum of each coordinate."""
+    """Return points of a Latin hypercube of `total` points: one in each stratum of each coordinate."""
     inside = uniform((*seed, 1), first, count, dimensions)
     number = np.arange(first, first + count, dtype=np.uint64)
     points = np.empty((count, dimensions))
@@ -95,17 +93,17 @@ def permuted(number: np.ndarray, total: int, seed: tuple[int, ...]) -> np.ndarra
 
 
 def _mixed(x: np.ndarray) -> np.ndarray:
-    """The finalizer of SplitMix64 (Steele, Lea & Flood 2014): every bit of the result depends on every bit of x."""
+    """Apply the finalizer of SplitMix64 (Steele, Lea & Flood 2014): every output bit depends on every bit of x."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
 
 
 def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, ...], total: int) -> np.ndarray:
-    """Points of a sensitivity analysis, shape (count, dimensions): `total` rows A, as many B, then AB_1 .. AB_k.
+    """Return the points of a Sobol sensitivity analysis, shape (count, dimensions): `total` rows A, B, AB_1 .. AB_k.
 
-    A and B are the halves of one Sobol sequence; AB_j is A with the coordinates of factor j from B, of which there are
-    groups[j].  Source: Saltelli et al. 2010, as in scipy.stats.sobol_indices.
+    A and B are the halves of one Sobol sequence; AB_j is A with the coordinates of factor j taken from B, groups[j] in
+    number.  Source: Saltelli et al. 2010, as in scipy.stats.sobol_indices.
     """
     dimensions = sum(groups)
     ends = np.cumsum((0, *groups))
@@ -125,7 +123,7 @@ def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, .
 
 
 def grid(first: int, count: int, steps: tuple[int, ...]) -> np.ndarray:
-    """Indices of the points of a grid, the last coordinate fastest, shape (count, dimensions)."""
+    """Return the indices of grid points, last coordinate fastest, shape (count, dimensions)."""
     number = np.arange(first, first + count, dtype=np.int64)
     indices = np.empty((count, len(steps)), dtype=np.int64)
     for j in range(len(steps) - 1, -1, -1):
@@ -134,20 +132,20 @@ def grid(first: int, count: int, steps: tuple[int, ...]) -> np.ndarray:
 
 
 class Distribution(Protocol):
-    """A distribution of a number, or of one of several stated values."""
+    """The distribution of a number, or of a choice among several given values."""
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """The quantiles at u in (0, 1), same shape."""
+        """Return the quantiles at u in (0, 1), same shape."""
         ...
 
     def range(self) -> tuple[float, float]:
-        """The least and the largest value that can occur, infinite where there is no end."""
+        """Return the least and the largest possible value, infinite for an open end."""
         ...
 
 
 @dataclass(frozen=True)
 class Uniform:
-    """Every value from least to most alike."""
+    """The uniform distribution from least to most."""
 
     least: float
     most: float
@@ -156,17 +154,17 @@ class Uniform:
         _ordered("uniform", self.least, self.most)
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """The quantiles at u."""
+        """Return the quantiles at u."""
         return self.least + u * (self.most - self.least)
 
     def range(self) -> tuple[float, float]:
-        """Both ends."""
+        """Return both ends."""
         return self.least, self.most
 
 
 @dataclass(frozen=True)
 class LogUniform:
-    """Every ratio alike: the logarithm is uniform from least to most, both > 0."""
+    """The log-uniform distribution from least to most, both > 0."""
 
     least: float
     most: float
@@ -176,11 +174,11 @@ class LogUniform:
         _positive("loguniform", "least", self.least)
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """The quantiles at u."""
+        """Return the quantiles at u."""
         return self.least * np.exp(u * math.log(self.most / self.least))
 
     def range(self) -> tuple[float, float]:
-        """Both ends."""
+        """Return both ends."""
         return self.least, self.most
 
 
@@ -199,18 +197,18 @@ class Normal:
         _within_reach("normal", self.least, self.most, self.mean, self.deviation)
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """The quantiles at u."""
+        """Return the quantiles at u."""
         z = truncated(u, (self.least - self.mean) / self.deviation, (self.most - self.mean) / self.deviation)
         return np.clip(self.mean + self.deviation * z, self.least, self.most)
 
     def range(self) -> tuple[float, float]:
-        """Both ends."""
+        """Return both ends."""
         return self.least, self.most
 
 
 @dataclass(frozen=True)
 class LogNormal:
-    """The logarithm is normal, ln(median) ± ln(ratio): 68 % lie within a factor of `ratio` about the median."""
+    """The log-normal distribution, ln(median) ± ln(ratio): 68 % lie within a factor of `ratio` of the median."""
 
     median: float
     ratio: float
@@ -226,12 +224,12 @@ class LogNormal:
         _within_reach("lognormal", low, high, 0.0, 1.0)
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """The quantiles at u."""
+        """Return the quantiles at u."""
         z = truncated(u, *self._logarithms())
         return np.clip(self.median * np.exp(math.log(self.ratio) * z), self.least, self.most)
 
     def _logarithms(self) -> tuple[float, float]:
-        """Both ends in deviations of the logarithm."""
+        """Return both ends of the range in standard deviations of the logarithm."""
         low, high = (
             -math.inf if end <= 0.0 else math.log(end / self.median) / math.log(self.ratio)
             for end in (self.least, self.most)
@@ -239,13 +237,13 @@ class LogNormal:
         return low, high
 
     def range(self) -> tuple[float, float]:
-        """Both ends."""
+        """Return both ends."""
         return max(self.least, 0.0), self.most
 
 
 @dataclass(frozen=True)
 class Triangular:
-    """A density that rises from least to a mode and falls to most."""
+    """The triangular distribution with its mode between least and most."""
 
     least: float
     mode: float
@@ -260,20 +258,20 @@ class Triangular:
             )
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """The quantiles at u."""
+        """Return the quantiles at u."""
         width, left, right = self.most - self.least, self.mode - self.least, self.most - self.mode
         rising = self.least + np.sqrt(u * width * left)
         falling = self.most - np.sqrt((1.0 - u) * width * right)
         return np.where(u * width < left, rising, falling)
 
     def range(self) -> tuple[float, float]:
-        """Both ends."""
+        """Return both ends."""
         return self.least, self.most
 
 
 @dataclass(frozen=True)
 class Discrete:
-    """One of several values, numbers or texts, with probabilities in proportion to weights."""
+    """The distribution over several values, numbers or texts, with probabilities proportional to weights."""
 
     values: tuple[Any, ...]
     weights: tuple[float, ...] = ()
@@ -289,39 +287,39 @@ class Discrete:
             raise ParameterError("weights must be finite numbers >= 0, one of them > 0")
 
     def places(self, u: np.ndarray) -> np.ndarray:
-        """Which of the values, as their indices."""
+        """Return the indices of the values at u."""
         weights = np.array(self.weights or (1.0,) * len(self.values))
         edges = np.cumsum(weights / weights.sum())
         edges[-1] = 1.0
         return np.minimum(np.searchsorted(edges, u, side="right"), len(self.values) - 1)
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """The values at u: an array of numbers, or of objects for texts and whole numbers."""
+        """Return the values at u: an array of numbers, or of objects for texts and whole numbers."""
         kind = np.float64 if all(isinstance(value, float) for value in self.values) else object
         row = np.empty(len(self.values), dtype=kind)
         row[:] = self.values
         return row[self.places(u)]
 
     def range(self) -> tuple[float, float]:
-        """The least and the largest of numbers; infinite for texts."""
+        """Return the least and the largest number; infinite for texts."""
         if all(isinstance(value, float) for value in self.values):
             return min(self.values), max(self.values)
         return -math.inf, math.inf
 
 
 def truncated(u: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Quantiles of the normal distribution N(0, 1) that is truncated to low..high, of which either may be infinite.
+    """Return quantiles of the normal distribution N(0, 1) truncated to low..high; either end may be infinite.
 
-    Above 0 the complementary probabilities are used, whose digits do not cancel: relative error below 1e-12.
+    Above 0 the complementary probabilities are used, which avoids cancellation: relative error below 1e-12.
     """
-    from scipy.special import ndtr, ndtri  # not for commands that only read
+    from scipy.special import ndtr, ndtri  # deferred: not needed by commands that only read
 
     if low > 0.0:
         return -truncated(1.0 - u, -high, -low)
     return ndtri(ndtr(low) + u * (ndtr(high) - ndtr(low)))
 
 
-_FARTHEST = 6.0  # deviations: a range that begins farther out holds less than 1e-9 of the distribution
+_FARTHEST = 6.0  # deviations: a range farther out has a probability below 1e-9
 
 
 def _ordered(kind: str, least: float, most: float) -> None:

@@ -1,23 +1,19 @@
-"""Tuning over the machines of a study, and its proof on machines that the tuner never saw.
-
-Proof of a tuning on machines that the tuner never saw: drawn from another stream of the study's seed.
-
-The machines are drawn independently (Monte Carlo), whatever the study's sampler is, so that the number of good ones is
-binomial and the interval of the yield holds.  Both controls are measured on the same machines.
-
-Tuning over the machines of a study: one control for all of them, or for a stated share.
+"""Robust tuning: one controller for all machines of a study, or for a share of them, verified on fresh machines.
 
     minimize  max over machines of the goal   subject to   all limits on every machine
 
-over hundreds of sampled machines would be a problem of ten thousand bounds, of which some ten are active.  So the tuner
-works on few machines.  After each tuning all others are judged under the new control, and the worst of them join,
-until none is worse than those that the tuner had: then the control is the best for all sampled ones, as far as the
-tuner's independent searches, made at the end, are settled.  Slopes are those of the traced law.
+Over hundreds of sampled machines this is a problem with ten thousand constraints, of which about ten are active.  The
+tuner therefore works on a few machines.  After each tuning all others are evaluated under the new controller, and the
+worst of them are added, until none is worse than those in the set: then the controller is optimal for the whole sample,
+as far as the independent searches at the end agree.  Derivatives are those of the traced law.
 
-For a share q < 1 the worst (1 - q) n machines under the present control are left out of it.  Which ones these are
-follows from the control, so that this is a descent to a local optimum, and the best control of all rounds is taken.
+For a share q < 1, the worst (1 - q) n machines under the present controller are excluded.  Which ones these are depends
+on the controller, so that this is a descent to a local optimum, and the best controller of all rounds is taken.
 
-What a sample promises of all machines is not assumed but measured, on others (`fresh.py`).
+The result for all other machines is measured, not assumed: on fresh machines, drawn from another random stream of the
+study's seed, which the tuner never saw.  They are drawn independently (Monte Carlo), whatever the study's sampler is,
+so that the number of good machines is binomial and the confidence interval of the yield holds.  Both controllers are
+measured on the same machines.
 """
 
 from __future__ import annotations
@@ -51,18 +47,18 @@ from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.tuning.tune import Tuned, tune_control
 
-MOST = 5_000  # machines that are held in memory, some 100 kB each
-KEPT = 2e-3  # relative excess at which a bound still counts as kept, as in the proof of a tuning
-_VIOLATION = 1e3  # weight of an excess in the goal's logarithm: a violated bound outweighs every goal
+MOST = 5_000  # machines held in memory, about 100 kB each
+KEPT = 2e-3  # relative violation that still counts as kept, as in the proof of a tuning
+_VIOLATION = 1e3  # penalty weight relative to ln(goal): any violation outweighs every goal
 
 
 @dataclass(frozen=True, eq=False)
 class Scenarios:
-    """Machines of a study that a control is judged on.
+    """The machines of a study on which a controller is evaluated.
 
     points    with all frequency lines, for the tuner
-    sparse    with fewer lines, to judge a control quickly
-    velocity  m/s, at which the axes are linearized
+    sparse    with fewer lines, for a quick evaluation
+    velocity  m/s, the velocity of linearization
     bad       numbers and reasons of variants that cannot be built
     """
 
@@ -72,7 +68,7 @@ class Scenarios:
     bad: tuple[tuple[int, str], ...]
 
     def merits(self, control: Control, goal: Figure, limits: Limits, band: tuple[float, float]) -> Merits:
-        """Judge a control on each machine."""
+        """Evaluate a controller on each machine."""
         response = ControlResponse(control, self.points[0].sample_time, (), self.velocity)
         none = np.zeros(0)
         goals, broken = np.full(len(self.points), np.inf), np.full(len(self.points), np.inf)
@@ -89,9 +85,9 @@ class Scenarios:
 
 @dataclass(frozen=True, eq=False)
 class Merits:
-    """By machine the logarithm of the goal, and the violation of the worst bound, negative where all are kept.
+    """The logarithm of the goal and the worst constraint violation of each machine; negative if all are kept.
 
-    Both are infinite where the loop is unstable.
+    Both are infinite if the loop is unstable.
     """
 
     goal: np.ndarray
@@ -99,21 +95,21 @@ class Merits:
 
     @property
     def kept(self) -> np.ndarray:
-        """True for machines on which all bounds are kept."""
+        """True for machines on which all bounds are satisfied."""
         return self.broken <= KEPT
 
     @property
     def severity(self) -> np.ndarray:
-        """Merit of each machine, lower is better: one that violates a bound ranks behind all that do not."""
+        """The merit of each machine, lower is better: a machine that violates a bound ranks behind all that do not."""
         with np.errstate(invalid="ignore"):
             excess = np.maximum(self.broken - KEPT, 0.0)
         return np.where(np.isfinite(self.goal), self.goal + _VIOLATION * excess, np.inf)
 
 
 def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
-    """The first variants of a study as operating points; those that cannot be made are left out and listed.
+    """Return the first variants of a study as operating points; those that cannot be built are listed separately.
 
-    Raises ParameterError where the study varies what the tuner would set, or what no linear axis has.
+    Raises ParameterError if the study varies the controller, or a coupled axis.
     """
     _require_axis(study)
     if not 1 <= samples <= MOST:
@@ -142,7 +138,7 @@ def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
 
 
 def _require_axis(study: Study) -> None:
-    """Raise ParameterError for what a tuning over the machines of a study cannot vary."""
+    """Raise ParameterError for a coupled axis, and for a study that varies the controller."""
     base = next(study.bases())
     coupled = base.job.machine.coupled(base.axis)
     if coupled:
@@ -156,7 +152,7 @@ def _require_axis(study: Study) -> None:
 
 
 def with_control(study: Study, control: Control) -> Study:
-    """The study of the same machines under another control."""
+    """Return the study of the same machines under another controller."""
     jobs = {}
     for key, job in study.jobs.items():
         loop = replace(job.loops[study.row], control=control)
@@ -168,12 +164,12 @@ def with_control(study: Study, control: Control) -> Study:
     return replace(study, jobs=jobs)
 
 
-STREAM = 1  # of the seed; a study itself is stream 0
+STREAM = 1  # random stream of the fresh machines; the study itself uses stream 0
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Fresh machines under one control: by figure the values, NaN where there is none, shape (n,)."""
+    """The figures of fresh machines under one controller, by key, shape (n,); NaN for a missing one."""
 
     values: dict[str, np.ndarray]
     bounds: tuple[Bound, ...]
@@ -185,18 +181,18 @@ class Measured:
         return len(next(iter(self.values.values())))
 
     def keeping(self, bound: Bound) -> Share:
-        """The share of the machines that keep one bound."""
+        """Return the share of the machines that satisfy one bound."""
         return Share(int(np.sum(bound.kept(self.values[bound.figure.key]))), self.count)
 
     @property
     def good(self) -> np.ndarray:
-        """True for the machines that keep all bounds, shape (n,)."""
+        """True for the machines that satisfy all bounds, shape (n,)."""
         kept = [bound.kept(self.values[bound.figure.key]) for bound in self.bounds]
         return np.logical_and.reduce([np.ones(self.count, dtype=bool), *kept])
 
     @property
     def all(self) -> Share:
-        """The yield: the share of the machines that keep all bounds."""
+        """The yield: the share of the machines that satisfy all bounds."""
         return Share(int(np.sum(self.good)), self.count)
 
     def quantile(self, name: str, share: float) -> float:
@@ -215,7 +211,7 @@ def measured(
     workers: int | None,
     progress: Progress,
 ) -> Measured:
-    """The figures of `count` fresh machines of a study under a control."""
+    """Return the figures of `count` fresh machines of a study under a controller."""
     wanted = {figure.key: figure for figure in (*(bound.figure for bound in bounds), *also)}
     fresh = replace(
         with_control(study, control),
@@ -236,15 +232,15 @@ def measured(
 
 
 def _limited(figure: Figure) -> tuple[Figure, bool]:
-    """Return the figure of a study that a tuner's limit is about, and whether it is the inverse of the limited one."""
+    """Return the study's figure for a limit of the tuner; True if it is the inverse of the limited figure."""
     return (STIFFNESS_LEAST, True) if figure == COMPLIANCE_PEAK else (figure, False)
 
 
 def limits_of(study: Study, otherwise: Limits) -> Limits:
-    """Return the limits of the tuner that a study's specification states; the others are those of `otherwise`.
+    """Return the tuner's limits, from the specification of a study and otherwise from `otherwise`.
 
-    The least stiffness is the inverse of the largest compliance.  Figures of runs and others are not limits of the
-    tuner, but the fresh machines are judged by them.
+    The least stiffness is the inverse of the largest compliance.  Figures that need a simulation cannot limit the
+    tuner; they are checked on the fresh machines.
     """
     stated = {bound.figure: bound for bound in study.specification}
     limits: list[Limit] = []
@@ -258,12 +254,12 @@ def limits_of(study: Study, otherwise: Limits) -> Limits:
 
 
 def _needs_noise(figure: Figure) -> bool:
-    """Return True for a figure that follows from the noise of the readings, which a study takes from the encoders."""
+    """Return True for a figure that depends on measurement noise, which a study takes from the encoders."""
     return figure.limit is not None and figure.limit.noise
 
 
 def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
-    """The study's specification, and the tuner's limits as bounds of figures where it has none for them."""
+    """Return the study's specification, completed by the tuner's limits on figures that it does not bound."""
     bounds = {bound.figure: bound for bound in study.specification}
     for limit in limits.limits:
         limited, inverse = _limited(limit.figure)
@@ -275,27 +271,27 @@ def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
 
 
 def is_limit(bound: Bound) -> bool:
-    """Return True for a bound that the tuner can keep."""
+    """Return True for a bound that the tuner can enforce."""
     known = {limited for limited, _ in map(_limited, limitable()) if not _needs_noise(limited)}
     return bound.figure in known and (bound.least if bound.figure.higher else bound.most) is not None
 
 
 _ROUNDS = 16
-_JOIN = 3  # machines that join at once
-_SAME = 5e-3  # of the goal's logarithm: a machine that is worse by less need not join
+_JOIN = 3  # machines added per round
+_SAME = 5e-3  # tolerance in ln(goal) below which a worse machine is not added
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robust(Result):
-    """One control for the machines of a study.
+    """One controller for the machines of a study.
 
-    tuned            the result of the tuner on the machines that decide, whose names are `variant N`
-    share            of the sampled machines for which it is made; 1 for all
-    rounds           by round how many machines the tuner had, and how many of the sample kept all limits after it
-    seen, seen_new   the sampled machines under today's control and under the new one
-    before, after    fresh machines under both
-    bad              numbers and reasons of variants that cannot be made
-    unsettled        why the result may not be the best for the sample; empty if all is well
+    tuned            the tuner's result on the machines of the active set, which are named `variant N`
+    share            the share of the sampled machines that must keep the limits; 1 for all
+    rounds           per round: machines in the active set, and sampled machines that kept all limits afterwards
+    seen, seen_new   the sampled machines under today's controller and under the new one
+    before, after    the fresh machines under both
+    bad              numbers and reasons of variants that cannot be built
+    unsettled        why the result may not be optimal for the sample; empty if it is
     """
 
     tuned: Tuned
@@ -315,16 +311,16 @@ class Robust(Result):
 
     @property
     def active(self) -> tuple[str, ...]:
-        """The machines that the tuner had at the end."""
+        """The machines in the tuner's final active set."""
         return tuple(each.point for each in self.tuned.after)
 
     @property
     def better(self) -> bool:
-        """True if at least as many fresh machines are good as under today's control."""
+        """True if at least as many fresh machines are good as under today's controller."""
         return self.after.all.kept >= self.before.all.kept
 
     def sentence(self) -> str:
-        """The result in words, with both yields."""
+        """Return the result as a sentence, with both yields."""
         n, m = self.seen.goal.size, self.after.count
         aim = "all" if self.share == 1.0 else f"{Quantity(self.share, 'share'):6}"
         kept = int(np.sum(self.seen_new.kept))
@@ -336,7 +332,7 @@ class Robust(Result):
         return told if self.better else told + " Keep today's control: it is good on more machines."
 
     def table(self) -> Table:
-        """Shares of fresh machines within each bound, and quantiles of the rope-snap error, before and after."""
+        """Tabulate the shares of fresh machines within each bound and the rope-snap quantiles, before and after."""
         rows: list[Sequence[Cell]] = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
         rows += [
             [bound_sentence(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]
@@ -355,12 +351,12 @@ class Robust(Result):
 
 @chart_of.register
 def _chart(result: Robust) -> Chart:
-    """The fresh machines under both controls."""
+    """Return the chart of the fresh machines under both controllers."""
     return shares_chart(result.before, result.after)
 
 
 def in_percent(share: Share) -> str:
-    """A share of the fresh machines with its interval of 95 %: `81.5 % (75.4 .. 86.6 %)`."""
+    """Return a share of the fresh machines with its 95 % interval: `81.5 % (75.4 .. 86.6 %)`."""
     low, high = share.interval or (share.value, share.value)
     return Text(
         f"{Quantity(share.value, 'share'):3} ({Quantity(low, 'share', bare=True):3} .. {Quantity(high, 'share'):3})"
@@ -368,7 +364,7 @@ def in_percent(share: Share) -> str:
 
 
 def bound_sentence(bound: Bound) -> str:
-    """A bound in words: `following_error_peak_m <= 30 um`."""
+    """Return a bound as text: `following_error_peak_m <= 30 um`."""
     ends = ((">=", bound.least), ("<=", bound.most))
     texts = [f"{sign} {Quantity(value, bound.figure.unit)}" for sign, value in ends if value is not None]
     return Text(f"{bound.figure.key} {joined(' and ', texts)}")
@@ -390,18 +386,19 @@ def tune_robust(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Robust:
-    """The control that is best on the worst machine of a study's sample, proven on machines that were not in it.
+    """Find the controller that is best on the worst machine of a study's sample, and verify it on fresh machines.
 
-    study     a study file, a bundled study, or one that was read; its specification sets the limits of the tuner
-    control   the start of the search, today's control of the study's job if none is given
-    limits    what the specification does not state
-    share     of the sampled machines for which limits and goal count
-    samples   how many machines the tuner may see (default: the study's count, at most 1000)
-    fresh     how many others it is proven on (default: as many, at least 200)
-    workers   processes of the proof (default: all cores)
+    study     a study file, the name of a bundled study, or a `Study`; its specification sets the tuner's limits
+    control   the initial controller of the search (default: that of the study's job)
+    limits    the limits that the specification does not state
+    share     the share of the sampled machines for which limits and goal count
+    samples   the number of machines that the tuner may see (default: the study's count, at most 1000)
+    fresh     the number of fresh machines for verification (default: as many, at least 200)
+    workers   the processes for verification (default: all cores)
 
-    All else as in `tune_control`.  Raises UnstableError if no control keeps the limits on all machines that must be
-    kept, with their numbers; ParameterError for a study that varies the control or a coupled axis.
+    All other arguments are as in `tune_control`.  Raises UnstableError, with the machine names, if no controller keeps
+    the limits on all machines that must keep them; ParameterError for a study that varies the controller, or a coupled
+    axis.
     """
     tuner = RobustTuner(
         study,
@@ -421,7 +418,7 @@ def tune_robust(
 
 
 class RobustTuner:
-    """The machines of a study, drawn once, for the tuning of one control after another; arguments as `tune_robust`."""
+    """A tuner on the machines of a study, drawn once for several controllers; arguments as `tune_robust`."""
 
     def __init__(
         self,
@@ -454,7 +451,7 @@ class RobustTuner:
         self.fresh = fresh or max(200, len(self.sample.points))
 
     def tuned(self, control: Control) -> Robust:
-        """Tune from a start control. Raises UnstableError as `tune_robust`."""
+        """Tune from an initial controller. Raise UnstableError as `tune_robust`."""
         search = _Search(self)
         tuned, unsettled = search.run(control)
         return Robust(
@@ -471,22 +468,22 @@ class RobustTuner:
 
     @property
     def kept_bounds(self) -> tuple[Bound, ...]:
-        """The limits of the tuner as bounds of figures."""
+        """The limits that the tuner enforces, as bounds on figures."""
         return tuple(bound for bound in bounds_of(self.study, self.limits) if is_limit(bound))
 
     def judged(self, control: Control) -> Merits:
-        """Judge a control on all sampled machines."""
+        """Evaluate a controller on all sampled machines."""
         self.progress.step(f"{len(self.sample.points)} machines under the control")
         return self.sample.merits(control, goals()[self.goal], self.limits, self.band)
 
     @cached_property
     def seen_today(self) -> Merits:
-        """The sampled machines under today's control."""
+        """The sampled machines under today's controller."""
         return self.judged(self.loop.control)
 
     @cached_property
     def before(self) -> Measured:
-        """Fresh machines under today's control."""
+        """The fresh machines under today's controller."""
         return self._measured(self.loop.control)
 
     def _measured(self, control: Control) -> Measured:
@@ -496,7 +493,7 @@ class RobustTuner:
 
 
 class _Search:
-    """Rounds of the tuner on the machines that decide."""
+    """The search with an active set: tuning rounds on the machines that decide."""
 
     def __init__(self, tuner: RobustTuner) -> None:
         self.tuner = tuner
@@ -504,10 +501,10 @@ class _Search:
         self.rounds: list[tuple[int, int]] = []
 
     def run(self, control: Control) -> tuple[Tuned, str]:
-        """The best control of all rounds, and why it may not be the best there is.
+        """Return the best controller of all rounds, and why it may not be optimal.
 
-        Rounds descend from the control of the round before; once no machine joins, independent searches on the same
-        machines confirm it or find a better one, with which the rounds go on.
+        Each round starts from the controller of the previous one.  Once no machine is added, independent searches on
+        the same machines confirm the controller or find a better one, from which the rounds continue.
         """
         order = np.argsort(self.tuner.judged(control).severity, kind="stable")
         active = sorted({int(order[self.kept - 1]), int(order[self.kept // 2])})
@@ -533,7 +530,7 @@ class _Search:
         return best[1], f"after {_ROUNDS} rounds machines still join that are worse than those the tuner had"
 
     def _tuned(self, control: Control, active: list[int], starts: int) -> Tuned:
-        """Run the tuner on some machines; notches are placed in the first round only."""
+        """Run the tuner on the machines in the active set; notches are placed in the first round only."""
         of = self.tuner
         filters = "free" if self.rounds and of.filters == "placed" else of.filters
         of.progress.step(f"round {len(self.rounds) + 1}: {len(active)} machines decide")
@@ -561,7 +558,7 @@ class _Search:
 
 
 def shares_chart(before: Measured, after: Measured) -> Chart:
-    """The cumulative share of the machines over the values of each figure; the outside of a bound is shaded."""
+    """Return the cumulative distribution of each figure over the machines; values outside the bounds are shaded."""
     bounds = {bound.figure.key: bound for bound in after.bounds}
     across = 2 if len(after.figures) > 1 else 1
     panels = tuple(_share(figure, before, after, bounds.get(figure.key)) for figure in after.figures)
@@ -593,12 +590,12 @@ def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | Non
 
 
 def _sorted(values: np.ndarray) -> np.ndarray:
-    """Sort the finite values."""
+    """Return the finite values in ascending order."""
     return np.sort(values[np.isfinite(values)])
 
 
 def _range(spread: list[np.ndarray]) -> tuple[float, float]:
-    """The ends of an axis: all but the outermost hundredth of the values."""
+    """Return the limits of an axis: the 0.5 % and 99.5 % quantiles of the values."""
     every = np.concatenate(spread)
     if not every.size:
         return 0.0, 1.0
@@ -607,5 +604,5 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
 
 
 def _axis_name(figure: Figure) -> str:
-    """The label of a figure: its description, or its key if that is too long for an axis."""
+    """Return the axis label of a figure: its description, or its key if that is too long."""
     return figure.description if len(figure.description) <= 44 else figure.key.replace("_", " ")

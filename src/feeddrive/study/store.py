@@ -1,21 +1,15 @@
-"""The store of a sweep: one Parquet file a chunk with a manifest, in a folder or at an address of fsspec.
+"""The store of a sweep: its rows as one Parquet file per chunk, with a manifest, in a folder or at an fsspec address.
 
-Where files of a store stand: a folder of this machine, or any address that fsspec opens.
-
-Both write a file whole or not at all, under a hidden temporary name first: a reader never sees half a file, and what a
-killed process leaves behind has a name that begins with a point, which nothing reads.
-
-The store of a sweep: its rows, one Parquet file a chunk, and the manifest that says which study they are of.
-
-    DIR/manifest.json                 study, digest, version of feeddrive, variants, variants a chunk, sealed
+    DIR/manifest.json                 study, digest, version of feeddrive, variants, variants per chunk, sealed
     DIR/rows/chunk_00000012.parquet   the rows of chunk 12, in the order of their variants
 
-Each file is written whole or not at all, so that a chunk is either done or not there, whatever was killed meanwhile,
-and carries a SHA-256 of itself (`chunk_file`), so that one that was damaged later is refused and not read.
-Two sweeps of one study that run into the same store write the same bytes, and no row is there twice.
+Each file is written atomically under a hidden temporary name: a reader never sees a partial file, and the leftovers of
+a killed process have names that begin with a dot, which are never read.  A chunk is therefore either done or absent,
+whatever was killed.  Each chunk carries a SHA-256 of itself (`chunk.py`), so that a file damaged later is rejected.
+Two sweeps of one study into the same store write the same bytes, and no row is duplicated.
 
     store = Store("out")
-    done = store.begin(manifest, resume=True)        # refuses what is not a store of this study; checks every file
+    done = store.begin(manifest, resume=True)        # rejects a store of another study; checks every file
     store.write(3, table)
     store.table()                                    # all rows as one pyarrow table
 """
@@ -42,12 +36,12 @@ from feeddrive.version import __version__
 
 
 class Place(Protocol):
-    """A folder of files; names are relative to it, with `/` between folders."""
+    """The location of the files of a store; names are relative to it, with `/` between folders."""
 
     address: str
 
     def names(self, folder: str = "") -> list[str]:
-        """Names in a folder, in order, without hidden ones; none where there is no such folder."""
+        """Return the sorted names in a folder, without hidden ones; empty if the folder does not exist."""
         ...
 
     def has(self, name: str) -> bool:
@@ -55,20 +49,20 @@ class Place(Protocol):
         ...
 
     def read(self, name: str, most: int) -> bytes:
-        """The bytes of a file of at most `most` bytes. Raises FileError."""
+        """Return the bytes of a file of at most `most` bytes. Raise FileError."""
         ...
 
     def check_writable(self) -> None:
-        """Raise FileError if nothing can be written there, as far as can be seen without writing."""
+        """Raise FileError if nothing can be written there, as far as this can be checked without writing."""
         ...
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file whole or not at all, with the folders above it. Raises FileError."""
+        """Write a file atomically, and create its parent folders. Raise FileError."""
         ...
 
 
 def place(address: str | Path) -> Place:
-    """The place of an address: `results/mill` or `file:///results/mill` is a folder, `s3://bucket/mill` is fsspec's.
+    """Return the place of an address: a folder (`results/mill`, `file:///results/mill`) or fsspec (`s3://bucket/mill`).
 
     Raises FileError for an address with a password and for one that fsspec cannot open, MissingExtraError without it.
     """
@@ -84,7 +78,7 @@ _PASSWORD = re.compile(r"(?<=://)([^/@:]*):[^/@]*@")
 
 
 def _check_no_password(address: str) -> None:
-    """Raise FileError for `ftp://name:password@host`: command lines, reports and messages show an address to others."""
+    """Raise FileError for `ftp://name:password@host`: command lines, reports and messages would expose it."""
     if _PASSWORD.search(address):
         shown = _PASSWORD.sub(r"\1:...@", address)
         protocol = shown.partition("://")[0].rpartition(":")[2]
@@ -95,14 +89,14 @@ def _check_no_password(address: str) -> None:
 
 
 class Folder:
-    """A folder of this machine."""
+    """A folder of the local file system."""
 
     def __init__(self, address: str) -> None:
         self.address = address
         self._root = Path(address)
 
     def names(self, folder: str = "") -> list[str]:
-        """Names in a folder, in order, without hidden ones."""
+        """Return the sorted names in a folder, without hidden ones."""
         try:
             return sorted(entry.name for entry in (self._root / folder).iterdir() if not entry.name.startswith("."))
         except FileNotFoundError:
@@ -111,15 +105,15 @@ class Folder:
             raise refusal(self._root / folder, "read", error) from None
 
     def has(self, name: str) -> bool:
-        """Whether there is a file of this name."""
+        """Return True if there is a file of this name."""
         return (self._root / name).is_file()
 
     def read(self, name: str, most: int) -> bytes:
-        """The bytes of a regular file."""
+        """Return the bytes of a regular file."""
         return read_whole(self._root / name, most)
 
     def check_writable(self) -> None:
-        """Raise FileError for a place below a file or in a folder of somebody else."""
+        """Raise FileError if a parent is a file, or a folder without write permission."""
         try:
             there = next(folder for folder in (self._root, *self._root.absolute().parents) if folder.exists())
             if not there.is_dir():
@@ -130,7 +124,7 @@ class Folder:
             raise refusal(self._root, "written", error) from None
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file, flushed to the disk before it has its name."""
+        """Write a file, and flush it to disk before it is renamed."""
         path = self._root / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -140,7 +134,7 @@ class Folder:
 
 
 class Remote:
-    """An address of fsspec; every error of its file system becomes a FileError that names file and reason."""
+    """An fsspec address; every error of its file system becomes a FileError with file and reason."""
 
     def __init__(self, address: str) -> None:
         try:
@@ -151,27 +145,27 @@ class Remote:
         try:
             self._files: Any
             self._files, self._root = fsspec.url_to_fs(address)
-        except (ImportError, ValueError, OSError) as error:  # ImportError names the package of the protocol
+        except (ImportError, ValueError, OSError) as error:  # ImportError names the missing package of the protocol
             raise FileError(f"{address}: cannot be opened: {error}") from None
 
     def names(self, folder: str = "") -> list[str]:
-        """Names in a folder, in order, without hidden ones."""
+        """Return the sorted names in a folder, without hidden ones."""
         try:
             self._files.invalidate_cache()  # another client may have written since
             entries = self._files.ls(self._path(folder), detail=False)
         except FileNotFoundError:
             return []
-        except Exception as error:  # a file system of another package raises what it likes
+        except Exception as error:  # third-party file systems raise arbitrary exceptions
             raise self._refusal(folder, "read", error) from None
         there = (str(entry).rstrip("/").rpartition("/")[2] for entry in entries)
         return sorted(name for name in there if name and not name.startswith("."))
 
     def has(self, name: str) -> bool:
-        """Whether there is a file of this name."""
+        """Return True if there is a file of this name."""
         return name.rpartition("/")[2] in self.names(name.rpartition("/")[0])
 
     def read(self, name: str, most: int) -> bytes:
-        """The bytes of a file."""
+        """Return the bytes of a file."""
         try:
             size = self._files.info(self._path(name))["size"]
             content = b"" if size > most else self._files.cat_file(self._path(name))
@@ -185,10 +179,10 @@ class Remote:
         return content
 
     def check_writable(self) -> None:
-        """Check nothing: only a write would show it."""
+        """Do nothing: only an actual write shows whether the address is writable."""
 
     def write(self, name: str, content: bytes) -> None:
-        """Write under a hidden name, then move: not every protocol puts a file in one piece."""
+        """Write under a hidden name, then rename: not every protocol writes a file atomically."""
         folder, _, last = name.rpartition("/")
         temporary = self._path(f"{folder}/.{last}.{secrets.token_hex(6)}.part".lstrip("/"))
         try:
@@ -218,19 +212,19 @@ _KIND = "rows of a feeddrive study"
 _NAME = re.compile(r"chunk_(\d{8})\.parquet")
 _MOST_MANIFEST = 64_000_000  # bytes
 _MOST_CHUNK = 4_000_000_000  # bytes
-_MOST_CHUNKS = 10**8  # by the digits of a file's name
+_MOST_CHUNKS = 10**8  # limited by the eight digits in the file name
 GO_ON = "then go on with --resume"
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """The study whose rows a store holds.
+    """The identity of the study whose rows a store holds.
 
     study    text of the study file
-    digest   SHA-256 (hex) over all that decides the rows: study, machine, job, part programs
-    count    variants in all
-    chunk    variants in a chunk; the last one may have fewer
-    version  of feeddrive: another one may compute other bits
+    digest   SHA-256 (hex) of everything that determines the rows: study, machine, job, part programs
+    count    total number of variants
+    chunk    variants per chunk; the last chunk may have fewer
+    version  of feeddrive: other versions may compute different bits
     """
 
     study: str
@@ -251,41 +245,41 @@ class Manifest:
 
     @property
     def chunks(self) -> int:
-        """How many chunks there are."""
+        """The number of chunks."""
         return -(-self.count // self.chunk)
 
     def rows(self, number: int) -> range:
-        """The variants of a chunk."""
+        """Return the variants of a chunk."""
         return range(number * self.chunk, min((number + 1) * self.chunk, self.count))
 
 
 class Store:
-    """Rows of a study at an address: a folder, or what fsspec opens (`s3://bucket/mill`)."""
+    """The store of the rows of a study: a folder, or an fsspec address (`s3://bucket/mill`)."""
 
     def __init__(self, address: str | Path) -> None:
         self._place = place(address)
         self._manifest: Manifest | None = None
         self._made = False  # True once the manifest is written
-        self._sealed = True  # all chunks must hold their SHA-256, which stores of earlier versions did not have
-        self._schema: Any = None  # of the first chunk that was read or written: all others have it, too
+        self._sealed = True  # all chunks must carry a SHA-256; stores of earlier versions had none
+        self._schema: Any = None  # schema of the first chunk read or written, required of all others
 
     @property
     def address(self) -> str:
-        """Where it is."""
+        """The folder or address of the store."""
         return self._place.address
 
     def manifest(self) -> Manifest:
-        """The manifest of the store. Raises FileError if there is no store, or its manifest is damaged."""
+        """Return the manifest of the store. Raise FileError if there is no store, or its manifest is damaged."""
         if self._manifest is None:
             self._manifest = self._read_manifest()
             self._made = True
         return self._manifest
 
     def begin(self, manifest: Manifest, *, resume: bool = False) -> frozenset[int]:
-        """Start a store, or continue one; return the finished chunks. The first chunk that is written creates it.
+        """Start or continue a store; return the finished chunks. The first chunk written creates the store.
 
-        Raises FileError, before anything is written, for a folder that is not empty and no store, a store that is there
-        already without `resume`, one of another study or version, and one with a damaged or foreign file.
+        Raises FileError, before anything is written, for a non-empty folder that is not a store, an existing store
+        without `resume`, a store of another study or version, and a store with a damaged or foreign file.
         """
         if not self._place.has(MANIFEST):
             if strangers := [name for name in self._place.names() if name != MARKER]:
@@ -310,14 +304,14 @@ class Store:
         return self.done()
 
     def done(self) -> frozenset[int]:
-        """Numbers of the chunks whose file is there; `begin` has read the files, others were written whole."""
+        """Return the numbers of the chunks whose files exist; their content is checked by `begin`."""
         return frozenset(self._numbers())
 
     def write(self, number: int, rows: Any) -> None:
-        """Write the rows of a chunk (a pyarrow table), in place of an older file of the chunk.
+        """Write the rows of a chunk (a pyarrow table), replacing an older file of the chunk.
 
-        Raises FileError that says what to do if it cannot be written, a full disk for one; ParameterError for a table
-        that is not the rows of this chunk.
+        Raises FileError, with the remedy, if it cannot be written, for example on a full disk; ParameterError for a
+        table that does not hold the rows of this chunk.
         """
         manifest = self.manifest()
         if reason := self._objection(number, rows):
@@ -332,9 +326,9 @@ class Store:
             raise FileError(f"{error}; {GO_ON}") from None
 
     def read(self, number: int, columns: Sequence[str] | None = None) -> Any:
-        """The rows of a chunk that is done, as a pyarrow table.
+        """Return the rows of a finished chunk as a pyarrow table.
 
-        Raises FileError for a file that is damaged, of another study, or not the rows of this chunk.
+        Raises FileError for a file that is damaged, of another study, or without the rows of this chunk.
         """
         digest = self.manifest().digest
         content = self._place.read(_file(number), _MOST_CHUNK)
@@ -350,15 +344,15 @@ class Store:
         return rows if columns is None else rows.select(list(columns))
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[Any]:
-        """The rows of one chunk after the other, in order, as pyarrow tables; memory is that of one chunk."""
-        self.manifest()  # refuses what is no store
+        """Yield the rows of the chunks in order, as pyarrow tables; memory is that of one chunk."""
+        self.manifest()  # raises if this is not a store
         for number in self._numbers():
             yield self.read(number, columns)
 
     def table(self, columns: Sequence[str] | None = None) -> Any:
-        """All rows that are there as one pyarrow table, in the order of their variants.
+        """Return all rows in the store as one pyarrow table, in the order of their variants.
 
-        Raises FileError as `read`, and if there is no row yet.
+        Raises FileError as `read`, and if there are no rows yet.
         """
         import pyarrow as arrow
 
@@ -368,7 +362,7 @@ class Store:
         return arrow.concat_tables(parts)
 
     def _numbers(self) -> list[int]:
-        """Numbers of the chunk files, in order. Raises FileError for a file that is none."""
+        """Return the sorted numbers of the chunk files. Raise FileError for any other file."""
         numbers = list[int]()
         for name in self._place.names(ROWS):
             match = _NAME.fullmatch(name)
@@ -380,7 +374,7 @@ class Store:
         return numbers
 
     def _objection(self, number: int, rows: Any) -> str:
-        """Return why a table cannot be the rows of a chunk; empty if it can."""
+        """Return why a table cannot hold the rows of a chunk; empty if it can."""
         import numpy as np
         import pyarrow as arrow
 
@@ -425,7 +419,7 @@ def _manifest_text(manifest: Manifest) -> bytes:
 
 
 def _other(there: Manifest, wanted: Manifest) -> str:
-    """Return why rows of one manifest cannot be continued by another; empty if they can."""
+    """Return why a sweep with one manifest cannot be continued with another; empty if it can."""
     if there == wanted:
         return ""
     if there.study != wanted.study:

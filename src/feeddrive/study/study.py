@@ -1,16 +1,16 @@
-"""A study file: a job, what varies in it, what is measured, and what a good machine keeps.
+"""A study file: a job, what varies in it, the figures to measure, and the specification of a good machine.
 
 title = "A series of ball-screw axes"
 job = "ball_screw"                 # a job file beside this one, or a bundled one; or all keys of a job here
-row = "today"                      # which of its laws
+row = "today"                      # one of its laws
 sampler = "sobol"                  # grid, latin_hypercube, sobol, monte_carlo or saltelli
-count = 200                        # variants; of saltelli the points, each of which has k + 2 variants; none of a grid
+count = 200                        # variants; saltelli: points of k + 2 variants each; not for a grid
 seed = 15
 measure = ["following_error_rms_m", "stiffness_least_N_per_m"]
-[specification]                    # what makes a good machine
+[specification]                    # requirements on a good machine
 following_error_peak_m = { most_um = 8 }
 sensitivity_peak = { most = 2 }
-[[vary]]                           # see `vary_sections.py`
+[[vary]]                           # see `vary.py`
 parameter = "axis.x.plant.mass_load"
 tolerance_percent = 10
 """
@@ -45,27 +45,27 @@ from feeddrive.study.vary import Choice, Varied, VaryChoice, VarySection, unit_v
 
 @dataclass(frozen=True)
 class Bound:
-    """The bounds of a figure of a good machine, in SI; None for an open end."""
+    """The bounds of a figure for a good machine, in SI; None for an open end."""
 
     figure: Figure
     least: float | None
     most: float | None
 
     def kept(self, values: np.ndarray) -> np.ndarray:
-        """True for values within the bounds, False for NaN."""
+        """Return True for values within the bounds, False for NaN."""
         low = -np.inf if self.least is None else self.least
         high = np.inf if self.most is None else self.most
         return (values >= low) & (values <= high)
 
 
 class BoundSection(Section, kind="bound"):
-    """What a figure of a good machine keeps."""
+    """The bounds that a good machine keeps for a figure."""
 
     least: Number | None = parameter(VARIED, "least value", infinite=True, default=None)
     most: Number | None = parameter(VARIED, "largest value", infinite=True, default=None)
 
     def check(self) -> None:
-        """There is a bound, and bounds do not cross."""
+        """Raise ParameterError if there is no bound, or least is not below most."""
         name = "" if self.read_from is None else str(self.read_from.key[-1])
         if self.least is None and self.most is None:
             raise self.error(f"{self.dotted()} needs least or most: {name} = {{ most = ... }}")
@@ -76,7 +76,7 @@ class BoundSection(Section, kind="bound"):
 
 
 def unit_bounded(table: TomlTable, allow: Sequence[str]) -> str:
-    """Return the unit of a bound: that of the figure that the table is named after."""
+    """Return the unit of a bound: that of the figure after which the table is named."""
     name = str(table.key[-1])
     try:
         return figure(name, allow).unit
@@ -85,14 +85,14 @@ def unit_bounded(table: TomlTable, allow: Sequence[str]) -> str:
 
 
 def bounds_of(specification: Mapping[str, BoundSection], allow: Sequence[str]) -> tuple[Bound, ...]:
-    """The bounds of a study by their figures."""
+    """Return the bounds of a study with their figures."""
     return tuple(Bound(figure(name, allow), bound.least, bound.most) for name, bound in specification.items())
 
 
 def figures_of(
     section: Section, names: Sequence[str], allow: Sequence[str], bounds: Sequence[Bound]
 ) -> tuple[Figure, ...]:
-    """The figures to measure, those of the specification included."""
+    """Return the figures to measure, including those of the specification."""
     figures: dict[str, Figure] = {}
     for name in names:
         try:
@@ -106,11 +106,11 @@ def figures_of(
 
 
 SAMPLERS = ("grid", "latin_hypercube", "sobol", "monte_carlo", "saltelli")
-MOST = 2**BITS  # variants: where the sequences of Sobol end
+MOST = 2**BITS  # variants: the length of the Sobol sequence
 
 
 class StudySection(Section):
-    """A study: a job, what varies in it, and what is measured of every variant."""
+    """A study: a job, its varied factors, and the figures to measure for every variant."""
 
     inlined: ClassVar[Mapping[str, type[Section]]] = {"job": JobSection}
 
@@ -142,12 +142,12 @@ _OF_STUDY = tuple(name for name in declarations(StudySection) if name not in _CO
 class Study(Result):
     """The content of a study file.
 
-    row      the law of the job that runs, where no choice says otherwise
-    points   of the sampler; `count` is the number of variants in all, `chunk` of those that are computed together
-    noise    "same": all variants have the noise of one seed; "each": every one its own
-    jobs     the job by the values of the choices, in their order, but for rows
-    stream   0 in a file; with 1, 2, ... other variants of the same distributions, independent of these
-    digest   SHA-256 of all that the rows depend on: this file, and what the numbers of job and machine came to
+    row      the law of the job that runs, unless a choice overrides it
+    points   of the sampler; `count` is the total number of variants, `chunk` the number that are computed together
+    noise    "same": all variants use one noise seed; "each": every variant has its own
+    jobs     the jobs by the values of the choices, in their order, except rows
+    stream   0 in a file; 1, 2, ... give other, independent variants from the same distributions
+    digest   SHA-256 of everything that determines the rows: this file, and the resulting numbers of job and machine
     """
 
     title: str
@@ -175,7 +175,7 @@ class Study(Result):
 
     @cached_property
     def columns(self) -> Mapping[str, str]:
-        """SI unit by column of what varies, in the order of the file."""
+        """The SI unit of each varied column, in the order of the file."""
         return {name: unit for varied in self.vary for name, unit in varied.columns.items()}
 
     @property
@@ -184,23 +184,23 @@ class Study(Result):
         return -(-self.count // self.chunk)
 
     def range(self, number: int) -> range:
-        """The variants of a chunk. Raises ParameterError for one that is not there."""
+        """Return the variants of a chunk. Raise ParameterError for an unknown chunk."""
         if not 0 <= number < self.chunks:
             raise ParameterError(f"{self.file.name} has chunks 0 to {self.chunks - 1}, and no {number}")
         return range(number * self.chunk, min((number + 1) * self.chunk, self.count))
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """The varied choices, whose values are read into the files."""
+        """The varied choices, whose values are substituted into the files."""
         return tuple(varied for varied in self.vary if isinstance(varied, Choice))
 
     def base(self, values: Mapping[str, Any]) -> Base:
-        """Return the starting point of variants with these values of the choices, by key."""
+        """Return the starting point of the variants with these values of the choices, by key."""
         job = self.jobs[tuple(values[choice.key] for choice in self.choices if choice.key != "row")]
         return Base(job, values.get("row", self.row))
 
     def bases(self) -> Iterator[Base]:
-        """Yield the starting points of all combinations of the choices."""
+        """Yield the starting points for all combinations of the choices."""
         rows = [value for choice in self.choices if choice.key == "row" for value in choice.distribution.values]
         for job in self.jobs.values():
             for row in rows or [self.row]:
@@ -213,7 +213,7 @@ class Study(Result):
         return base.loop.axis.rotary
 
     def table(self) -> Table:
-        """A row for each column of the varied things."""
+        """Tabulate the varied columns, one row each."""
         rows = [
             [varied.name, unit or "1", type(varied).__name__.lower()]
             for varied in self.vary
@@ -228,11 +228,11 @@ StudyLike: TypeAlias = str | Path | Study
 
 
 def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
-    """The study in a file, the bundled one of that name, or one that was read.
+    """Return the study from a file or of a bundled name; a `Study` is returned unchanged.
 
     allow  modules whose figures it may measure
 
-    Raises FileError, ParameterError or StructureError with file, line, key and what to do.
+    Raises FileError, ParameterError or StructureError with file, line, key and remedy.
     """
     if isinstance(path, Study):
         return path
@@ -279,12 +279,12 @@ def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
 def _paths(
     jobs: Mapping[tuple[Any, ...], Job], row: str, choices: Sequence[VaryChoice]
 ) -> tuple[Callable[[str], Declaration], Callable[[str], float]]:
-    """Return the functions that give declaration and nominal value of a path, which all jobs and rows must have."""
+    """Return functions for the declaration and nominal value of a path, which must exist in all jobs and rows."""
     rows = [value for choice in choices if choice.choice == "row" for value in choice.values]
     bases = [Base(job, str(name)) for job in jobs.values() for name in rows or [row]]
 
     def declared(path: str) -> Declaration:
-        in_bases = [base.declaration(path) for base in bases]  # it must be there in all of them
+        in_bases = [base.declaration(path) for base in bases]  # it must exist in all of them
         return in_bases[0]
 
     return declared, bases[0].nominal
@@ -307,7 +307,7 @@ def _vary(
 
 
 def _counts(study: StudySection, vary: tuple[Varied, ...]) -> tuple[int, int]:
-    """Points of the sampler and variants in all."""
+    """Return the points of the sampler and the total number of variants."""
     key = "count"
     if study.sampler == "grid":
         if study.count is not None:
@@ -341,12 +341,12 @@ def _counts(study: StudySection, vary: tuple[Varied, ...]) -> tuple[int, int]:
 
 
 def _chunk(study: StudySection, count: int) -> int:
-    """Variants of a chunk: multiples of 16, so that vectors are full, and some 16 chunks or more."""
+    """Return the variants per chunk: a multiple of 16, to fill vector lanes, for about 16 chunks or more."""
     return max(16, min(1024, 16 * -(-count // 256))) if study.chunk is None else study.chunk
 
 
 def _digest(study: Study) -> str:
-    """SHA-256 of the text, and of structure and numbers of every system, reference and load."""
+    """Return the SHA-256 of the text, and of structure and numbers of every system, reference and load."""
     digest = hashlib.sha256(study.text.encode())
     for values in study.jobs:
         digest.update(repr(values).encode())

@@ -1,10 +1,11 @@
-"""A sweep: all variants of a study run on this machine or on a Dask cluster, chunk by chunk, into a store.
+"""A sweep: all variants of a study, run chunk by chunk on this machine or on a Dask cluster, into a store.
 
     result = sweep("ball_screw_series", "out", workers=2)
     result.store.table()
 
-A chunk is computed, written whole, and forgotten, so that memory does not grow with the number of variants.  Whatever
-ends a sweep, what is written stays, and `resume` computes the rest: to the same rows as a sweep that nothing disturbed.
+Each chunk is computed, written atomically and discarded, so that memory does not grow with the number of variants.
+Whenever a sweep ends early, the chunks written so far stay, and `resume` computes the rest: to the same rows as an
+uninterrupted sweep.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from feeddrive.study.study import Study, StudyLike, read_study
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep(Result):
-    """A sweep whose rows are complete.
+    """A completed sweep.
 
-    ran      variants that this call computed; the others were there already
-    seconds  that it took
-    workers  how many worked: threads or processes; 0 for those of a cluster
+    ran      variants that this call computed; the others were already in the store
+    seconds  computing time
+    workers  number of threads or processes; 0 for a cluster
     """
 
     study: Study
@@ -43,7 +44,7 @@ class Sweep(Result):
     workers: int
 
     def table(self) -> Table:
-        """How many variants there are, how many of them have no figures, and how quick it was."""
+        """Tabulate the number of variants, those without figures, and the computing speed."""
         rows = [
             ["variants", self.study.count],
             ["without figures", self.bad[0]],
@@ -56,7 +57,7 @@ class Sweep(Result):
 
     @cached_property
     def bad(self) -> tuple[int, list[tuple[int, str]]]:
-        """How many variants have no figures, and number and reason of the first ten."""
+        """The number of variants without figures, and number and reason of the first ten."""
         return bad_variants(self.store)
 
 
@@ -70,18 +71,18 @@ def sweep(
     allow: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Sweep:
-    """Run all variants of a study; the rows stand in `out` as a partitioned Parquet table (`Store`).
+    """Run all variants of a study and store the rows in `out` as a partitioned Parquet table (`Store`).
 
-    study      a study file, the name of a bundled study, or what `read_study` gave
-    out        a directory, or an address of fsspec such as s3://bucket/mill
-    workers    how many work side by side (default: all cores); they change no bit of the rows
-    resume     go on with a sweep of this study that is in `out`; without it one that is there is refused
-    scheduler  address of a Dask cluster that computes in place of this machine, as tcp://10.0.0.5:8786
+    study      a study file, the name of a bundled study, or a `Study`
+    out        a directory, or an fsspec address such as s3://bucket/mill
+    workers    number of parallel workers (default: all cores); it does not change a bit of the rows
+    resume     continue a sweep of this study in `out`; without it an existing sweep is refused
+    scheduler  address of a Dask cluster to use instead of this machine, such as tcp://10.0.0.5:8786
     allow      modules whose figures the study may name
 
-    Raises FileError for a study or store that cannot be used, and for a store that cannot be written any more;
-    WorkerError for workers that cannot be reached or are lost again and again; CancelledError after a cancel or Ctrl-C.
-    After each of them `resume` goes on.
+    Raises FileError for an invalid study or store, and for a store that can no longer be written; WorkerError for
+    workers that are unreachable or lost repeatedly; CancelledError after a cancel or Ctrl-C. After each of them
+    `resume` continues the sweep.
     """
     engine = Engine.of(workers, scheduler)
     study = read_study(study, allow)
@@ -105,7 +106,7 @@ def sweep(
 
 
 class Rate:
-    """Counts the finished variants; gives their rate, and the time that the rest takes at this rate."""
+    """A counter of finished variants, with their rate and the remaining time at this rate."""
 
     def __init__(self, study: Study, done: frozenset[int]) -> None:
         self._all = study.count
@@ -115,15 +116,15 @@ class Rate:
 
     @property
     def done(self) -> int:
-        """Variants that are in the store."""
+        """The number of variants in the store."""
         return self.before + self.ran
 
     def add(self, variants: int) -> None:
-        """Count variants that were finished."""
+        """Count finished variants."""
         self.ran += variants
 
     def text(self) -> str:
-        """The state in words: `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
+        """Return the state as text: `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
         count = f"{self.done:,} of {self._all:,} variants"
         spent = time.monotonic() - self._begun
         if not self.ran or spent <= 0.0:
@@ -132,18 +133,18 @@ class Rate:
         return Text(f"{count}, {rate(1.0 / per_variant)} a second, {_time((self._all - self.done) * per_variant)} left")
 
     def kept(self, store: Store) -> str:
-        """The rows that are kept of a sweep that ends early, in words."""
+        """Return a sentence on the rows kept from a sweep that ended early."""
         if not self.done:
             return "nothing was written"
         return f"{self.done:,} of {self._all:,} variants are in {store.address}: go on with --resume"
 
     def show(self, progress: Progress) -> None:
-        """Report the state. Raises CancelledError after a cancel."""
+        """Report the state. Raise CancelledError after a cancel."""
         progress.step(self.text(), self.done, self._all)
 
 
 def rate(value: float) -> Quantity:
-    """Return a rate that is read to three digits, or as a whole number with commas."""
+    """Return a rate with three digits, or as a whole number with thousands separators."""
     return Quantity(value, form=",.0f" if value >= 100.0 else "3")
 
 
@@ -155,7 +156,7 @@ def _time(seconds: float) -> str:
 
 
 def bad_variants(store: Store, most: int = 10) -> tuple[int, list[tuple[int, str]]]:
-    """How many variants have no figures, and number and reason of the first ones; chunk by chunk."""
+    """Return the number of variants without figures, and number and reason of the first ones, chunk by chunk."""
     count, first = 0, list[tuple[int, str]]()
     for part in store.batches([VARIANT, REASON]):
         bad = part.filter(part.column(REASON).is_valid())

@@ -1,4 +1,4 @@
-"""The variants of a study: their values, and groups that are simulated together."""
+"""The variants of a study: their values, and the groups that are simulated together."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from feeddrive.study.study import Study
 
 @dataclass(frozen=True, eq=False)
 class Variants:
-    """Variants first .. first + n - 1 of a study: by column n values, numbers in SI, texts and counts as objects."""
+    """The variants first .. first + n - 1 of a study: n values per column, numbers in SI, others as objects."""
 
     first: int
     values: Mapping[str, np.ndarray]
@@ -36,14 +36,14 @@ class Variants:
         return np.arange(self.first, self.first + self.count, dtype=np.int64)
 
     def chosen(self, places: np.ndarray) -> dict[str, np.ndarray]:
-        """The values of some of them."""
+        """Return the values at some indices, by column."""
         return {name: values[places] for name, values in self.values.items()}
 
 
 def variants(study: Study, first: int = 0, count: int | None = None) -> Variants:
-    """The variants of a range.
+    """Return the variants of a range.
 
-    Raises ParameterError for a range that is not in the study.
+    Raises ParameterError for a range outside the study.
     """
     count = study.count - first if count is None else count
     if not (first >= 0 and count >= 0 and first + count <= study.count):
@@ -58,7 +58,7 @@ def variants(study: Study, first: int = 0, count: int | None = None) -> Variants
 
 
 def _points(study: Study, first: int, count: int) -> np.ndarray:
-    """Points of the unit cube, shape (count, dimensions)."""
+    """Return the points of the unit cube, shape (count, dimensions)."""
     dimensions = tuple(factor.dimensions for factor in study.vary)
     seed = (study.seed, study.stream)
     match study.sampler:
@@ -78,12 +78,12 @@ def _points(study: Study, first: int, count: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class VariantGroup:
-    """Variants that differ in numbers of the system only.
+    """Variants that differ only in numbers of the system.
 
-    rows        their places in the range of variants, shape (n,)
-    system      the loop, or the machine of all axes, at nominal numbers
+    rows        their indices in the range of variants, shape (n,)
+    system      the loop, or the machine with all axes, at nominal numbers
     axis        the axis whose figures are measured
-    changes     by path of the system n numbers, for `tree.vary`
+    changes     n numbers per path of the system, for `tree.vary`
     references, loads, duration   as `simulate_batch` takes them
     seed        of the noise, shape (n,)
     """
@@ -104,22 +104,22 @@ class VariantGroup:
         return f"{self.axis}." if isinstance(self.system, Machine) else ""
 
     def chosen(self, places: np.ndarray) -> VariantGroup:
-        """Some of the variants, by their places in this group."""
+        """Return the subgroup of some variants, by their indices in this group."""
         changes = {path: values[places] for path, values in self.changes.items()}
         return replace(self, rows=self.rows[places], changes=changes, seed=self.seed[places])
 
     def one(self, place: int) -> System:
-        """The system of one variant. Raises ParameterError or StructureError for numbers that it does not take."""
+        """Return the system of one variant. Raise ParameterError or StructureError for invalid numbers."""
         return tree.vary(self.system, {path: float(values[place]) for path, values in self.changes.items()})
 
     def loop(self, place: int) -> Loop:
-        """The measured axis of one variant, alone."""
+        """Return the loop of the measured axis of one variant."""
         system = self.one(place)
         return system.loop(self.axis) if isinstance(system, Machine) else system
 
     @property
     def speed(self) -> float:
-        """Half of the largest set speed of the axis in m/s, at which it is linearized; 10 mm/s if it stands still."""
+        """The velocity of linearization, m/s: half of the largest set velocity of the axis; 10 mm/s at standstill."""
         own = self.references[self.axis] if isinstance(self.references, Mapping) else self.references
         times = np.linspace(0.0, own.duration, 2001)
         largest = float(np.max(np.abs(own.at(times).velocity)))
@@ -127,7 +127,7 @@ class VariantGroup:
 
 
 def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
-    """The variants in groups, in the order in which each group first occurs."""
+    """Yield the variants in groups, in the order in which each group first occurs."""
     choices = {choice.key: variants.values[choice.key] for choice in study.choices}
     for values, rows in _groups(list(choices.values()), len(variants)):
         base = study.base(dict(zip(choices, values, strict=True)))
@@ -155,7 +155,7 @@ def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
 
 
 def _moved(base: Base, changes: Mapping[str, float]) -> dict[str, Other]:
-    """Motions and loads with other numbers, by path."""
+    """Return the motions and loads with changed numbers, by path."""
     moved = base.moved
     for path, value in changes.items():
         axis, kind, rest = base.place(path)
@@ -165,7 +165,7 @@ def _moved(base: Base, changes: Mapping[str, float]) -> dict[str, Other]:
 
 
 def _groups(columns: list[np.ndarray], count: int) -> Iterator[tuple[tuple[Any, ...], np.ndarray]]:
-    """Group rows that are equal in all columns: their values, and their places."""
+    """Yield groups of rows that are equal in all columns: their values, and their indices."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for place, row in enumerate(zip(*columns, strict=True) if columns else [()] * count):
         groups.setdefault(row, []).append(place)

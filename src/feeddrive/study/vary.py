@@ -1,32 +1,32 @@
-"""What varies in a study: quantities and choices, and the sections `[[vary]]` that declare them.
+"""The varied quantities and choices of a study, and the sections `[[vary]]` that declare them.
 
-The varied things of a study, quantities and choices: their values at points of the unit cube.
-
-Each `[[vary]]` of a study file is one of these.  Its columns are what the table of rows shows, its changes what is put
-into the system, the reference or the load, by path.
-
-The sections `[[vary]]` of a study file, and their conversion to varied things.
+Each section gives one varied factor, with values at points of the unit cube.  Its columns appear in the table of rows;
+its changes are applied to the system, the reference or the load, by path.
 
 [[vary]]
-parameter = "axis.x.plant.stiffness"     # a path, as a machine file has it; or reference.velocity, load.force
+parameter = "axis.x.plant.stiffness"     # a path in the machine file; or reference.velocity, load.force
 kind = "normal"                          # uniform (default), loguniform, normal, lognormal, triangular, discrete
-nominal_N_per_um = 18                    # default: the value of the machine; units stand in the keys
+nominal_N_per_um = 18                    # default: the value of the machine; units are part of the keys
 deviation_percent = 4                    # of the nominal value, or deviation_N_per_um
 tolerance_percent = 10                   # truncates to nominal ± tolerance; or least and most
+
 [[vary]]
-name = "wear"                            # one factor on several numbers; `add` adds to them in the same way
+name = "wear"                            # one factor that scales several numbers; `add` adds to them likewise
 scale = ["axis.x.friction_motor.coulomb", "axis.x.friction_motor.breakaway"]
 least = 0.7
 most = 1.6
+
 [[vary]]
-name = "position"                        # several numbers together, by label
+name = "position"                        # named settings of several numbers
 parameters = ["axis.x.plant.stiffness_N_per_um", "axis.x.plant.damping"]
 settings = { near = [21, 700], middle = [18, 700], far = [15.5, 650] }
+
 [[vary]]
-name = "identified"                      # several numbers with a common normal distribution
+name = "identified"                      # several numbers with a joint normal distribution
 parameters = ["axis.x.plant.mass_load", "axis.x.friction_load.coulomb"]
 covariance = [[0.8, 0.1], [0.1, 2.5]]    # in SI; or deviations = [...] and correlations = [[...]]
 within = 3                               # deviations; nominal = [...] as above
+
 [[vary]]
 choice = "row"                           # a law of the job, or a key of job or machine: "machine", "program.file"
 values = ["today", "twice the gain"]
@@ -65,9 +65,9 @@ Nominal: TypeAlias = Callable[[str], float]  # the value of a path in the job
 
 
 class Varied(Protocol):
-    """One thing that varies, and one factor of a sensitivity.
+    """One varied factor, which is one factor of the sensitivity analysis.
 
-    Its fields have these meanings in all kinds.
+    Its fields have the same meaning in all kinds.
     """
 
     @property
@@ -77,39 +77,39 @@ class Varied(Protocol):
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """SI unit by column."""
+        """The SI unit of each column."""
         ...
 
     @property
     def dimensions(self) -> int:
-        """How many numbers in (0, 1) each variant needs."""
+        """The number of random numbers in (0, 1) per variant."""
         ...
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths of the numbers that it changes; none for a choice."""
+        """The paths of the numbers that it changes; none for a choice."""
         ...
 
     @property
     def levels(self) -> np.ndarray | None:
-        """The numbers of (0, 1) of a grid, shape (levels,); None if it has none."""
+        """The grid levels as numbers in (0, 1), shape (levels,); None without a grid."""
         ...
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """Return values by column at points u of shape (n, dimensions)."""
+        """Return the values by column at points u of shape (n, dimensions)."""
         ...
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return the numbers by path that follow from values of the columns."""
+        """Return the numbers by path that follow from the values of the columns."""
         ...
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number with a distribution, which sets paths, is a factor of their values or is added to them.
+    """A number with a distribution, which replaces, scales or is added to the values of its paths.
 
     mode   "set", "scale" or "add"
-    steps  of a grid: values that are evenly spread from end to end of the distribution
+    steps  grid values, evenly spaced over the distribution from end to end
     """
 
     name: str
@@ -122,12 +122,12 @@ class Quantity:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """One column in the unit of the number; without unit for a factor."""
+        """One column in the unit of the number; dimensionless for a factor."""
         return {self.name: "" if self.mode == "scale" else self.unit}
 
     @property
     def levels(self) -> np.ndarray | None:
-        """Evenly spaced from 0 to 1; of a discrete distribution one level for each of its values."""
+        """Levels evenly spaced from 0 to 1; for a discrete distribution one per value."""
         if isinstance(self.distribution, Discrete):
             return _edges_inside(self.distribution)
         if self.steps is None:
@@ -135,11 +135,11 @@ class Quantity:
         return np.linspace(0.0, 1.0, self.steps) if self.steps > 1 else np.array([0.5])
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """The quantiles of the distribution."""
+        """Return the quantiles of the distribution."""
         return {self.name: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """The drawn value, or the nominal value of each path times or plus the drawn one."""
+        """Return the drawn value, or the nominal value of each path multiplied by it or with it added."""
         drawn = values[self.name]
         if self.mode == "set":
             return dict.fromkeys(self.paths, drawn)
@@ -150,7 +150,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Several numbers with a common normal distribution, such as the result of an identification.
+    """Several numbers with a joint normal distribution, such as the result of an identification.
 
     x = mean + L z, L Lᵀ = covariance; mean of shape (n,), covariance (n, n), in SI.  Each z is truncated to ±within.
     """
@@ -189,23 +189,23 @@ class Joint:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """A column for each parameter."""
+        """One column per parameter."""
         return dict(zip(self.paths, self.units, strict=True))
 
     @property
     def dimensions(self) -> int:
-        """A dimension for each parameter."""
+        """One dimension per parameter."""
         return len(self.paths)
 
     @cached_property
     def _root(self) -> np.ndarray:
-        """L of the covariance, by eigenvalues of the correlations: it may be singular."""
+        """The factor L of the covariance, by eigenvalues of the correlation matrix, which may be singular."""
         scale = np.sqrt(np.diag(self.covariance))
         values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """x = mean + L z, summed in one order for every split."""
+        """Return x = mean + L z, summed in the same order for every split."""
         z = truncated(u, -self.within, self.within)
         drawn: dict[str, np.ndarray] = {}
         for i, path in enumerate(self.paths):
@@ -216,7 +216,7 @@ class Joint:
         return drawn
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """The values themselves."""
+        """Return the values unchanged."""
         return {path: values[path] for path in self.paths}
 
 
@@ -224,7 +224,7 @@ class Joint:
 class Settings:
     """Named settings of several numbers at once: positions of an axis, payloads, machines of a fleet.
 
-    rows  by label the numbers of all paths, in SI
+    rows  the numbers of all paths by label, in SI
     """
 
     name: str
@@ -236,7 +236,7 @@ class Settings:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """The label; the numbers follow from it."""
+        """The column of the label, which determines the numbers."""
         return {self.name: ""}
 
     @cached_property
@@ -245,22 +245,22 @@ class Settings:
 
     @property
     def levels(self) -> np.ndarray:
-        """One for each setting."""
+        """One level per setting."""
         return _edges_inside(self._labels)
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """The label of each variant."""
+        """Return the label of each variant."""
         return {self.name: self._labels.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """The numbers of the labels."""
+        """Return the numbers of the labels."""
         table = np.array([self.rows[label] for label in values[self.name]])
         return {path: np.ascontiguousarray(table[:, i]) for i, path in enumerate(self.paths)}
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A key of the job or of its machine that takes one of several values, and with it the structure or the work.
+    """A key of the job or machine file that takes one of several values, and may change the structure or the task.
 
     key  "row" for the job's laws by name, or a key of a file: "machine", "program.file", "axis.x.substeps"
     """
@@ -272,30 +272,30 @@ class Choice:
 
     @property
     def name(self) -> str:
-        """The key."""
+        """The key, which names the factor."""
         return self.key
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """One column without unit."""
+        """One dimensionless column."""
         return {self.key: ""}
 
     @property
     def levels(self) -> np.ndarray:
-        """One for each value."""
+        """One level per value."""
         return _edges_inside(self.distribution)
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """The chosen values."""
+        """Return the chosen values."""
         return {self.key: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return nothing: the value of a choice is read into the files."""
+        """Return no changes: the value of a choice is substituted into the files."""
         return {}
 
 
 def _edges_inside(distribution: Discrete) -> np.ndarray:
-    """For each value a number of (0, 1) that gives it; none for a value of weight 0."""
+    """Return, for each value of positive weight, a number in (0, 1) that selects it."""
     weights = np.array(distribution.weights or (1.0,) * len(distribution.values))
     shares = weights / weights.sum()
     return (np.cumsum(shares) - 0.5 * shares)[shares > 0.0]
@@ -306,11 +306,11 @@ Declared: TypeAlias = Callable[[str], Declaration]
 
 
 class VarySection(Section):
-    """What differs from variant to variant."""
+    """A parameter or choice that varies between variants."""
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """By the key that says what varies, and the kind of the distribution."""
+        """Return the section class of a table, by the key that selects the form, and by the kind of distribution."""
         forms = [name for name in _FORMS if name in table.values]
         if len(forms) != 1:
             told = f", not {' and '.join(forms)}" if forms else ""
@@ -334,7 +334,7 @@ class VaryChoice(VarySection):
     weights: np.ndarray | None = block.table("", "of the values; absent: equal ones", shortest=1, default=None)
 
     def check(self) -> None:
-        """Refuse missing and repeated values."""
+        """Raise ParameterError for missing or repeated values."""
         if not self.values:
             raise self.error(f"choice = '{self.choice}' needs values = [ ... ], texts or numbers", "values")
         if len(set(map(repr, self.values))) < len(self.values):
@@ -342,12 +342,12 @@ class VaryChoice(VarySection):
 
     @property
     def varied(self) -> Choice:
-        """What the section varies."""
+        """The choice with its values and weights."""
         return Choice(self.choice, Discrete(self.values, _row(self.weights)))
 
 
 class VaryNumber(VarySection):
-    """A number with a distribution, or several that one number scales or that it is added to."""
+    """A number with a distribution, or one that scales or is added to several numbers."""
 
     exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("parameter",), ("scale",), ("add",))
     needs: ClassVar[str] = "a number that varies is one of parameter, scale and add"
@@ -369,22 +369,22 @@ class VaryNumber(VarySection):
 
     @property
     def form(self) -> str:
-        """The key that says what varies."""
+        """The key that selects the form: parameter, scale or add."""
         return next(name for name in ("parameter", "scale", "add") if getattr(self, name) is not None)
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """The paths of what varies."""
+        """The paths of the varied numbers."""
         paths = getattr(self, self.form)
         return paths if isinstance(paths, tuple) else (paths,)
 
     @abstractmethod
     def distribution(self, nominal: float) -> Distribution:
-        """The distribution about a nominal value, in SI. Raises ParameterError for impossible numbers."""
+        """Return the distribution about a nominal value, in SI. Raise ParameterError for impossible numbers."""
 
 
 class _Ranged(VaryNumber):
-    """A number within a range."""
+    """A number that varies within a range."""
 
     least: Number | None = block.parameter(VARIED, "least value", default=None)
     most: Number | None = block.parameter(VARIED, "largest value", default=None)
@@ -394,7 +394,7 @@ class _Ranged(VaryNumber):
     tolerance_percent: Number | None = block.parameter("", "the same in percent of nominal", above=0, default=None)
 
     def range(self, nominal: float) -> tuple[float, float]:
-        """Least and most, given so or as a tolerance; infinite where there is no end."""
+        """Return the least and the largest value, given directly or as a tolerance; infinite for an open end."""
         tolerance = _of_nominal(self, "tolerance", nominal)
         if tolerance is None:
             return _or(self.least, -math.inf), _or(self.most, math.inf)
@@ -406,20 +406,20 @@ class _Ranged(VaryNumber):
 
 
 class VaryUniform(_Ranged, kind="uniform"):
-    """Every value from least to most alike."""
+    """A uniform distribution from least to most."""
 
     def distribution(self, nominal: float) -> Distribution:
-        """Uniform over the range."""
+        """Return the uniform distribution over the range."""
         return Uniform(*self.range(nominal))
 
 
 class VaryLogUniform(_Ranged, kind="loguniform"):
-    """Every ratio alike from least to most."""
+    """A log-uniform distribution from least to most."""
 
     needs_kind: ClassVar[bool] = True
 
     def distribution(self, nominal: float) -> Distribution:
-        """Uniform in the logarithm over the range."""
+        """Return the log-uniform distribution over the range."""
         return LogUniform(*self.range(nominal))
 
 
@@ -432,7 +432,7 @@ class VaryNormal(_Ranged, kind="normal"):
     deviation_percent: Number | None = block.parameter("", "the same in percent of nominal", default=None)
 
     def distribution(self, nominal: float) -> Distribution:
-        """Normal about nominal."""
+        """Return the normal distribution about nominal."""
         deviation = _of_nominal(self, "deviation", nominal)
         least, most = self.range(nominal)
         if deviation is None:
@@ -441,58 +441,58 @@ class VaryNormal(_Ranged, kind="normal"):
 
 
 class VaryLogNormal(_Ranged, kind="lognormal"):
-    """A number whose logarithm is normal about that of nominal, truncated to the range."""
+    """A log-normal distribution with median nominal, truncated to the range."""
 
     needs_kind: ClassVar[bool] = True
 
     ratio: Number = block.parameter("", "68 % lie within a factor of it about nominal")
 
     def distribution(self, nominal: float) -> Distribution:
-        """Log-normal about nominal."""
+        """Return the log-normal distribution about nominal."""
         least, most = self.range(nominal)
         return LogNormal(nominal, self.ratio, 0.0 if least == -math.inf else least, most)
 
 
 class VaryTriangular(_Ranged, kind="triangular"):
-    """A triangle over the range with its top at nominal."""
+    """A triangular distribution over the range with its mode at nominal."""
 
     needs_kind: ClassVar[bool] = True
 
     def distribution(self, nominal: float) -> Distribution:
-        """Triangular with its mode at nominal."""
+        """Return the triangular distribution with its mode at nominal."""
         least, most = self.range(nominal)
         return Triangular(least, nominal, most)
 
 
 class VaryDiscrete(VaryNumber, kind="discrete"):
-    """One of several values."""
+    """One of several values, with weights."""
 
     values: np.ndarray | None = block.table(VARIED, "values", shortest=1, default=None)
     weights: np.ndarray | None = block.table("", "of the values; absent: equal ones", shortest=1, default=None)
 
     def distribution(self, nominal: float) -> Distribution:
-        """The values by their weights."""
+        """Return the discrete distribution of the values and weights."""
         if self.values is None:
             raise ParameterError("a discrete distribution needs values = [ ... ]")
         return Discrete(_row(self.values), _row(self.weights))
 
 
 class _Several(VarySection):
-    """Several numbers together."""
+    """Several numbers that vary together."""
 
     name: str = text("of the column of results", shortest=1, example='"position"')
     parameters: tuple[str, ...] = block.choice("paths as a machine file has them")
 
 
 class VarySettings(_Several):
-    """Several numbers together, by label."""
+    """Several numbers that vary together, as named settings."""
 
     settings: Mapping[str, tuple[float, ...]] = named("the numbers by label, in the units that end the paths", least=1)
     weights: np.ndarray | None = block.table("", "of the settings; absent: equal ones", shortest=1, default=None)
 
 
 class VaryJoint(_Several):
-    """Several numbers with a common normal distribution, in SI."""
+    """Several numbers with a joint normal distribution, in SI."""
 
     nominal: np.ndarray | None = block.table("", "means; absent: the values of the machine", shortest=1, default=None)
     covariance: tuple[tuple[float, ...], ...] | None = block.choice("rows of the covariance", default=None)
@@ -505,7 +505,7 @@ class VaryJoint(_Several):
     within: Number = block.parameter("", "deviations within which all numbers lie", default=math.inf, infinite=True)
 
     def covariances(self) -> np.ndarray:
-        """The covariance, given so or by deviations and correlations."""
+        """Return the covariance, given directly or by standard deviations and correlations."""
         if (self.covariance is None) == (self.deviations is None):
             raise self.error(f"{self.dotted()} needs covariance = [[...]], or deviations = [...] with correlations")
         if self.covariance is not None:
@@ -529,7 +529,7 @@ _DISTRIBUTIONS: Mapping[str, type[VaryNumber]] = {
 
 
 def unit_varied(table: TomlTable, declared: Declared) -> str:
-    """Return the unit of the numbers of a section with a distribution; empty for a factor."""
+    """Return the unit of the varied numbers of a section; empty for a scale factor."""
     form = next(name for name in _FORMS if name in table.values)
     if form == "scale":
         return ""
@@ -541,9 +541,11 @@ def unit_varied(table: TomlTable, declared: Declared) -> str:
 
 
 def varied(section: VarySection, declared: Declared, nominal: Nominal, grid: bool) -> Varied:
-    """Return the varied thing of a section.
+    """Convert a section to the varied factor that it declares.
 
-    declared  of a path;  nominal  its value in the job;  grid  whether the study's sampler is a grid
+    declared  returns the declaration of a path
+    nominal   returns the value of a path in the job
+    grid      True if the study's sampler is a grid
 
     Raises ParameterError with file, line, key, value, bound and unit.
     """
@@ -563,7 +565,7 @@ def varied(section: VarySection, declared: Declared, nominal: Nominal, grid: boo
 
 
 def _number(section: VaryNumber, declared: Declared, nominal: Nominal, grid: bool) -> Quantity:
-    """A number with a distribution."""
+    """Convert a section to a number with a distribution."""
     form, paths = section.form, section.paths
     if not paths:
         raise section.error(f"{form} must be a path as a machine file has it, such as axis.x.plant.mass", form)
@@ -603,7 +605,7 @@ def _check_grid(section: VaryNumber, name: str, distribution: Distribution) -> N
 
 
 def _of_nominal(section: VaryNumber, name: str, nominal: float) -> float | None:
-    """A number that may be given in percent of nominal."""
+    """Return a number that may be given in percent of nominal."""
     value, percent = getattr(section, name), getattr(section, f"{name}_percent")
     if value is not None and percent is not None:
         raise ParameterError(f"{name} is given twice, as {name} and as {name}_percent; remove one")
@@ -619,7 +621,7 @@ def _row(values: np.ndarray | None) -> tuple[float, ...]:
 
 
 def _paths(section: _Several, declared: Declared) -> Iterator[tuple[str, Declaration, float]]:
-    """Path, declaration and factor to SI of each of the paths, none of which may be there twice."""
+    """Yield path, declaration and factor to SI of each parameter. Raise ParameterError for a repeated path."""
     if not section.parameters:
         raise section.error("parameters must be a list of paths as a machine file has them", "parameters")
     entries = [_with_unit(section, written, declared) for written in section.parameters]
@@ -629,7 +631,7 @@ def _paths(section: _Several, declared: Declared) -> Iterator[tuple[str, Declara
 
 
 def _settings(section: VarySettings, declared: Declared) -> Settings:
-    """Several numbers by label."""
+    """Convert a section to named settings."""
     paths, declarations, factors = zip(*_paths(section, declared), strict=True)
     rows: dict[str, tuple[float, ...]] = {}
     for label, values in section.settings.items():
@@ -650,7 +652,7 @@ def _settings(section: VarySettings, declared: Declared) -> Settings:
 
 
 def _joint(section: VaryJoint, declared: Declared, nominal: Nominal, grid: bool) -> Joint:
-    """Several numbers with a common normal distribution."""
+    """Convert a section to a joint normal distribution."""
     paths, declarations, factors = zip(*_paths(section, declared), strict=True)
     if any(factor != 1.0 for factor in factors):
         raise section.error("a covariance is in SI: name the parameters without units", "parameters")
@@ -691,7 +693,7 @@ def _declared(place: Section | TomlTable, key: str, path: str, declared: Declare
 
 
 def _with_unit(section: _Several, written: str, declared: Declared) -> tuple[str, Declaration, float]:
-    """Path, declaration and factor to SI of a path that may end with a unit."""
+    """Return path, declaration and conversion factor to SI of a path that may end in a unit."""
     head, dot, last = written.rpartition(".")
     words = last.split("_")
     for end in range(len(words), 0, -1):

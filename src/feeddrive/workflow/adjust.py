@@ -1,4 +1,4 @@
-"""`feeddrive adjust`: filters of a control removed and added, its numbers and its guard set, in its machine file."""
+"""`feeddrive adjust`: remove and add filters of a controller, and set its parameters and guard in the machine file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from feeddrive.workflow.tune_files import machine_text
 
 
 class AdjustRequest(Request):
-    """The machine file, and the changes of its control: filters removed or added, guard limits, then numbers."""
+    """The machine file, and the changes of its control: filters removed or added, guard limits, parameter values."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     set: tuple[str, ...] = option(
@@ -74,10 +74,10 @@ def _written(changes: Difference) -> Mapping[str, tuple[str, ...]]:
 
 @command(AdjustRequest)
 def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
-    """Remove and add filters of a control and set its numbers; all else in the machine file stays as it is written.
+    """Remove and add filters of a control and set its parameters; everything else in the machine file is preserved.
 
-    The result is the machine file with them. Raises ParameterError for a number, filter or kind of filter that there is
-    not, and for a value outside of its bounds.
+    The result is the changed machine file. Raises ParameterError for an unknown parameter, filter or kind of filter,
+    and for a value out of bounds.
     """
     progress.step("reading")
     machine = read_machine(request.machine)
@@ -112,7 +112,7 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
 
 
 def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence[Cell]:
-    """Return the row of a number, in the SI unit in which the option has it."""
+    """Return the table row of a changed parameter, in the SI unit of the option."""
     return (
         name,
         "none" if before is None else Quantity(before, unit, form="6 SI"),
@@ -122,7 +122,7 @@ def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence
 
 
 def _bounds(text: str) -> dict[str, float]:
-    """Return the limits of a guard as numbers. Raise ParameterError for an unknown limit and for no number."""
+    """Parse the limits of a guard. Raise ParameterError for an unknown limit or an invalid number."""
     known = [name for name, declared in declarations(Guard).items() if declared.role == "parameter"]
     return _numbers("--guard", text.split(","), known, "a guard", "velocity_limit=1")
 
@@ -143,7 +143,7 @@ def _values(control: Control, texts: Sequence[str]) -> dict[str, float]:
 
 
 def _numbers(option: str, texts: Sequence[str], known: Sequence[str], whose: str, such: str) -> dict[str, float]:
-    """Return numbers by name from texts NAME=VALUE. Raise ParameterError for an unknown or repeated name."""
+    """Parse texts NAME=VALUE into numbers by name. Raise ParameterError for an unknown or repeated name."""
     numbers = dict[str, float]()
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))

@@ -1,4 +1,4 @@
-"""`feeddrive benchmark`: all laws on the fixed plants of the benchmark, with their stored designs."""
+"""`feeddrive benchmark`: evaluate all laws with their stored designs on the fixed plants of the benchmark."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from feeddrive.workflow.request import OUT, option
 
 
 class BenchmarkRequest(EvaluationRequest):
-    """Plants, laws and seed of a benchmark, and whether laws are searched anew."""
+    """The plants, laws and seed of a benchmark, and whether laws are tuned again."""
 
     plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
     law: tuple[str, ...] = option("A law that is wanted, beside P-PI; may be repeated; default: all", default=())
@@ -37,10 +37,10 @@ class BenchmarkRequest(EvaluationRequest):
 
 @command(BenchmarkRequest)
 def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmark]:
-    """Run every law with its stored design on the fixed plants of the benchmark, and print the table to be cited.
+    """Run every law with its stored design on the fixed plants of the benchmark, and print the citable table.
 
-    User-defined laws (--blocks) have no stored design: they are searched first.  With `retune` all are, except those
-    that `keep` has already.  Raises ParameterError for a plant, a law or rules that are not there.
+    User-defined laws (--blocks) have no stored design and are tuned first.  With `retune` all laws are tuned, except
+    those already in `keep`.  Raises ParameterError for an unknown plant, law or version of the rules.
     """
     if request.retune and request.keep is None:
         raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")
@@ -68,7 +68,7 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
             files["Report"] = write_benchmark(scored, request.out)
     judgment, verdict = advice(scored, asked=bool(request.law))
     missing = [reasons(scored)] if scored.unplaced() else []
-    named = missing if request.law else []  # who asks for a law is told why it has no place
+    named = missing if request.law else []  # explain the missing rank of a requested law
     return Outcome(
         scored,
         [*scored.tables(), *named],

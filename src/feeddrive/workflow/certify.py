@@ -41,7 +41,7 @@ FILE = "certificate.json"
 
 
 class CertifyRequest(Request):
-    """The loop to be proven, its plants with their discs, and the arithmetic."""
+    """The loop to certify, its plants with their uncertainty discs, and the arithmetic."""
 
     source: MachineLike | Loop = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("its axis, if it has several", default=None)
@@ -73,9 +73,10 @@ class CertifyRequest(Request):
 
 @command(CertifyRequest)
 def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]:
-    """Prove a loop, as it will run, stable for plants with a disc around each; certificate and report on request.
+    """Prove that a loop, as implemented, is stable for plants with an uncertainty disc; write certificate and report.
 
-    Raises NotCertifiedError, with frequency and what to do, for a loop that cannot be certified.
+    Files are written only on request. Raises NotCertifiedError, with frequency and remedy, for a loop that cannot be
+    certified.
     """
     if isinstance(request.source, Loop):
         machine, loop = None, request.source
@@ -122,7 +123,7 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 def certified(
     control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """Return the certificate of a tuned control at its points and its sentence; None and the reason if there is none.
+    """Return the certificate of a tuned control at its operating points and its sentence; None and the reason if none.
 
     With the text of a machine file, certify the control of that file, whose numbers are rounded.
     """
@@ -143,13 +144,13 @@ def certified(
 
 
 def source(machine: MachineFile) -> dict[str, str]:
-    """Return the name of a machine file and the digest of its text, as a certificate records them."""
+    """Return the name of a machine file and the digest of its text for the certificate."""
     digest = hashlib.sha256(machine.file.text.encode()).hexdigest()
     return {"name": machine.name, "file": Path(machine.file.name).name, "sha256": digest}
 
 
 def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
-    """Return the plants to certify by name: the axis, as a model or with its measured lines, and the others."""
+    """Return the plants to certify by name: the axis, as a model or with its measured responses, and the others."""
     plants: dict[str, PlantLike] = {}
     if request.measured is None:
         if request.motor is not None or request.fit:
@@ -166,7 +167,7 @@ def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
 
 
 def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
-    """Return the response of a file, or those of load and motor, in this order."""
+    """Return the single response of a file, or those of load and motor, in this order."""
     responses = read_frfs(file)
     if len(responses) == 1:
         return [_sampled(next(iter(responses.values())), loop)]
@@ -179,13 +180,13 @@ def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
 
 
 def _sampled(frf: FRF, loop: Loop) -> FRF:
-    """Return the response in m/N, or rad/(N m) if the axis turns; without a sample time it has that of the loop."""
+    """Return the response in m/N, or rad/(N m) for a rotary axis; a missing sample time is that of the loop."""
     frf = in_metres(frf.output, frf, None, loop.axis.rotary)
     return replace(frf, sample_time=float(loop.sample_time)) if frf.sample_time is None else frf
 
 
 def _unused(name: str, plants: dict[str, PlantLike]) -> str:
-    """Return a name that no plant has yet."""
+    """Return a name that is not yet used by a plant."""
     count = 2
     free = name
     while free in plants:
@@ -208,7 +209,7 @@ def write_certified(
 def certificate_report(
     certificate: Certificate, known: Mapping[str, str] | None = None, *, rotary: bool = False
 ) -> Report:
-    """Return the report of a certificate; `known`: facts on what was certified."""
+    """Return the report of a certificate; `known`: facts on the certified loop."""
     pictures = list(_pictures(certificate))
     name = certificate.document["machine"].get("name", "")
     title = f"{name[:1].upper()}{name[1:]}: a certified loop" if name else "A certified loop"
@@ -248,10 +249,10 @@ def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def plants_table(certificate: Certificate, *, rotary: bool = False) -> Table:
-    """Tabulate where each plant comes from."""
+    """Tabulate the source of each plant."""
 
     def source(text: str) -> str:
-        # the certificate is signed with the texts of an axis that moves along
+        # the signed texts of the certificate have the units of a linear axis
         return text.replace(" m/s", f" {turning('m/s')}") if rotary else text
 
     rows = [
@@ -303,7 +304,7 @@ def _pictures(certificate: Certificate) -> Iterator[Picture]:
         certificate.chart,
     )
     if certificate.two_rates:
-        return  # one L has no disc of its own: a plant is met at a frequency and all its images at once
+        return  # no separate disc per plant: L combines the plant at a frequency and all its aliases
     yield Picture(
         "discs",
         "Discs in the complex plane",
@@ -314,9 +315,9 @@ def _pictures(certificate: Certificate) -> Iterator[Picture]:
 
 
 def write_certificate(path: str | Path, certificate: Certificate) -> Path:
-    """Write a certificate as JSON, whole or not at all; its path.
+    """Write a certificate as JSON, atomically; return its path.
 
-    Raises FileError if it cannot be written, NotCertifiedError if the checker refuses it.
+    Raises FileError if it cannot be written, NotCertifiedError if the checker rejects it.
     """
     certificate.verify()
     write_whole(path, certificate.text())
@@ -324,7 +325,7 @@ def write_certificate(path: str | Path, certificate: Certificate) -> Path:
 
 
 def read_certificate(path: str | Path) -> Certificate:
-    """Read the certificate in a file. Raise FileError, with the checker's reason, for one that is not proven."""
+    """Read a certificate from a file. Raise FileError, with the checker's reason, for an unproven one."""
     content = read_whole(path, check.MOST_BYTES)
     try:
         document = check.parse(content)

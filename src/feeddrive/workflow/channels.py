@@ -1,6 +1,6 @@
-"""`feeddrive channels`, and for all commands the mapping of the columns of a log to roles.
+"""`feeddrive channels`, and the mapping of log columns to roles that all commands use.
 
-The mapping comes from the options, from a TOML file, or else is guessed and shown.
+The mapping comes from the options or a TOML file; otherwise it is guessed and shown.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from feeddrive.workflow.request import Request, argument, option
 
 @dataclass(frozen=True)
 class Mapped:
-    """A log with its roles: the column of each role, a doubt about its sizes, and the columns that are not used."""
+    """A log with its roles: the column of each role, a doubt about its magnitudes, and the unused columns."""
 
     log: Log
     columns: dict[str, Column]
@@ -54,11 +54,11 @@ def mapped(
 ) -> Mapped:
     """Read the log with its roles in `wanted`.
 
-    named     role -> text of the command line; what is named goes before all else
-    channels  a TOML file with [log.channels], or a `Mapping`; without it roles that are not named are guessed, and the
+    named     role -> text from the command line; takes precedence over everything else
+    channels  a TOML file with [log.channels], or a `Mapping`; without it, roles that are not named are guessed, and the
               guess is shown
-    unit      of columns that state none and were not given one
-    steady    the log is no motion with ramps: accelerations in it say nothing of its units
+    unit      units of columns that state none and were given none
+    steady    True for a log without acceleration ramps, whose accelerations do not indicate its units
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
     told = {role: Column.of(text) for role, text in named.items() if text is not None}
@@ -89,10 +89,10 @@ def _guessed_roles(
     sample_time: float | None,
     progress: Progress,
 ) -> tuple[dict[str, Column], dict[str, str]]:
-    """Return the named roles with guesses of the others, which are shown; and why columns miss a likely role."""
+    """Return the named roles, completed by guesses, which are shown; and why likely columns were rejected."""
     guess = guess_roles(whole_log(path, told.get("time"), sample_time))
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
-    # a column that was named for one role does not stand for another
+    # a column named for one role cannot have another
     taken = {column.name for column in told.values()}
     guessed = {role: column for role, column in guessed.items() if column.name not in taken}
     if guessed or any(role not in told for role in guess.needs):
@@ -108,7 +108,7 @@ def _guessed_roles(
 
 
 def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
-    """Return why a likely column is not used, by role: a factor is missing, or its cells are no numbers."""
+    """Return, by role, why a likely column is not used: a factor is missing, or its cells are not numbers."""
     reasons = {role: f"'{name}' needs a factor, {what}" for role, (name, what) in guess.needs.items()}
     for role, column in guess.mapping.items():
         if role == "current" and role not in wanted:
@@ -123,10 +123,10 @@ _ACTING = ("force", "torque", "current", "command")
 
 
 def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
-    """Return the error for a log without a column of these roles: why likely columns were refused, or its roles.
+    """Return the error for a log without a column of these roles: why likely columns were rejected, or its roles.
 
     what     the quantity, as `the force`
-    options  that name a column for it
+    options  the options that name a column for it
     """
     likely = {role: log.left_out[role] for role in roles if role in log.left_out}
     if likely:
@@ -143,7 +143,7 @@ def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: s
 
 
 def requested(channels: MappingLike, path: Path) -> LogRequest:
-    """Return the log with its mapping. Raise FileError, with the command that writes one, for a missing file."""
+    """Return the log with its mapping. Raise FileError, with the command that writes a mapping, for a missing file."""
     if isinstance(channels, Mapping):
         return LogRequest(path, channels)
     if not channels.exists():
@@ -153,7 +153,7 @@ def requested(channels: MappingLike, path: Path) -> LogRequest:
 
 
 def whole_log(path: Path | OpenedFile, time: Column | None, sample_time: float | None, name: str | None = None) -> Log:
-    """Read all columns of a log under their own names; a named column of time is converted by its unit."""
+    """Read all columns of a log under their original names; a named time column is converted by its unit."""
     if time is None:
         return read_log(path, sample_time=sample_time, name=name)
     read_log(path, {"time": time}, sample_time=sample_time)  # raises if the column is missing
@@ -170,7 +170,7 @@ def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
 
 
 class ChannelsRequest(Request):
-    """The log whose columns are guessed, and where the mapping goes."""
+    """The log whose columns are guessed, and the output file for the mapping."""
 
     log: LogLike = argument("A log of any known format")
     axis: str | None = option("axis of a log with several, as x or 0", default=None)
@@ -181,9 +181,9 @@ class ChannelsRequest(Request):
 
 @command(ChannelsRequest)
 def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
-    """Guess which column of a log is what; the section of the outcome is a TOML to correct and give with --channels.
+    """Guess the role of each column of a log; the section of the outcome is a TOML text to correct for --channels.
 
-    Of a file of frequency responses it lists these, and the controllers that the XML of a tuning tool holds.
+    For a file of frequency responses, list the responses, and the controllers in the XML of a tuning tool.
     """
     file = OpenedFile(request.log)
     out, path = request.out, file.path
@@ -238,8 +238,9 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
 
 
 def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
-    """Guess the mapping. A clock that is implausible for a servo loop is read in its likeliest unit: the table shows
-    it, and it can be corrected.
+    """Guess the mapping.
+
+    A time column that is implausible for a servo loop is read in its likeliest unit: the table shows it for correction.
     """
     time = None if request.time is None else Column.of(request.time)
     why = "named on the command line"
@@ -260,7 +261,7 @@ def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
 
 
 def _likely_time(file: OpenedFile) -> tuple[Column, str] | None:
-    """Return the column of time with its likeliest unit and the reason; None if it states a unit or none fits."""
+    """Return the time column with its likeliest unit and the reason; None if it states a unit or none is plausible."""
     name = next((name for name in file.columns.values if is_time(name)), None)
     if name is None or name in file.columns.units or unit_at_the_end(name, "time"):
         return None

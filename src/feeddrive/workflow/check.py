@@ -1,4 +1,4 @@
-"""`feeddrive check`: a certificate in exact arithmetic, with nothing but the standard library."""
+"""`feeddrive check`: check a certificate in exact arithmetic, using only the standard library."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class CheckRequest(Request):
 
 @command(CheckRequest)
 def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
-    """Check a certificate in exact arithmetic; the result says whether it is proven, the last line why not.
+    """Check a certificate in exact arithmetic; the result is True if it is proven, else the last line says why not.
 
-    Raises FileError for a file that is not there.
+    Raises FileError for a missing file.
     """
     if not request.file.exists():
         raise FileError(f"{request.file}: no such file")

@@ -43,12 +43,12 @@ from feeddrive.report.report import Report
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
 
-_TURNS = 2.2  # of a simulated circle: run-in and run-out take a part of the first and the last one
+_TURNS = 2.2  # turns of a simulated circle: run-in and run-out use parts of the first and the last turn
 _RADIUS, _FEEDS = 0.02, (0.02, 0.1)  # m, m/s, of a simulated machine
 
 
 class CircleRequest(Request):
-    """The circles to test, the roles of their columns, and known data of the machine."""
+    """The circles to evaluate, the roles of their columns, and known data of the machine."""
 
     sources: tuple[Path, ...] = argument(
         "Logs of one circle each (MAT, CSV, Parquet), best in both directions at two feeds; or one machine file "
@@ -98,10 +98,9 @@ def measured_circle_report(measured: MeasuredCircle, note: str = "") -> Report:
 
 @command(CircleRequest)
 def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle]:
-    """Circular test after ISO 230-4 with a split of its causes: from logs of x and y, or on the simulated machine.
+    """Evaluate a circular test to ISO 230-4 and separate its causes: from logs of x and y, or on a simulated machine.
 
-    Raises LogError for a log without a full circle at constant feed, and ParameterError for circles that do not fit
-    each other.
+    Raises LogError for a log without a full circle at constant feed, and ParameterError for incompatible circles.
     """
     machine = _machine(request.sources)
     if machine is None:
@@ -129,7 +128,7 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
 
 
 def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:
-    """Yield the paths, and report the reading of each."""
+    """Yield the paths, and report progress for each."""
     for path in paths:
         progress.step(f"reading {path.name}")
         yield path
@@ -147,9 +146,9 @@ def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
 
 
 def _measured(path: Path, request: CircleRequest) -> CirclePath:
-    """Read the circle of a log."""
+    """Read the circle in a log."""
     file = OpenedFile(path)
-    # one after the other as the position of a table: that role has the unit of a length
+    # read each in turn as the position of a table: that role has the unit of a length
     kept = {} if request.time is None else {"time": Column.of(request.time)}
     logs = [
         read_log(file, {"position_load": Column.of(text), **kept}, sample_time=request.sample_time)
@@ -168,7 +167,7 @@ def _measured(path: Path, request: CircleRequest) -> CirclePath:
 
 
 def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) -> list[CirclePath]:
-    """Simulate circles in both directions at all feeds, about the middle of the travel if it is stated."""
+    """Simulate circles in both directions at all feeds, centered in the travel range if it is stated."""
     machine = file.machine()
     axes = (request.x, request.y)
     for name in axes:
@@ -192,7 +191,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
                     phase=phase,
                     direction=direction,
                     center=at,
-                    run_up_time=min(0.3, np.pi * radius / feed),  # at most the time of half a turn
+                    run_up_time=min(0.3, np.pi * radius / feed),  # s, at most half a turn
                 )
                 for name, phase, at in zip(axes, (0, 90), center, strict=True)
             }
@@ -208,7 +207,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
 
 
 def _middle(file: MachineFile, name: str, radius: float) -> float:
-    """Return the middle of an axis's travel, m; 0 if it is not stated."""
+    """Return the center of an axis's travel range, m; 0 if it is not stated."""
     limits = file.limits.get(name)
     if limits is None or limits.travel_least is None or limits.travel_most is None:
         return 0.0
@@ -232,7 +231,7 @@ def _remarks(measured: MeasuredCircle) -> list[str]:
 
 
 def _summary(measured: MeasuredCircle) -> dict[str, Any]:
-    """Return all figures in SI; a cause that cannot be separated is null."""
+    """Return all figures in SI for JSON; a cause that cannot be separated is null."""
     first = measured.test.circles[0]
     return {
         "radius_m": measured.test.radius,

@@ -1,6 +1,6 @@
-"""`feeddrive cogging`: harmonics of the position in logs of slow runs, or in maps of holding current.
+"""`feeddrive cogging`: position harmonics of the force in logs of slow runs, or in maps of holding current.
 
-The search, its report, and the machine file with the harmonics.
+It holds the fit, its report, and the machine file with the harmonics.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ from feeddrive.workflow.request import argument, called, option
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
 _FORCES = ("force", "torque", "current", "command")
 _NAME_IT = "--position or --angle (or give --map, if each row is a place)"
-_ANY_CLOCK = 1e-3  # s, of a file without one
-_MOST = 1000  # orders that may be asked for
-_NAMED = 6  # orders that a sentence names
-_STRONG = 0.05  # share of the strongest from which an order is named
+_ANY_CLOCK = 1e-3  # s, for a file without a clock
+_MOST = 1000  # largest order
+_NAMED = 6  # orders named in a sentence
+_STRONG = 0.05  # amplitude relative to the strongest order from which an order is named
 
 
 class CoggingRequest(DriveLogsRequest):
-    """Logs of slow runs, or maps of holding current, and the period after which the force repeats."""
+    """Logs of slow runs, or maps of holding current, and the spatial period of the force."""
 
     logs: tuple[Path, ...] = argument("Logs of slow runs over the travel, one way or to and fro")
     period: str | None = option(
@@ -72,7 +72,7 @@ class CoggingRequest(DriveLogsRequest):
     orders: str | None = option("orders in a period, as 1..60 or 7,14,28; up to 128 if left out", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for options that do not fit each other."""
+        """Raise ParameterError for incompatible options."""
         if self.backward and not self.map:
             raise ParameterError("--backward is for maps (--map): in a log the direction is seen in the position")
 
@@ -80,13 +80,13 @@ class CoggingRequest(DriveLogsRequest):
         return Path("results") / f"cogging_{logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an option left out."""
+        """Return the column texts of the options by role; None for an omitted option."""
         return {"position_load": self.position, "angle_motor": self.angle, **self.forces()}
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """Measured runs, the role and unit of their force, the period in SI (m or rad), and the columns by role."""
+    """The measured runs, role and unit of their force, the period in SI (m or rad), and the columns by role."""
 
     runs: Sequence[CoggingRun]
     role: str
@@ -99,9 +99,9 @@ class _Seen:
 
 @command(CoggingRequest)
 def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
-    """Find the cogging of a motor in slow runs: its orders, with errors, and what changes sign with the direction.
+    """Identify the cogging of a motor from slow runs: orders with errors, and the part that depends on direction.
 
-    Raises LogError for a log that cannot be used, NotIdentifiableError for one that does not hold a period.
+    Raises LogError for an unusable log, NotIdentifiableError for a log that does not cover a period.
     """
     drive, orders = drive_of(request), _orders(request.orders)
     seen = _maps(request, drive) if request.map else _passes(request, drive, orders, progress)
@@ -131,7 +131,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
         progress.step("report")
         files = written(write_report(page(), text, request.out), text)
     full = fit.table()
-    # the chance of each is in the report: a terminal of 80 columns holds the rest whole
+    # the p-values are only in the report, so that the table fits a terminal of 80 columns
     shown = Table(full.title, full.columns[:-1], [row[:-1] for row in full.rows])
     notes = [f"No machine file was written: {why}."] if text is None else []
     remarks = [sentence(text) for text in (*seen.doubts, *fit.remarks)]
@@ -139,7 +139,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
 
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
-    """Return the passes in one direction of logs that run over the travel; a clock is not needed."""
+    """Return the passes in one direction from logs of runs over the travel; no clock is needed."""
     named, wanted = request.named(), ("time", *_POSITIONS, *_FORCES)
     files = [OpenedFile(source) for source in request.logs]
     step, paths = _clock(files[0], request), [file.path for file in files]
@@ -161,14 +161,14 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
 
 
 def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
-    """Return the sample time; any will do for a file without a clock, since cogging depends on position alone."""
+    """Return the sample time, arbitrary for a file without a clock, since cogging depends on position alone."""
     if request.sample_time is not None or request.time is not None or request.channels is not None:
         return request.sample_time
     return None if any(is_time(name) for name in read_arrays(path)) else _ANY_CLOCK
 
 
 def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
-    """Return the places of one turn in maps, without those of force 0, which were not measured."""
+    """Return the measured positions of one turn in maps; positions with force 0 were not measured."""
     named = request.named()
     role = next((candidate for candidate in _FORCES if named.get(candidate) is not None), "current")
     text = named.get(role)
@@ -200,7 +200,7 @@ def _is_angle(text: str) -> bool:
 
 
 def _period(text: str | None, unit: str, drive: Drive) -> float:
-    """Return the period in the SI unit of the position. Raise ParameterError."""
+    """Parse the period, or derive it from the drive, in the SI unit of the position. Raise ParameterError."""
     if text is None:
         if unit == "rad":
             return 2.0 * math.pi
@@ -246,7 +246,7 @@ def _at_table(seen: _Seen, drive: Drive) -> AtTable | None:
 
 @dataclass(frozen=True)
 class AtTable:
-    """The table's motion in one period, m, and N at the table per unit of the measured force."""
+    """The table displacement per period, m, and the force at the table per unit of the measured force, N."""
 
     period: float
     force_per_unit: float
@@ -258,7 +258,7 @@ def cogging_report(
     known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
 ) -> Report:
-    """Return the report of a fit of cogging; `known`: facts on the logs."""
+    """Return the report of a cogging fit; `known`: facts on the logs."""
     first, *others = _pictures(fit, runs)
     judgment, told = verdict or advice(fit)
     return Report(
@@ -275,7 +275,7 @@ def cogging_report(
 
 
 def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
-    """Return the reason why the harmonics must not go into a machine file; empty if they may."""
+    """Return the reason why the harmonics must not be written to a machine file; empty if they may."""
     if fit.coulomb is None:
         return "one direction cannot tell cogging from friction that varies along the travel"
     if not _cogging(fit):
@@ -286,7 +286,7 @@ def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
 
 
 def advice(fit: CoggingFit) -> Advice:
-    """Return the judgment on the orders to take, or on what to measure next, with one sentence and its reason."""
+    """Return the judgment with one sentence and its reason: which orders to take, or what to measure next."""
     if not fit.significant:
         return Judgment.NO_COGGING.because("no order of the position is significant")
     strong = [order for order in fit.significant if order.amplitude >= _STRONG * fit.orders[0].amplitude]
@@ -315,12 +315,12 @@ def advice(fit: CoggingFit) -> Advice:
 
 
 def _rms(squares: float, unit: str) -> Text:
-    """Return the RMS of harmonics by the sum of the squares of their amplitudes."""
+    """Return the RMS of harmonics from the sum of their squared amplitudes."""
     return Text(f"{Quantity(np.sqrt(0.5 * squares), unit):3 SI} RMS")
 
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:
-    """Return a machine file with the cogging among its forces, comments kept; without one, the section alone."""
+    """Return the machine file with the cogging among its forces, comments kept; without a file, the section alone."""
     block = _rounded(fit.block(at_table.period, force_per_unit=at_table.force_per_unit))
     section = _section(block, axis)
     if machine is None:
@@ -341,7 +341,7 @@ def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None
 
 
 def _rounded(block: Cogging) -> Cogging:
-    """Round to six digits, far finer than the standard errors."""
+    """Round the values to six digits, far finer than the standard errors."""
     harmonics = tuple(
         replace(harmonic, share=_short(harmonic.share), phase=_short(harmonic.phase)) for harmonic in block.harmonics
     )
@@ -358,7 +358,7 @@ def _section(block: Cogging, axis: str) -> str:
 
 
 def _cogging(fit: CoggingFit) -> list[CoggingOrder]:
-    """Return the strong orders that do not change sign with the direction, the strongest first."""
+    """Return the strong orders that do not change sign with the direction, strongest first."""
     common = [
         order
         for order in fit.significant

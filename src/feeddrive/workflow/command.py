@@ -1,10 +1,10 @@
 """A command: a function with a declared request, a protocol for progress and cancel, and a printable outcome.
 
-The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which gives the result), and the command line
-and the page, which show the outcome.  What a command reads from a file may also be the object that was read.
+The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which returns the result), and the command
+line and the page, which show the outcome.  A command also accepts an object in place of the file it is read from.
 
 `COMMANDS` lists module, one-line description, group and examples of every command, so that `--help` need not import
-their modules.  `fd.workflow.NAME` gives the command (with _ for -).
+their modules.  `fd.workflow.NAME` is the command (with _ for -).
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ class Outcome(Generic[T]):
     """The outcome of a command.
 
     result    the object of the analysis
-    tables    what is shown first, with sentences between tables
-    remarks   what must be known of it
-    verdict   one sentence that says what to do, or what came out
-    notes     what follows from the verdict
-    section   text to be pasted into a file
-    files     what was written, by what it is
-    details   what is shown on request (--verbose) after the remarks; reports have it too
-    rotary    it is about an axis that turns, and is shown in rad, N m and kg m2; a result may say so as well
+    tables    tables to show first, with sentences between them
+    remarks   important remarks on the result
+    verdict   one sentence with the recommendation or the finding
+    notes     consequences of the verdict
+    section   text to paste into a file
+    files     paths of the written files, by kind
+    details   tables and sentences shown on request (--verbose) after the remarks, and always in reports
+    rotary    True for a rotary axis, shown in rad, N m and kg m2; a result may also declare this
     judgment  the judgment of the command on its own result, which gives the exit code
-    failure   why a bad judgment was passed, if the verdict does not say it
-    error     what ended the work early, after something was done that is worth keeping
-    page      makes the report of the command, if it has one of its own; it can be pickled
+    failure   the reason for a bad judgment, if the verdict does not state it
+    error     the error that ended the job early, after results that are worth keeping
+    page      the function that makes the command's own report, if it has one; it must be picklable
     """
 
     result: T
@@ -77,7 +77,7 @@ class Outcome(Generic[T]):
 
     @property
     def turns(self) -> bool:
-        """True if the outcome is about an axis that turns."""
+        """True if the outcome is about a rotary axis."""
         return self.rotary or bool(getattr(self.result, "rotary", False))
 
     def contents(self, *, verbose: bool = True) -> Iterator[Table | str]:
@@ -93,14 +93,14 @@ class Outcome(Generic[T]):
         yield from (Text(f"- {note}") for note in self.notes)
 
     def shown(self, units: Units | None = None, *, verbose: bool = True) -> Iterator[Grid | str]:
-        """Yield what a person reads of the result, in order, in the units of a reader."""
+        """Yield the tables and texts of the result as shown to a reader, in order and in the reader's units."""
         units = units or self.units
         for item in self.contents(verbose=verbose):
             yield item.grid(units) if isinstance(item, Table) else resolve(item, units)
 
     @property
     def units(self) -> Units:
-        """The units of the outcome: rotary ones if its axis turns."""
+        """The units of the outcome, rotary for a rotary axis."""
         return Units(rotary=self.turns)
 
     def written(self) -> Iterator[str]:
@@ -111,7 +111,7 @@ class Outcome(Generic[T]):
         yield from (f"{what}: {path}" for what, path in self.files.items())
 
     def report(self) -> Report:
-        """Return the report of the command, also if nothing was written: its own one, or what the outcome says."""
+        """Return the report of the command, even if nothing was written: its own, or one made from the outcome."""
         return self._told() if self.page is None else self.page()
 
     def _told(self) -> Report:
@@ -137,7 +137,7 @@ class Outcome(Generic[T]):
         )
 
     def record(self, command: str = "") -> dict[str, Any]:
-        """Return it as JSON has it: tables in SI with units and errors, sentences as texts, files and the judgment.
+        """Return the outcome for JSON: tables in SI with units and errors, sentences as texts, files and the judgment.
 
         command  its name; the exit code is that of the command line
         """
@@ -163,12 +163,12 @@ class Outcome(Generic[T]):
 
 
 def failure(error: Exception) -> dict[str, str]:
-    """Return an error as JSON has it."""
+    """Return an error for JSON."""
     return {"kind": type(error).__name__, "message": str(error)}
 
 
 def _recorded(shown: Sequence[Table | str], units: Units) -> dict[str, list[Any]]:
-    """Return tables and the sentences between them as JSON has them."""
+    """Return tables and the sentences between them for JSON."""
     return {
         "tables": [item.record(units) for item in shown if isinstance(item, Table)],
         "texts": [_told(item, units) for item in shown if not isinstance(item, Table)],
@@ -180,9 +180,9 @@ def _told(text: str, units: Units) -> str:
 
 
 class Command(Generic[P, R, T]):
-    """A function of a request and a progress, which may also be called with the fields of the request.
+    """A function of a request and a progress, which can also be called with the fields of the request.
 
-    Nothing is written unless the request names where: `out` is a field of it.
+    Nothing is written unless the request says where, with its field `out`.
     """
 
     def __init__(self, request: Callable[P, R], work: Callable[[R, Progress], Outcome[T]]) -> None:
@@ -191,7 +191,7 @@ class Command(Generic[P, R, T]):
         self.__signature__ = signature(request, work)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
-        """Return the result. `progress` may be given beside the fields of the request; `run` returns the outcome."""
+        """Return the result. `progress` may be passed with the fields of the request; `run` returns the outcome."""
         progress: Any = kwargs.pop("progress", None)
         outcome = self.run(self.build_request(*args, **kwargs), progress)
         if outcome.error is not None:
@@ -199,7 +199,7 @@ class Command(Generic[P, R, T]):
         return outcome.result
 
     def build_request(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Return the request; an invalid field is reported in the units of its axis."""
+        """Return the request; an error about an invalid field uses the units of its axis."""
         try:
             bound = inspect.signature(self.request).bind(*args, **kwargs)
         except TypeError as error:
@@ -222,7 +222,7 @@ class Command(Generic[P, R, T]):
         return f"{self.__name__}: {message}; it needs {needed or 'nothing'}, all else by name"
 
     def run(self, request: R, progress: Progress | None = None) -> Outcome[T]:
-        """Run the work of a request. An output path that cannot be written is refused before the work."""
+        """Run the request. An output path that is not writable is refused before the work starts."""
         for declared in fields_of(type(request)):
             place = getattr(request, declared.name)
             if declared.declared.meaning == OUT and place is not None:
@@ -241,12 +241,12 @@ class Command(Generic[P, R, T]):
 
 
 def _worded(error: FeeddriveError) -> None:
-    """Put the message into the units of an axis that turns."""
+    """Convert the units in an error message to those of a rotary axis."""
     error.args = (resolve(f"{error}", Units(rotary=True)), *error.args[1:])
 
 
 def _turns(fields: Mapping[str, Any]) -> bool:
-    """Return True if all axes that a request may be about turn, as far as its machine files and jobs can be read."""
+    """Return True if all axes of a request are rotary, as far as its machine files and jobs can be read."""
     from feeddrive.files.job import Job, read_job
     from feeddrive.files.machine import MachineFile, read_machine
     from feeddrive.loop.loop import Loop
@@ -267,12 +267,12 @@ def _turns(fields: Mapping[str, Any]) -> bool:
 
 
 def command(request: Callable[P, R]) -> Callable[[Callable[[R, Progress], Outcome[T]]], Command[P, R, T]]:
-    """Make a command of a function: `@command(TuneRequest)`."""
+    """Return a decorator that makes a command of a function: `@command(TuneRequest)`."""
     return lambda work: Command(request, work)
 
 
 class Listed(NamedTuple):
-    """An entry of `--help`: the module of a command, one sentence, its group, and examples of what follows its name."""
+    """An entry of `--help`: the module of a command, one sentence, its group, and examples of its arguments."""
 
     module: str
     summary: str
@@ -484,5 +484,5 @@ COMMANDS: dict[str, Listed] = {
 
 
 def load(name: str) -> Command[Any, Any, Any]:
-    """Return the command of a name."""
+    """Return the command with this name."""
     return getattr(import_module(f"feeddrive.workflow.{COMMANDS[name].module}"), name.replace("-", "_"))

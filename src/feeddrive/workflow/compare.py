@@ -1,4 +1,4 @@
-"""`feeddrive compare`: all laws tuned on one axis of a machine to equal robustness."""
+"""`feeddrive compare`: compare all laws on one axis of a machine, tuned to equal robustness."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TAKEN = "taken.toml"
 
 
 class CompareRequest(EvaluationRequest):
-    """The axis, the laws, and the number of searches for a law."""
+    """The axis, the laws, and the number of searches per law."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("The axis, if the machine has several", default=None)
@@ -51,10 +51,10 @@ class CompareRequest(EvaluationRequest):
 
 @command(CompareRequest)
 def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
-    """Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion.
+    """Compare all laws on one axis, tuned to equal robustness, with today's gains, and rank them by criterion.
 
-    Laws are tuned side by side in processes of their own.  Raises ParameterError for an axis or a law that is not
-    there, for a law to take without a directory, UnstableError if no law can be run.
+    Laws are tuned in parallel processes.  Raises ParameterError for an unknown axis or law, and for a law to take
+    without an output directory; UnstableError if no law can be run.
     """
     machine = read_machine(request.machine)
     laws = [imported(Law, law) if ":" in law else law for law in request.law] or None
@@ -96,18 +96,18 @@ def _check_take(request: CompareRequest, loop: Loop, own: list[type[Law]]) -> No
 
 
 def names(loop: Loop, own: Sequence[type[Law]] = ()) -> list[str]:
-    """Return the names of the laws that can be compared on a loop's axis, user-defined ones included."""
+    """Return the names of the laws that can be compared on the axis of a loop, including user-defined ones."""
     return [candidate.name for candidate in candidates(loop, own)[0]]
 
 
 def taken(machine: MachineFile, axis: str, control: Control) -> str:
-    """Return the text of the machine file with the control of a compared law."""
+    """Return the text of the machine file with the control of the chosen law."""
     from feeddrive.workflow.tune_files import machine_text
 
     return machine_text(machine, axis, control)
 
 
-# columns of the screen, and the keys of their figures
+# columns of the terminal table, and the keys of their figures
 _COLUMNS = (
     (Column("Ms", form="2"), "sensitivity_peak"),
     (Column("delay samples", form="2"), "delay_margin_samples"),
@@ -118,11 +118,11 @@ _COLUMNS = (
     (Column("settled", "s", "2"), "snap_settling_s"),
     (Column("noise", "N", "2"), "force_noise_N"),
 )
-_SENTENCES = re.compile(r"\. (?=[A-Z])")  # between two: not the point of a number in a line of code
+_SENTENCES = re.compile(r"\. (?=[A-Z])")  # between sentences, not a decimal point in code
 
 
 def screen(comparison: Comparison) -> Table:
-    """Tabulate robustness and the deciding figures, two digits each; laws without a place have a mark."""
+    """Tabulate robustness and the deciding figures to two digits; unranked laws are marked."""
     rows = [
         [
             f"{competitor.name}{' *' if competitor.unplaced or competitor.unfit else ''}",
@@ -134,7 +134,7 @@ def screen(comparison: Comparison) -> Table:
 
 
 def in_short(comparison: Comparison) -> list[str]:
-    """Return sentences on the laws without a place, with their names and the reasons."""
+    """Return sentences on the laws without a rank, with the reasons."""
     tuned = [competitor for competitor in comparison.competitors if competitor.tuned is not None]
     groups = {
         "Nothing to tune, so judged as it is": [

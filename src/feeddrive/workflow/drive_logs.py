@@ -1,4 +1,4 @@
-"""Several logs of one drive with the same columns, and its known data, for the friction commands."""
+"""Functions and options shared by commands that read several logs of one drive: columns, drive data, output."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from feeddrive.report.report import Report
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, option
 
-# along the table and round the shaft, the first that is there is taken; a position is differenced
+# roles at the table and at the shaft, in order of preference; a position is differentiated
 _TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
 _SHAFT = ("speed_motor", "angle_motor")
 FORCES = ("force", "torque", "command", "current")
@@ -30,7 +30,7 @@ MOTIONS = (*_TABLE, *_SHAFT)
 
 
 class DriveLogsRequest(Request):
-    """The common options of commands on logs of one drive: columns of the force, constants of the drive, output."""
+    """The common options of commands on logs of one drive: force columns, drive constants, output."""
 
     logs: tuple[LogLike, ...] = argument("Logs of one drive")
     force: str | None = option("column of the force, name:unit", default=None)
@@ -51,7 +51,7 @@ class DriveLogsRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def forces(self) -> dict[str, str | None]:
-        """Return the column texts of force and time by role; None for an option left out."""
+        """Return the column texts of force and time by role; None for an omitted option."""
         return {
             "force": self.force,
             "torque": self.torque,
@@ -62,7 +62,7 @@ class DriveLogsRequest(Request):
 
 
 def drive_of(request: DriveLogsRequest) -> Drive:
-    """Return the drive by the options, completed by the motor of the machine file."""
+    """Return the drive described by the options, completed from the motor of the machine file."""
     machine = None if request.machine is None else read_machine(request.machine)
     loop = None if machine is None else machine.loop(request.axis)
     return drive_with(machine, loop, request.axis, request.force_constant, request.lead, request.gear)
@@ -77,9 +77,9 @@ def read_logs(
     progress: Progress,
     unit: Sequence[str] = (),
 ) -> tuple[list[Log], dict[str, Column], list[str]]:
-    """Read all logs with the roles of the first one, whose guess is shown; return them with doubts about their sizes.
+    """Read all logs with the roles of the first one, whose guess is shown; also return doubts about their magnitudes.
 
-    Raises LogError as `read_log`, and for a log that is none of a feed drive.
+    Raises LogError as `read_log`, and for a log that is implausible for a feed drive.
     """
     first = mapped(paths[0], named, channels, wanted, sample_time, progress, unit, steady=True)
     first.doubt.stop(progress)
@@ -98,7 +98,7 @@ def read_logs(
 def chosen(
     path: Path | OpenedFile, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str
 ) -> str:
-    """Return the role to use: a named one, else the first of `roles` in the log. Raise LogError if there is none."""
+    """Return the role to use: a named one, else the first of `roles` in the log. Raise LogError without one."""
     there = [role for role in roles if role in log.channels]
     told = [role for role in there if named.get(role) is not None]
     if not there:
@@ -109,7 +109,7 @@ def chosen(
 def velocity_and_force(
     path: OpenedFile, log: Log, named: Mapping[str, str | None], drive: Drive
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return velocity and force of a log, and whether they are those of a shaft."""
+    """Return velocity and force of a log, and True if they are those of a shaft."""
     acting = chosen(path, log, named, FORCES, "force", "--force, --torque, --current or --command")
     shaft_first = acting == "torque"
     order = (*_SHAFT, *_TABLE) if shaft_first else (*_TABLE, *_SHAFT)
@@ -127,13 +127,13 @@ def velocity_and_force(
 
 
 def logs_stem(logs: Sequence[LogLike]) -> str:
-    """Return a stem for result files: the name of the first log, and the number of further ones."""
+    """Return a stem for result files: the name of the first log, and the number of further logs."""
     name = Path(called(logs[0])).name.split(".")[0]
     return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}"
 
 
 def log_names(logs: Sequence[LogLike]) -> str:
-    """Return the names of the logs, with their folder once if they share it."""
+    """Return the names of the logs, with the folder stated once if they share it."""
     paths = [Path(called(log)) for log in logs]
     names = ", ".join(path.name for path in paths)
     folders = {str(path.parent) for path in paths}
@@ -148,7 +148,7 @@ def column_texts(mapping: Mapping[str, Column]) -> str:
 
 
 def narrow(table: Table) -> Table:
-    """Return a table of estimates without its intervals, which the report has: it fits a terminal of 80 columns."""
+    """Return a table of estimates without its intervals, to fit a terminal of 80 columns; the report has them."""
     if table.heads[-1] != "95 % interval":
         return table
     rows = [[*row[:-1], "unknown" if str(row[-1]).startswith("not") else ""] for row in table.rows]

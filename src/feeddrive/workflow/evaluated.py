@@ -1,4 +1,4 @@
-"""The options of commands that evaluate many cases: who computes them, and whether a stopped call goes on."""
+"""The options of commands that evaluate many cases: the workers or cluster, and how to resume a stopped call."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from feeddrive.workflow.request import Request, option
 
 
 class EngineRequest(Request):
-    """Base of the requests of commands that evaluate cases; their own fields come first."""
+    """The base class of requests that evaluate cases; their own fields come first."""
 
     workers: int | None = option(
         "Number of cases computed side by side; default: the number of cores",
@@ -31,7 +31,7 @@ class EngineRequest(Request):
 
 
 class EvaluationRequest(EngineRequest):
-    """Base of those whose finished cases are kept."""
+    """The base class of requests whose finished cases are stored."""
 
     resume: bool = option(
         "Go on with an earlier call that was stopped: finished cases are not computed again", default=False, last=True
@@ -40,11 +40,11 @@ class EvaluationRequest(EngineRequest):
 
 @contextmanager
 def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -> Generator[Engine]:
-    """Yield the engine of a request; finished cases are stored in `keep`, else beside `out` until the block is done.
+    """Yield the engine of a request; finished cases are stored in `keep`, or temporarily beside `out`.
 
-    The block writes what the cases came to: cases beside `out` are removed after it, those in `keep` stay.
-    An error that ends the block early states how many cases `--resume` finds.
-    Raises ParameterError for a request to resume without either.
+    The caller's block writes the results: after it, cases beside `out` are removed, and those in `keep` stay. An error
+    that ends the block early states how many cases `--resume` can reuse. Raises ParameterError for a request to resume
+    without either.
     """
     store = _store(keep, out, resume=request.resume)
     engine = Engine.of(request.workers, request.scheduler, store)
@@ -63,7 +63,7 @@ def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -
 
 def _store(keep: Path | None, out: Path | None, *, resume: bool) -> Folder | None:
     if keep is not None:
-        return Folder(keep)  # who names the directory goes on with what is there
+        return Folder(keep)  # a named directory is always continued
     if out is not None:
         return Folder(out.parent / f"{out.name}_cases", resume)
     if resume:

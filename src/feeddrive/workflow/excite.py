@@ -1,6 +1,6 @@
 """`feeddrive excite`: an excitation signal for measuring the frequency response of an axis.
 
-The files hold the signal to send, the simulated response, and the limits that were checked.
+The files hold the signal to play, the simulated response, and the limits that were checked.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option, stem
 
-_USELESS = 0.3  # deviation of a line from which it carries no tuning
+_USELESS = 0.3  # relative standard deviation beyond which a line is useless for tuning
 WARNING = (
     "The axis moves by itself while this is sent. Keep the travel clear, keep a hand on the stop, and begin with a "
     "tenth of the amplitude."
@@ -38,7 +38,7 @@ WARNING = (
 
 
 class ExciteRequest(Request):
-    """The axis, the place, band and amplitude of the excitation, and its limits."""
+    """The axis; the injection point, band and amplitude of the excitation; and its limits."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     band: str = option("band in Hz, as 5..500")
@@ -58,7 +58,7 @@ class ExciteRequest(Request):
 
     @property
     def name(self) -> str:
-        """The name of the excitation and its directory: that of the machine file, with the axis if it was named."""
+        """The name of the excitation and its directory: the machine file's name, with the axis if it was given."""
         return f"{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
 
     def usual_out(self) -> Path:
@@ -67,7 +67,7 @@ class ExciteRequest(Request):
 
 @command(ExciteRequest)
 def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
-    """Design a multisine and check travel, speed and force by simulation; files to be sent are written if asked for.
+    """Design a multisine and check travel, velocity and force by simulation; write its files on request.
 
     Raises ParameterError for a band, a grid or a limit that cannot be kept.
     """
@@ -112,17 +112,17 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
 
 
 def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> Path:
-    """Write `excitation_1.csv` ... to be sent, `simulated_1.parquet` ... and `report.html`; the path of the report.
+    """Write `excitation_1.csv` ... to play, `simulated_1.parquet` ... and `report.html`; return the path of the report.
 
-    A file to be sent has time, excitation and the set position of the motion underneath.  A simulated log has all that
-    `feeddrive frf` needs.  Raises FileError.
+    An excitation file holds time, excitation and the set position of the underlying motion.  A simulated log holds all
+    that `feeddrive frf` needs.  Raises FileError.
     """
     of_axis = turning if excitation.rotary else str
     with new_directory(out) as folder:
         for i, drawn in enumerate(excitation.drawings, start=1):
             sent = {"excitation": drawn.excitation, "set_position": drawn.set_position}
             units = {"excitation": excitation.unit, "set_position": of_axis("m")}
-            stamps = np.round(drawn.time, 12)  # 0.00015 and not 0.00015000000000000001, for readability of the file
+            stamps = np.round(drawn.time, 12)  # readable file: 0.00015, not 0.00015000000000000001
             write_run_csv(folder / f"excitation_{i}.csv", stamps, sent, units)
             columns = {"excitation": drawn.excitation, **drawn.signals}
             units = {name: of_axis(UNITS.get(name, "m")) for name in columns} | {"excitation": excitation.unit}
@@ -132,7 +132,7 @@ def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> P
 
 
 def rehearsed(excitation: Excitation, loop: Loop, output: str = "reading_load") -> tuple[FrequencyEstimate, FRF]:
-    """Return the response estimated from the simulated measurement, and that of the simulated model."""
+    """Return the response estimated from the simulated measurement, and that of the linearized model."""
     estimate = estimate_frf(excitation.records(output), method="periodic", period=excitation.period)
     velocity = excitation.offset_velocity or 0.05
     model = linearize(loop, ["cut"], [output], velocity=velocity)
@@ -140,7 +140,7 @@ def rehearsed(excitation: Excitation, loop: Loop, output: str = "reading_load") 
 
 
 def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
-    """Return a sentence on the lines with too much noise, from where on, and the remedy; empty if there are none."""
+    """Return a sentence on lines with too much noise, where they begin, and the remedy; empty if there are none."""
     good = np.flatnonzero(share < _USELESS)
     lost = share.size - good.size
     if lost == 0:
@@ -152,7 +152,7 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
 
 
 def excitation_report(excitation: Excitation, loop: Loop, known: Mapping[str, str] | None = None) -> Report:
-    """Return the report of an excitation, with what its measurement will show; `known`: facts on the machine."""
+    """Return the report of an excitation, with the expected measurement; `known`: facts on the machine."""
     estimate, model = rehearsed(excitation, loop)
     assert estimate.frf.variance is not None
     share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude

@@ -17,7 +17,7 @@ from feeddrive.workflow.request import OUT, Request, argument, option
 
 
 class ExportRequest(Request):
-    """The axis, or all of them, and the target."""
+    """The axis, or all axes, and the target."""
 
     source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     target: str = option("c, linuxcnc, linuxcnc-pid, fmu2, fmu3, cortex-m, st, or parameters", short="-t")
@@ -41,10 +41,10 @@ class ExportRequest(Request):
 
 @command(ExportRequest)
 def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, ...]]:
-    """Write the control of an axis for a target: what is written computes what was simulated, bit for bit.
+    """Write the control of an axis as code for a target, which computes exactly what was simulated, bit for bit.
 
-    Without an axis the controls of all axes of the file are written, and with `plant` all axes and their couplings as
-    one plant.  Without `out` it goes to results/export_MACHINE_AXIS_TARGET.  Raises as `write_export`.
+    Without an axis, the controls of all axes of the file are written; with `plant`, all axes and their couplings as one
+    plant.  Without `out` the output goes to results/export_MACHINE_AXIS_TARGET.  Raises as `write_export`.
     """
     progress.step(f"export for {request.target}")
     written = write_all(
@@ -79,7 +79,7 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
 
 
 class VerifyRequest(Request):
-    """The export, the length of the trial, and the compiler."""
+    """The export, the number of test samples, and the compiler."""
 
     directory: Path = argument("A directory that `feeddrive export` wrote")
     samples: int | None = option(
@@ -93,7 +93,7 @@ class VerifyRequest(Request):
 
 @command(VerifyRequest)
 def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
-    """Run the equality proof of an export again, with this machine's compiler."""
+    """Repeat the equivalence test of an export with this machine's compiler."""
     progress.step(f"verifying {request.directory}")
     verified = verify_export(
         request.directory, samples=request.samples, seed=request.seed, flags=request.flag, command=request.compiler

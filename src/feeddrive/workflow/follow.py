@@ -1,4 +1,4 @@
-"""`feeddrive follow`: wait for a trigger in signals that are being recorded, and keep the window around it as a log."""
+"""`feeddrive follow`: wait for a trigger in signals that are being recorded, and save the window around it as a log."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT_FILE, Request, argument, option
 
 PIPE = "-"
-_OFTEN = 0.02  # s between two looks
+_OFTEN = 0.02  # s, polling interval
 _NO_CLOCK = "{name}: has no clock: give the sample time, so that its rows have times in s"
 
 
 class FollowRequest(Request):
-    """The source to follow, the window to keep, and how long to wait for it."""
+    """The source to follow, the window to save, and the timeout."""
 
     source: Path = argument(
         "A table in text that grows, as a log that is being written; - for rows from a pipe, as of halsampler; or the "
@@ -57,7 +57,7 @@ class FollowRequest(Request):
         return Path("results") / f"window_{'pipe' if str(self.source) == PIPE else self.source.stem}.parquet"
 
     def trigger(self) -> Trigger | None:
-        """Return the trigger as it is declared; None without a channel."""
+        """Return the declared trigger; None without a channel."""
         if self.channel is None:
             return None
         return Trigger(self.channel, self.level, self.edge, self.hysteresis, self.hold)
@@ -65,9 +65,9 @@ class FollowRequest(Request):
 
 @command(FollowRequest)
 def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
-    """Wait for the trigger in what is being recorded, and keep the window around it as a log.
+    """Wait for the trigger in signals that are being recorded, and save the window around it as a log.
 
-    Raises FileError, LogError, BusError for a source that cannot be followed, LogError too where no window came.
+    Raises FileError, LogError or BusError for a source that cannot be followed, and LogError on a timeout.
     """
     pipe = Pipe(sys.stdin.buffer) if str(request.source) == PIPE else None
     source = opened(request.source, pipe, sample_time=request.sample_time, time_unit=request.time_unit)
@@ -120,11 +120,11 @@ def opened(
     time_unit: str | None = None,
     inside: Path | None = None,
 ) -> LiveSource:
-    """Open a source by its name: - for the pipe, a drive file for its drive, else a table that grows.
+    """Open a source by its name: `-` for the pipe, a drive file for its drive, else a table still being written.
 
     inside  a folder that a file must not leave
-    Raises FileError and ParameterError of a drive file; a table that is not there yet is waited for, in a folder that
-    there is.
+
+    Raises FileError and ParameterError for a drive file; a missing table is waited for, if its folder exists.
     """
     if source.suffix.lower() == ".toml" and inside is None:
         from feeddrive.bus.drive_file import read_drive
@@ -138,7 +138,7 @@ def opened(
 
 
 def check_followed(sources: Collection[Path]) -> None:
-    """Raise the errors of sources that were named and can never be followed: no folder, no good drive file."""
+    """Raise an error for named sources that can never be followed: a missing folder, an invalid drive file."""
     for source in sources:
         if source.suffix.lower() == ".toml":
             from feeddrive.bus.drive_file import read_drive
@@ -150,7 +150,7 @@ def check_followed(sources: Collection[Path]) -> None:
 
 
 def check_channel(scope: Oscilloscope) -> None:
-    """Raise ParameterError if the source has no such channel to trigger by."""
+    """Raise ParameterError if the source lacks the trigger channel."""
     if scope.trigger is not None and scope.channels and scope.trigger.channel not in scope.channels:
         name = scope.trigger.channel
         raise ParameterError(f"there is no channel '{name:.60}' to trigger by{nearest(name, scope.channels)}")
@@ -159,13 +159,12 @@ def check_channel(scope: Oscilloscope) -> None:
 def window_log(
     name: str, shown: Shown, stated: Mapping[str, str] | None = None, channels: Collection[str] | None = None
 ) -> Log:
-    """Return a window as a log whose time is 0 at the trigger, or at the end of the window without one.
+    """Return a window as a log whose time is 0 at the trigger, or at the end of the window without a trigger.
 
     stated    units of channels whose source states none
-    channels  that are kept; None: all
+    channels  channels to keep; None: all
 
-    Raises LogError for gaps in it and for a clock that is not uniform, with their place; ParameterError for a source
-    without a clock.
+    Raises LogError for gaps and a non-uniform clock, with their position; ParameterError for a source without a clock.
     """
     if shown.clock != "s":
         raise ParameterError(_NO_CLOCK.format(name=name))

@@ -1,4 +1,4 @@
-"""`feeddrive force`: from what a drive logs or is commanded (percent, A, V, `pid.output`) to N, or N m.
+"""`feeddrive force`: convert the signal that a drive logs or receives (percent, A, V, `pid.output`) to N or N m.
 
 torque = signal · (rated torque / 100 | torque constant | value at full output / full output)
 force  = torque / r,   r = lead / (2π gear)
@@ -51,7 +51,7 @@ class ForceRequest(Request):
     out: Path | None = option("File for the lines (TOML), as --channels takes it", short="-o", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for a signal that is none, and for constants that exclude each other."""
+        """Raise ParameterError for an unknown signal, and for constants that exclude each other."""
         if self.signal not in SIGNALS:
             raise ParameterError(f"signal = '{self.signal}' must be one of {', '.join(SIGNALS)}")
         if self.torque_constant is not None and self.motor_constant is not None:
@@ -60,7 +60,7 @@ class ForceRequest(Request):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ForceScale(Result):
-    """The factor from the numbers of a column to a force in N at the table, or a torque in N m at the motor.
+    """The conversion factor from a column to the force at the table in N, or the torque at the motor in N m.
 
     steps   the conversions: name, value for 1 of the signal, and unit
     """
@@ -77,19 +77,19 @@ class ForceScale(Result):
         return Table(title, ["step", "for 1 of the signal", "unit"], rows)
 
     def line(self) -> str:
-        """Return the entry of a file for --channels."""
+        """Return the entry for a --channels file."""
         return f"{self.role} = {{ column = {json.dumps(self.column, ensure_ascii=False)}, factor = {self.factor!r} }}"
 
     def option(self) -> str:
-        """Return the option of the command line."""
+        """Return the equivalent option of the command line."""
         return f"--{self.role} '{self.column}*{self.factor!r}'"
 
 
 @command(ForceRequest)
 def force(request: ForceRequest, progress: Progress) -> Outcome[ForceScale]:
-    """Find the factor from percent, A, V or pid.output to N or N m by data sheets; print the line that says so.
+    """Compute the factor from percent, A, V or pid.output to N or N m from data sheets; print the line to use it.
 
-    Raises ParameterError for a datum that is missing, with which one.
+    Raises ParameterError that names a missing datum.
     """
     progress.step("computing")
     result = scale(request)
@@ -165,7 +165,7 @@ def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
 
 
 def _remarks(request: ForceRequest, result: ForceScale) -> list[str]:
-    """Return remarks on what the factor alone does not show."""
+    """Return remarks on assumptions behind the factor."""
     remarks: list[str] = []
     if any("constant" in step for step, _, _ in result.steps) and not request.amplitude:
         remarks.append(

@@ -35,10 +35,10 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import check_response, doubt, units_first, with_units
 from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, frequencies, option
 
-# names that a column may have for each role, the first that is there is taken
+# usual column names of each role, in order of preference
 _INPUT = ("force", "torque", "current", "command", "iq")
 _REFERENCE = ("excitation", "added_force", "reference")
-# of both encoders, the first kind that is there
+# pairs of usual encoder names, in order of preference
 _OUTPUTS = (
     ("position_load", "reading_load", "position_motor", "reading_motor"),
     ("angle_load", "angle_motor"),
@@ -80,7 +80,7 @@ class FrfRequest(Request):
 def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEstimate]]:
     """Estimate a frequency response with coherence, variance, noise and distortion from measured logs.
 
-    The result has one estimate for each output.  Raises LogError for a log that cannot be used.
+    The result has one estimate per output.  Raises LogError for an unusable log.
     """
     logs, references = [OpenedFile(log) for log in request.logs], request.reference
     unnamed = request.input is None and not request.output
@@ -101,7 +101,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
             skip=request.skip,
             segment=request.segment,
         )
-        if request.channels is None and "blows" not in estimate.counts:  # a hammer finds modes, no mass
+        if request.channels is None and "blows" not in estimate.counts:  # an impact test identifies modes, not the mass
             doubted += _check_mass(read[0].name, estimate, of_input, output, progress)
         estimates.append(estimate)
         shown += [estimate.table(), *([levels(estimate)] if estimate.levels else [])]
@@ -131,7 +131,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
 
 
 def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
-    """Return the judgment on estimates of which one is incoherent on most lines; None if all are good."""
+    """Return the judgment on the first estimate that is incoherent on most lines; None if all are good."""
     for estimate in estimates:
         assert estimate.frf.coherence is not None
         poor = float(np.mean(estimate.frf.coherence <= TRUSTED))
@@ -146,9 +146,9 @@ def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
 def _read(
     files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress
 ) -> tuple[list[Log], list[str]]:
-    """Read the logs with the roles of a TOML file, or guess the roles if nothing was named and no name is usual.
+    """Read the logs with the roles of a TOML file; guess the roles if none is named and no column has a usual name.
 
-    The sentences say why a log whose units were told is implausible.
+    The returned sentences say why a log whose units were given is implausible.
     """
     channels, time, sample_time, unit = request.channels, request.time, request.sample_time, request.unit
     doubted: list[str] = []
@@ -164,7 +164,7 @@ def _read(
         return read, doubted
     guess = guess_roles(read[0])
     show(guess, files[0], progress)
-    if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
+    if not guess.mapping:  # all columns need a factor: keep them, so that the error names them
         return read, doubted
     told = {} if time_ is None else {"time": time_}
     roles = with_units(files[0], guess.mapping, unit)
@@ -176,7 +176,7 @@ def _read(
 def _check_sizes(
     file: OpenedFile, log: Log, roles: Mapping[str, Column], told: Collection[str], progress: Progress
 ) -> list[str]:
-    """Raise LogError for a log that is implausible for a feed drive; return the reason if its units were told."""
+    """Raise LogError for a log that is implausible for a feed drive; return the reason if its units were given."""
     doubtful = doubt(file, log, roles, told, _FLAGS, steady=True)
     doubtful.stop(progress)
     return [doubtful.why] if doubtful.why else []
@@ -185,7 +185,7 @@ def _check_sizes(
 def _check_mass(
     where: str, estimate: FrequencyEstimate, of_input: str, of_output: str, progress: Progress
 ) -> list[str]:
-    """Raise LogError for a mass that is implausible for a feed drive; return the reason instead if the units were told.
+    """Raise LogError for a mass that is implausible for a feed drive; return the reason if the units were given.
 
     A response without a unit is in the numbers of the log, and is judged where it is used.
     """
@@ -220,7 +220,7 @@ def _by_roles(
 
 
 def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) -> Record:
-    """Return the record of a log's channels by name, in SI as far as their units are known."""
+    """Return the record of the named channels of a log, in SI as far as their units are known."""
     force, unit_in = _values(log, of_input)
     position, unit_out = _values(log, of_output)
     return Record(
@@ -236,12 +236,12 @@ def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) 
 
 
 def _input(log: Log) -> str:
-    """Return the first column with the usual name of an input."""
+    """Return the first column with a usual name for the input."""
     return next((name for name in _INPUT if name in log.channels), None) or _missing(log, "input", _INPUT[0])
 
 
 def _outputs(log: Log) -> list[str]:
-    """Return the columns with usual names of encoders: of load and motor, or of one position."""
+    """Return the columns with usual encoder names: load and motor, or a single position."""
     kinds = [[name for name in kind if name in log.channels] for kind in _OUTPUTS]
     both = next((kind for kind in kinds if kind), [])
     one = [name for name in _ONE_OUTPUT if name in log.channels]
@@ -249,13 +249,13 @@ def _outputs(log: Log) -> list[str]:
 
 
 def _references(log: Log, told: Sequence[str]) -> list[str]:
-    """Return the signals added to the loop, by name; by default a channel with a usual name."""
+    """Return the names of the signals added to the loop; by default a channel with a usual name."""
     named = [*told] or [name for name in _REFERENCE if name in log.channels][:1]
     return [name for name in named if name != "none"]
 
 
 def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence[str]) -> list[str]:
-    """Return sentences on missing facts that matter: a reference, and the units of input and output."""
+    """Return sentences on important missing information: a reference, and the units of input and output."""
     missing: list[str] = []
     for role, names in columns.items():
         missing += [
@@ -280,7 +280,7 @@ def _plain(named: str) -> str:
 
 
 def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
-    """Return a channel, `name`, `name:unit`, `name*factor` or `name*factor:unit`, and its unit in SI."""
+    """Return a channel given as `name`, `name:unit`, `name*factor` or `name*factor:unit`, and its unit in SI."""
     column = Column.of(named)
     if column.name not in log.channels:
         raise LogError(f"{log.name}: there is no column '{column.name}'{nearest(column.name, log.channels)}")
@@ -298,7 +298,7 @@ def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
 
 
 def _known(named: str, unit: str) -> str:
-    """Return a unit of the command line as `language.units` writes it. Raise ParameterError for an unknown one."""
+    """Return a unit from the command line as `language.units` writes it. Raise ParameterError for an unknown unit."""
     known = unit_of(unit)
     if known is None:
         raise ParameterError(f"'{named}': the unit '{unit}' is not known; give one as mm, N, Nm, A, mdeg or rad")
@@ -321,9 +321,9 @@ def estimate_report(estimate: FrequencyEstimate) -> Report:
 def estimates_report(
     estimates: Sequence[FrequencyEstimate], known: Mapping[str, str] | None = None, verdict: Advice | None = None
 ) -> Report:
-    """Return the report of responses, a section for each of several; `known`: facts on the measurement."""
+    """Return the report of one or several responses, a section for each; `known`: facts on the measurement."""
     verdict = _advice(estimates) if verdict is None else verdict
-    heads = [estimate.frf.output for estimate in estimates]  # columns under the names that their owner gave them
+    heads = [estimate.frf.output for estimate in estimates]  # the user's column names
     keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(estimates))]
     lead: list[str] = [
         sentence if len(estimates) == 1 else Text(f"{name}: {sentence}")
@@ -365,7 +365,7 @@ def _picture(key: str, estimate: FrequencyEstimate) -> Picture:
 
 
 def sentences(estimate: FrequencyEstimate) -> list[str]:
-    """Return sentences on the quality of an estimate: its deviation, and where its coherence is poor."""
+    """Return sentences on the quality of an estimate: its standard deviation, and where its coherence is poor."""
     frf = estimate.frf
     assert frf.coherence is not None
     assert frf.variance is not None
@@ -393,9 +393,9 @@ def sentences(estimate: FrequencyEstimate) -> list[str]:
 
 
 def levels(estimate: FrequencyEstimate) -> Table:
-    """Noise and distortion as a share of the response, in the median over octaves of the band."""
+    """Tabulate noise and distortion relative to the response, as the median in each of six frequency bands."""
     f, size = estimate.frequency, estimate.frf.magnitude
-    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)  # a band has no upper edge: the last line must lie below it
+    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)  # the upper edge is exclusive: keep the last line below it
     rows: list[list[Cell]] = []
     for low, high in pairwise(edges):
         row: list[Cell] = [Text(f"{Quantity(low, 'Hz', bare=True)} .. {Quantity(high, 'Hz')}")]

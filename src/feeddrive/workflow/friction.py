@@ -1,4 +1,4 @@
-"""`feeddrive friction`: a friction curve from logs of constant speeds, its report, and the machine file with it."""
+"""`feeddrive friction`: a friction curve from logs at constant velocity, its report, and the machine file with it."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ from feeddrive.workflow.drive_logs import (
 from feeddrive.workflow.readings import units_first
 from feeddrive.workflow.request import argument, called, option
 
-_POOR = 0.15  # share of the force's RMS that a curve may leave before it is advised against
-_SLOW = 2  # runs in each direction that must be slower than the Stribeck velocity for its level to be seen
-_AT_END = 0.9  # of the largest speed: a Stribeck velocity beyond it is that of the end of the search
-_OPEN = 0.5  # standard error over value from which a parameter counts as not known
+_POOR = 0.15  # residual over the force's RMS beyond which a curve is rejected
+_SLOW = 2  # runs per direction below the Stribeck velocity that are needed to identify the breakaway level
+_AT_END = 0.9  # of the largest speed: a Stribeck velocity beyond it is at the end of the search range
+_OPEN = 0.5  # standard error over value beyond which a parameter counts as undetermined
 
 
 class FrictionRequest(DriveLogsRequest):
-    """Logs of constant speeds, and the columns of the motion."""
+    """Logs at constant velocity, and the columns of the motion."""
 
     logs: tuple[Path, ...] = argument("Logs of constant speeds; one log may hold several")
     velocity: str | None = option("column along the table: name:unit or name*factor:unit", default=None)
@@ -72,7 +72,7 @@ class FrictionRequest(DriveLogsRequest):
         return Path("results") / f"friction_{drive_logs.logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an option left out."""
+        """Return the column texts of the options by role; None for an omitted option."""
         return {
             "velocity_load": self.velocity,
             "position_load": self.position,
@@ -84,9 +84,9 @@ class FrictionRequest(DriveLogsRequest):
 
 @command(FrictionRequest)
 def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCurve]:
-    """Find the friction curve in runs of constant speed: models compared by evidence, parameters with errors.
+    """Identify the friction curve from runs at constant velocity: models by evidence, parameters with errors.
 
-    Raises LogError for a log that cannot be used, NotIdentifiableError for logs without a constant speed.
+    Raises LogError for an unusable log, NotIdentifiableError for logs without a section of constant velocity.
     """
     drive, named = drive_of(request), request.named()
     opened = [OpenedFile(path) for path in request.logs]
@@ -130,7 +130,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
 def _runs(
     paths: Sequence[OpenedFile], logs: Sequence[Log], named: Mapping[str, str | None], drive: Drive
 ) -> tuple[SteadyRuns, list[str]]:
-    """Return the runs of constant speed in all logs, and remarks on logs that hold none."""
+    """Return the runs at constant velocity in all logs, and remarks on logs that contain none."""
     steady: list[SteadyRuns] = []
     without: list[str] = []
     for path, log in zip(paths, logs, strict=True):
@@ -179,14 +179,14 @@ def friction_report(
 
 
 def tables(curve: FrictionCurve) -> list[Table]:
-    """Tabulate the models by evidence, then the parameters of the one that is taken."""
+    """Tabulate the models by evidence, then the parameters of the selected model."""
     comparison = curve.comparison()
     rows = [[f"{row[0]} (taken)" if row[0] == curve.model.name else row[0], *row[1:]] for row in comparison.rows]
     return [Table(comparison.title, comparison.columns, rows), curve.table()]
 
 
 def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
-    """Return remarks on the curve and on the changes of the machine file."""
+    """Return remarks on the curve and on the changes to the machine file."""
     texts = list(curve.remarks)
     for name, value in curve.values.items():
         if name.startswith("viscous") and value < 0.0:
@@ -228,7 +228,7 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
 
 
 def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
-    """Return the reason why the curve must not go into a machine file; empty if it may."""
+    """Return the reason why the curve must not be written to a machine file; empty if it may."""
     if curve.frame is SHAFT:
         return "the curve is that of a shaft; give --lead and --gear to put it at the table"
     if _share(curve) > _POOR:
@@ -261,7 +261,7 @@ def advice(curve: FrictionCurve) -> Advice:
 
 
 def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
-    """Return a machine file with friction and constant force, comments kept; without one, the sections alone."""
+    """Return the machine file with friction and constant force, comments kept; without a file, the sections alone."""
     gravity = curve.gravity() if curve.is_pulled or (machine and _weight(machine.loop(axis).axis)) else None
     if machine is None:
         place = "friction_load"
@@ -292,12 +292,12 @@ def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -
 
 
 def _place(axis: Axis) -> str:
-    """Return the key under which the axis has its friction."""
+    """Return the key of the axis's friction section."""
     return "friction_motor" if axis.friction_load is None and axis.friction_motor is not None else "friction_load"
 
 
 def _friction(edit: TomlEdit, key: tuple[str | int, ...], before: Friction | None, after: Friction) -> None:
-    """Replace the section if the kind of friction changes; else change its values in place."""
+    """Replace the section if the kind of friction changes; otherwise change its values in place."""
     same = type(before) is type(after) and getattr(before, "exponent", 0) == getattr(after, "exponent", 0)
     if not same:
         edit.replace(key, to_toml(after, ".".join(map(str, key))))
@@ -317,12 +317,12 @@ def _gravity(edit: TomlEdit, axis: str, before: Axis, gravity: Gravity) -> None:
 
 
 def _weight(axis: Axis) -> Gravity | None:
-    """Return the constant force of an axis, if it has one."""
+    """Return the constant force of an axis; None if it has none."""
     return next((force for force in axis.forces if isinstance(force, Gravity)), None)
 
 
 def _index(axis: Axis) -> int:
-    """Return the index of the constant force among the forces, or of one that is to be added."""
+    """Return the index of the constant force in the list of forces, or that of a new entry."""
     return next((i for i, force in enumerate(axis.forces) if isinstance(force, Gravity)), len(axis.forces))
 
 
@@ -332,7 +332,7 @@ def _force(gravity: Gravity, axis: str) -> str:
 
 
 def _without(friction: Friction, viscous: float) -> Friction:
-    """Return the friction without the viscous part that the plant's own dampers have."""
+    """Return the friction without the viscous part that the plant's own dampers already model."""
     changes = {
         parameter.name: max(0.0, float(getattr(friction, parameter.name)) - viscous)
         for parameter in fields(friction)
@@ -342,12 +342,12 @@ def _without(friction: Friction, viscous: float) -> Friction:
 
 
 def _share(curve: FrictionCurve) -> float:
-    """Return the RMS of the residual over that of the force."""
+    """Return the RMS of the residual relative to that of the force."""
     return float(np.sqrt(np.mean(curve.residual**2) / max(float(np.mean(curve.runs.force**2)), 1e-300)))
 
 
 def _against(curve: FrictionCurve) -> str:
-    """Return the reason for this model against the next one."""
+    """Return the reason for preferring this model to the next best one."""
     own = next(model for model in curve.compared if model.name == curve.model.name)
     others: list[Compared] = [
         model for model in curve.compared if model is not own and not model.name.startswith("two ")
@@ -363,7 +363,7 @@ def _against(curve: FrictionCurve) -> str:
 
 
 def _missing(curve: FrictionCurve) -> tuple[str, str]:
-    """Return what the runs leave open of the curve, and the parameter concerned; both empty if nothing is open."""
+    """Return what the runs do not determine, and the parameter concerned; both empty if everything is determined."""
     unknown = [
         estimate
         for estimate in curve.estimates
@@ -395,7 +395,7 @@ def _missing(curve: FrictionCurve) -> tuple[str, str]:
 
 
 def _next(curve: FrictionCurve, name: str) -> str:
-    """Return speeds at which a parameter shows."""
+    """Return the velocities at which a parameter can be identified."""
     unit = curve.frame.velocity
     top = float(np.max(np.abs(curve.runs.velocity)))
     slow = float(np.min(np.abs(curve.runs.velocity)))

@@ -1,4 +1,4 @@
-"""`feeddrive identify`: mass, friction and delay of a drive from a log of one motion.
+"""`feeddrive identify`: identify mass, friction and dead time of a drive from a log of one motion.
 
 Identified values are written into an existing machine file, whose comments are kept, or into a new one, with a report.
 """
@@ -45,7 +45,7 @@ from feeddrive.workflow.identify_responses import IdentifyRequest, identify_resp
 from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called
 
-_POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
+_POSITIONS = ("position_load", "position_motor")  # in order of preference
 _ANGLES = ("angle_load", "angle_motor")
 _FORCES = ("force", "torque", "command")
 _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", *_ANGLES, "torque")
@@ -53,11 +53,11 @@ _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoi
 
 @command(IdentifyRequest)
 def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
-    """Find mass, friction and dead time in a log, or masses and modes in frequency responses; with errors.
+    """Identify mass, friction and dead time from a log, or masses and modes from frequency responses; with errors.
 
-    The result is an `Identified`, of frequency responses `AxisFits` or a `ModalFit`.
+    The result is an `Identified`, for frequency responses `AxisFits` or a `ModalFit`.
 
-    Raises LogError for a log that cannot be used, NotIdentifiableError for one that does not hold what is asked.
+    Raises LogError for an unusable log, NotIdentifiableError for one without the required information.
     """
     progress.step(f"reading {called(request.log)}")
     if isinstance(request.log, FRF):
@@ -136,7 +136,7 @@ def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str,
 
 
 def _not_used(columns: Sequence[str]) -> str:
-    """Return a remark on columns that were named and have no part in the fit."""
+    """Return a remark on named columns that the fit does not use."""
     outside = any(column.startswith(("load_force", "excitation")) for column in columns)
     why = (
         ": what was injected there counts as error of the fit, so identify from a run without it, or add it to the "
@@ -156,7 +156,7 @@ def _identified(
     columns: Mapping[str, Column],
     progress: Progress,
 ) -> Identified:
-    """Identify the drive. Raise NotIdentifiableError for swapped columns, else LogError for implausible sizes."""
+    """Identify the drive. Raise NotIdentifiableError for swapped columns, LogError for implausible magnitudes."""
     try:
         if doubt.moves:
             doubt.stop(progress)
@@ -181,9 +181,9 @@ def _identified(
 
 
 def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> dict[str, Any]:
-    """Return the fields of a `MotionLog`: position and force of the log, along the table or round a shaft.
+    """Return the fields of a `MotionLog`: position and force of the log, at the table or at the shaft.
 
-    A motion of the one and a force of the other are both put at the table, by the lead of the screw.
+    If one is at the table and the other at the shaft, both are converted to the table by the lead of the screw.
     """
     moving, acting = _chosen(file, log, drive, named)
     limit = None if drive.loop is None else drive.loop.control.force_limit
@@ -207,7 +207,7 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
 
 
 def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> tuple[str, str]:
-    """Return the roles of motion and force: named ones first, then those that need no lead between them."""
+    """Return the roles of motion and force: named ones first, then those that need no lead to relate them."""
     motions, forces = (
         [role for role in there if role in named] or there
         for there in ([role for role in roles if role in log.channels] for roles in ((*_POSITIONS, *_ANGLES), _FORCES))
@@ -223,14 +223,14 @@ def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) ->
 
 
 def machine_text(identified: Identified, machine: MachineFile | None, axis: str) -> str | None:
-    """Return the text of the machine file; None if the loop is not known whole (no law, or a shaft without a lead)."""
+    """Return the text of the machine file; None if the loop is incomplete (no law, or a shaft without a lead)."""
     if identified.loop is None:
         return None
     return _new(identified, axis) if machine is None else _edited(identified, machine, axis)
 
 
 def estimates_of(identified: Identified) -> tuple[Estimate, ...]:
-    """Return the estimates for the file: those of the closed loop if there are any, else of the inverse dynamics."""
+    """Return the estimates for the file: from the closed loop if available, else from the inverse dynamics."""
     return identified.rigid.estimates if identified.refinement is None else identified.refinement.estimates
 
 
@@ -261,7 +261,7 @@ def _edited(identified: Identified, machine: MachineFile, axis: str) -> str:
 
 
 def _forces(edit: TomlEdit, axis: str, before: tuple[Block, ...], after: tuple[Block, ...]) -> None:
-    """Write the constant force where it was changed, added or removed; the other forces stay."""
+    """Write the constant force if it was changed, added or removed; keep the other forces."""
     if len(before) == len(after) and all(type(a) is type(b) for a, b in zip(before, after, strict=True)):
         for k, (old, new) in enumerate(zip(before, after, strict=True)):
             _values(edit, ("axis", axis, "forces", k), old, new)
@@ -282,7 +282,7 @@ def _values(edit: TomlEdit, key: tuple[str | int, ...], before: Block, after: Bl
 
 
 def _new(identified: Identified, axis: str) -> str:
-    """Return a whole machine file; estimated numbers have their standard errors beside them."""
+    """Return a complete machine file; estimated parameters have their standard errors in comments."""
     loop = identified.loop
     assert loop is not None
     text = machine_toml(
@@ -297,7 +297,7 @@ def _new(identified: Identified, axis: str) -> str:
 
 
 def _say_errors(edit: TomlEdit, identified: Identified, axis: str, loop: Loop) -> None:
-    """Write the estimates with their standard errors in comments."""
+    """Write the estimates, with their standard errors in comments."""
     for estimate in estimates_of(identified):
         name = estimate.name if estimate.name in tree.parameters(loop) else _place(loop, estimate.name)
         if name is None:
@@ -308,7 +308,7 @@ def _say_errors(edit: TomlEdit, identified: Identified, axis: str, loop: Loop) -
 
 
 def _place(loop: Loop, parameter: str) -> str | None:
-    """Return the path in a loop of a parameter of the inverse dynamics; None if it is not there."""
+    """Return the path in a loop of a parameter of the inverse dynamics; None if the loop has none."""
     own = loop.place_of("axis")
     if parameter == "offset":
         return next((path for path in tree.parameters(loop) if path.startswith(f"{own}.forces.")), None)
@@ -345,7 +345,7 @@ def identified_report(identified: Identified, known: Mapping[str, str] | None = 
 
 
 def _estimates(identified: Identified) -> int:
-    """Return how many tables hold the estimates: those of the inverse dynamics, and of the closed loop."""
+    """Return the number of tables of estimates: from the inverse dynamics, and from the closed loop if available."""
     return 1 if identified.refinement is None else 2
 
 

@@ -1,4 +1,4 @@
-"""`feeddrive identify FRF.csv`: masses, springs and modes from responses; the report, and the plant for a file."""
+"""`feeddrive identify FRF.csv`: fit masses, springs and modes to responses; report, and plant for a machine file."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ from feeddrive.workflow.drive_logs import narrow, write_report, written
 from feeddrive.workflow.readings import check_response, units_first
 from feeddrive.workflow.request import CHANNELS, OUT, Request, argument, called, frequencies, option
 
-_POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, from which a model is not worth using
-_DECIBEL = 8.686  # of 1 in ln
+_POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
+_DECIBEL = 8.686  # dB per unit of ln
 
 
 def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
-    """Return the frequency responses of a file; None for a log. Raise the error of its lines if it has frequencies."""
+    """Return the frequency responses of a file; None for a log. Raise the error of a file that lists frequencies."""
     try:
         return read_frfs(path)
     except FeeddriveError:
@@ -114,13 +114,13 @@ def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> d
 
 
 def _silent(chosen: Mapping[str, FRF]) -> list[str]:
-    """Return a remark on responses without a unit, which count as m/N."""
+    """Return a remark on responses without a unit, which are assumed to be in m/N."""
     silent = " and ".join(role for role, frf in chosen.items() if not frf.unit)
     return [f"no unit is stated for {silent}: m/N is taken; say another one with --unit, as (m/s)/N"] if silent else []
 
 
 def _chosen(path: Path, responses: Mapping[str, FRF], request: IdentifyRequest, model: str) -> dict[str, FRF]:
-    """Return the responses by role: those that were named, or from separate files, else by their names."""
+    """Return the responses by role: named ones, also from separate files, otherwise by their usual names."""
     named: dict[str, FRF] = {}
     for role, name in (("motor", request.motor), ("load", request.load)):
         if name is None:
@@ -264,7 +264,7 @@ def _pictures(fit: PlantFit | ModalFit) -> Iterator[Picture]:
 
 
 def tables(result: AxisFits | ModalFit) -> list[Table]:
-    """Tabulate the compared structures, the parameters with errors, and the agreement with the lines."""
+    """Tabulate the compared structures, the parameters with errors, and the agreement with the measured response."""
     if isinstance(result, ModalFit):
         return [result.table(), result.agreement.table()]
     compared = [result.table()] if len(result.fits) + len(result.refused) > 1 else []
@@ -272,7 +272,7 @@ def tables(result: AxisFits | ModalFit) -> list[Table]:
 
 
 def told_by(fit: PlantFit | ModalFit) -> str:
-    """Return the reason why the fit must not go into a machine file; empty if it may."""
+    """Return the reason why the fit must not be written to a machine file; empty if it may."""
     if isinstance(fit, ModalFit):
         return "modes without masses are no plant; --model modal makes one"
     if fit.agreement.unused > _POOR:
@@ -318,7 +318,7 @@ def advice(result: AxisFits | ModalFit) -> Advice:
 
 
 def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: bool = True) -> str:
-    """Return a machine file with the fitted plant, comments kept; with `drive` also dead time and lag of the drive."""
+    """Return the machine file with the fitted plant, comments kept; with `drive` also dead time and current loop."""
     plant, actuator = fit.blocks()
     section, place = to_toml(plant, f"axis.{axis}.plant"), ("axis", axis, "plant")
     if machine is None:
@@ -354,7 +354,7 @@ def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: b
 
 
 def _actuator(edit: TomlEdit, axis: str, before: Actuator, after: Actuator) -> None:
-    """Set dead time and current loop where they changed; the motor stays."""
+    """Set dead time and current loop where they changed; keep the motor."""
     kept = replace(after, motor=before.motor, current_loop=after.current_loop or before.current_loop)
     key = ("axis", axis, "actuator")
     if not edit.has(key):
@@ -410,7 +410,7 @@ class IdentifyRequest(Request):
         return Path("results") / f"identify_{Path(called(self.log)).name.split('.')[0]}"
 
     def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an option left out."""
+        """Return the column texts of the options by role; None for an omitted option."""
         return {
             "setpoint_position": self.set_position,
             "position_load": self.position,

@@ -1,4 +1,4 @@
-"""`feeddrive iterate`, `prefilter` and `setpath`: what is learned from trials, a log or a known loop."""
+"""`feeddrive iterate`, `prefilter` and `setpath`: learn feedforward, prefilters and set paths from data or models."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from feeddrive.workflow.drive_logs import chosen
 from feeddrive.workflow.request import CHANNELS, OUT_FILE, UNIT, Request, argument, called, option
 
 _TRIAL_ROLES = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
-# the motion of simulated trials if no job names another
+# default motion of simulated trials
 MOVE = SnapLimitedMove(
     distance=0.1,
     velocity=0.25,
@@ -53,7 +53,7 @@ MOVE = SnapLimitedMove(
 
 
 class IterateRequest(Request):
-    """A log of one trial, or a machine on which trials are simulated, and how far a step goes."""
+    """A log of one trial, or a machine on which trials are simulated, and the step size."""
 
     source: MachineLike | Log = argument(
         "A log of set position and position (MAT, CSV, Parquet), or a machine to simulate trials"
@@ -84,7 +84,7 @@ class IterateRequest(Request):
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
 
     def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an option left out."""
+        """Return the column texts of the options by role; None for an omitted option."""
         return {
             "setpoint_position": self.set_position,
             "position_load": self.position,
@@ -103,7 +103,7 @@ class IterateRequest(Request):
 
     @property
     def wanted(self) -> tuple[str, ...] | None:
-        """The parameters to tune; None for those that the loop has."""
+        """The parameters to tune; None for those of the loop."""
         if self.columns is None:
             return None
         return tuple(name.strip() for name in self.columns.split(",") if name.strip())
@@ -111,10 +111,10 @@ class IterateRequest(Request):
 
 @command(IterateRequest)
 def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials]:
-    """Learn mass, viscous and dry friction to feed forward from the error of a trial: a log, or simulated ones.
+    """Learn the feedforward of mass, viscous and dry friction from the error of a trial: a log, or simulated trials.
 
     The outcome has the next parameters and the section for the machine file.  With a job that runs several axes, such
-    as a part program, and without an axis, all that move learn from the same runs, and the contour error is reported.
+    as a part program, and without an axis, all moving axes learn from the same runs, and the contour error is reported.
     """
     together = _together(request)
     if together is not None:
@@ -135,7 +135,7 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | 
 
 
 def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
-    """Take one step from one log."""
+    """Compute one learning step from one log."""
     progress.step(f"reading {called(request.source)}")
     trial = _trial(request, loop, progress)
     iteration = next_iteration(
@@ -153,7 +153,7 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
 
 
 def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
-    """Run simulated trials on the machine."""
+    """Run learning trials by simulation on the machine."""
     references = [_required_reference(job) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
     trials = iterate_trials(
@@ -174,7 +174,7 @@ def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple
 
 
 def _together(request: IterateRequest) -> Job | None:
-    """Return the job whose axes learn together, if one is asked for."""
+    """Return the job whose axes learn together; None for a single axis."""
     if request.axis is not None or request.controller is not None or len(request.job) != 1:
         return None
     job = read_job(request.job[0])
@@ -182,7 +182,7 @@ def _together(request: IterateRequest) -> Job | None:
 
 
 def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
-    """Run a job on all axes of the machine."""
+    """Simulate learning trials of a job in which all axes of the machine learn together."""
     file = read_machine(request.machine)
     machine = file.machine()
     paths = {file.named(job.axis): job.reference, **{name: other.reference for name, other in job.others.items()}}
@@ -224,7 +224,7 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
 
 
 def _remarks(iteration: Iteration, request: IterateRequest) -> list[str]:
-    """Return remarks for the use of the section."""
+    """Return remarks on how to use the section."""
     remarks: list[str] = [Text(f"{name} is frozen: {reason}.") for name, reason in iteration.frozen.items()]
     remarks += [f"{name} is held by its bound." for name in iteration.held]
     remarks += [capitalized(f"{remark}.") for remark in iteration.remarks]
@@ -236,13 +236,13 @@ def _remarks(iteration: Iteration, request: IterateRequest) -> list[str]:
 
 
 def _replaced(loop: Loop, section: str) -> list[str]:
-    """Return a remark on the blocks of the machine file that a section replaces."""
+    """Return a remark on the blocks of the machine file that the section replaces."""
     there = [block.kind for block in loop.control.feedforward if isinstance(block, (Inertia, DisturbanceCompensator))]
     return [f"{section} takes the place of {' and '.join(there)} in the machine file."] if there else []
 
 
 def _compensated_loop(request: IterateRequest) -> tuple[Loop, str]:
-    """Return the loop with a compensator that has the columns, and the name of its axis."""
+    """Return the loop with a compensator that has the required basis functions, and the name of its axis."""
     machine = read_machine(request.machine)
     loop = machine.loop(request.axis)
     axis = loop.name
@@ -294,7 +294,7 @@ _MOTION_ROLES = ("time", "setpoint_position", "position_load", "position_motor",
 
 
 class PrefilterRequest(Request):
-    """The log, the derivatives that may be used, and known data of the loop that ran it."""
+    """The log, the allowed derivatives of the set position, and known data of the loop that ran it."""
 
     log: LogLike = argument("A log of set position and position (MAT, CSV, Parquet)")
     regressors: str = option("derivatives of the reference that may be used", default="v,a,j,s")
@@ -313,7 +313,7 @@ class PrefilterRequest(Request):
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
 
     def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an option left out."""
+        """Return the column texts of the options by role; None for an omitted option."""
         return {
             "setpoint_position": self.set_position,
             "position_load": self.position,
@@ -324,7 +324,7 @@ class PrefilterRequest(Request):
 
 @command(PrefilterRequest)
 def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[PrefilterFit]:
-    """Fit the prefilter that cancels what a loop leaves of its tracking error, from one log.
+    """Fit, from one log, the prefilter that cancels the remaining tracking error of a loop.
 
     The outcome has the parameters with their standard errors and the section for the machine file.
     """
@@ -395,7 +395,7 @@ def _stated_reference(job: JobLike | None) -> Reference | None:
 
 
 def _chosen(regressors: str) -> list[str]:
-    """Parse `v,a,j,s` or whole names into the names of regressors."""
+    """Parse `v,a,j,s` or full names into the names of regressors."""
     chosen: list[str] = []
     for word in (part.strip() for part in regressors.split(",")):
         name = next((regressor for regressor in REGRESSORS if word and regressor.startswith(word)), None)
@@ -409,7 +409,7 @@ METHODS = ("zero-phase", "splines")
 
 
 class SetpathRequest(Request):
-    """The axis, the motion, and how its set positions are found."""
+    """The axis, the motion, and the method that computes its set positions."""
 
     source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("its axis, if it has several", default=None)
@@ -424,16 +424,16 @@ class SetpathRequest(Request):
     out: Path | None = option(OUT_FILE, short="-o", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for a window of a method that has none."""
+        """Raise ParameterError for a window with a method that does not use one."""
         if self.method != "splines" and self.window is not None:
             raise ParameterError(f"--window = {self.window} is for --method splines, not {self.method}: leave it out")
 
 
 @command(SetpathRequest)
 def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedReference]:
-    """Change a set path beforehand, by the linear model of the loop, so that the table follows the wanted one.
+    """Modify a set path offline, by the linear model of the loop, so that the table follows the desired path.
 
-    Both paths are run on the axis as the file has it, friction included.
+    Both paths are simulated on the axis of the file, friction included.
     """
     progress.step("model of the loop")
     loop = read_machine(request.source).loop(request.axis)
@@ -474,14 +474,14 @@ def _reference_or_move(job: JobLike | None) -> Reference:
 
 
 def _left(loop: Loop, reference: Reference, wanted: Reference) -> list[float]:
-    """Return the largest and the RMS distance of the table, m."""
+    """Return the maximum and the RMS deviation of the table from the desired path, m."""
     run = simulate(loop, reference, record=["position_load"])
     off = run["position_load"] - np.asarray(wanted.at(run.time).position)
     return [float(np.max(np.abs(off))), float(np.sqrt(np.mean(off**2)))]
 
 
 def _text(changed: ChangedReference) -> str:
-    """Return the text of a CSV file: time, the set positions to play, and the wanted positions of the table."""
+    """Return the text of a CSV file: time, the set positions to play, and the desired positions of the table."""
     T = float(changed.reference.sample_time)
     rows = zip(changed.reference.position, changed.wanted.position, strict=True)
     lines = [f"{k * T:.9g},{float(played)!r},{float(wanted)!r}" for k, (played, wanted) in enumerate(rows)]

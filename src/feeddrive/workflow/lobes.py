@@ -1,4 +1,4 @@
-"""`feeddrive lobes`: whether the cut of a machine chatters, and the depths and speeds at which it does not."""
+"""`feeddrive lobes`: stability lobes of a milling cut, and whether the cut of a machine chatters."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
 
-_SPEEDS, _HELICAL = 120, 40  # unless the caller says how many; of a helical cutter each depth has pieces of its own
-_MOST = 5000  # speeds that may be asked for
+_SPEEDS, _HELICAL = 120, 40  # default numbers of speeds; a helical cutter needs separate segments at each depth
+_MOST = 5000  # largest number of speeds
 
 
 class LobesRequest(Request):
-    """A machine with a milling cut among its couplings, the spindle speeds, and modes of the tool if they are known."""
+    """A machine with a milling cut among its couplings, the spindle speeds, and known modes of the tool."""
 
     machine: MachineLike | JobLike = argument("A machine file or a job (TOML) with a milling_cut among its couplings")
     speeds: str | None = option(
@@ -69,7 +69,7 @@ class LobesRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for rigid drives without a mode."""
+        """Raise ParameterError for rigid drives without a tool mode."""
         if self.rigid and not self.mode:
             raise ParameterError("--rigid leaves nothing that gives way: name the modes of the tool with --mode")
 
@@ -79,9 +79,9 @@ class LobesRequest(Request):
 
 @command(LobesRequest)
 def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
-    """Find the depths of a milling cut without chatter over the spindle speed; say whether the machine's cut chatters.
+    """Compute the chatter-free depths of a milling cut over the spindle speed, and judge the machine's cut.
 
-    Raises ParameterError for a machine without a cut, for speeds that are none, and as `stability_lobes`.
+    Raises ParameterError for a machine without a cut, for invalid speeds, and as `stability_lobes`.
     """
     machine = _machine(request.machine)
     try:
@@ -138,7 +138,7 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
 
 
 def _machine(source: MachineLike | JobLike) -> Machine:
-    """Return all axes with their couplings, of a machine file or of a job."""
+    """Return all axes with their couplings, from a machine file or a job."""
     if isinstance(source, MachineFile):
         return source.machine()
     if not isinstance(source, Job) and _is_job(source):
@@ -149,7 +149,7 @@ def _machine(source: MachineLike | JobLike) -> Machine:
 
 
 def _is_job(path: str | Path) -> bool:
-    """Return True for a file that names a machine instead of holding axes, or a name bundled as a job only."""
+    """Return True for a file that names a machine instead of containing axes, or a bundled name that only a job has."""
     try:
         place = find_bundled(path, "machines")
     except FileError:
@@ -161,7 +161,7 @@ def _is_job(path: str | Path) -> bool:
 
 
 def _teeth(request: LobesRequest, cut: MillingCut) -> Regeneration:
-    """Return the regeneration of the cut, with the process damping of the request or of the cut."""
+    """Return the regeneration model of the cut, with the process damping of the request or of the cut."""
     damping = request.process_damping
     if damping is None:
         damping = float(cut.process_damping or 0.0)
@@ -189,7 +189,7 @@ def _speeds(text: str | None, own: float, count: int) -> np.ndarray:
 
 
 def _modes(text: str) -> list[ToolMode]:
-    """Parse `Hz:damping ratio:kg`, in both directions, or with :x or :y in one. Raise ParameterError."""
+    """Parse `Hz:damping ratio:kg` into modes in both directions, or with :x or :y in one. Raise ParameterError."""
     numbers = text.split(":")
     direction = numbers.pop() if numbers[-1] in ("x", "y") else ""
     try:
@@ -204,7 +204,7 @@ def _modes(text: str) -> list[ToolMode]:
 
 
 def _remarks(result: Lobes) -> list[str]:
-    """Return remarks on the limits."""
+    """Return remarks on the stability limits."""
     remarks: list[str] = []
     if np.any(result.flip):
         remarks.append("At flip borders every second tooth cuts deeper: the zero-order theory does not know them.")

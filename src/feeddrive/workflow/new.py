@@ -1,4 +1,4 @@
-"""`feeddrive new law NAME`: a package with a user-defined law, its battery, and a machine file to try it on."""
+"""`feeddrive new law NAME`: create a package with a user-defined law, its tests, and a machine file to try it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
 
 _TEMPLATES = files("feeddrive.workflow") / "templates" / "my_law"
-_SUFFIX = ".txt"  # of a template: it is text here, and code in the package that is written
+_SUFFIX = ".txt"  # of a template, which becomes code in the written package
 
 
 class NewRequest(Request):
@@ -28,7 +28,7 @@ class NewRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for what cannot be made, and for a name that is no name or is taken."""
+        """Raise ParameterError for an unknown kind, and for an invalid or existing name."""
         if self.what != "law":
             raise ParameterError(f"feeddrive new {self.what} is not known; there is: feeddrive new law NAME")
         kind = snake_case(self.name)
@@ -55,9 +55,9 @@ class NewRequest(Request):
 
 @command(NewRequest)
 def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
-    """Make a package for a user-defined law: its file, a test with the battery, a machine file, an entry point.
+    """Create a package for a user-defined law: its file, a test with the battery, a machine file, an entry point.
 
-    The result is its directory. Raises FileError if there is something of this name already: a law is never replaced.
+    The result is its directory. Raises FileError if it exists already: an existing law is never replaced.
     """
     kind = snake_case(request.name)
     out = request.out if request.out is not None else request.usual_out()
@@ -78,11 +78,11 @@ def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
                 name, text = name.replace(word, own), text.replace(word, own)
             (folder / name).write_text(text, encoding="utf-8")
             written[name] = out / name
-    (out / MARKER).unlink()  # from here on it is a person's: no result of a command may replace it
+    (out / MARKER).unlink()  # the user's code from now on, which no command may replace
     here = out / f"{kind}.py"
     return Outcome(out, verdict=f"Write the equations into {here}, then follow {out / 'README.md'}.", files=written)
 
 
 def _class(name: str) -> str:
-    """Return the name of the class: as it was given, or in capitals if the kind was given."""
+    """Return the class name: as given, or in CamelCase if the name was given in snake_case."""
     return name if name != snake_case(name) else "".join(part[:1].upper() + part[1:] for part in name.split("_"))

@@ -1,6 +1,6 @@
-"""`feeddrive plan`: a part program as setpoints that are proven to keep the limits of a machine.
+"""`feeddrive plan`: plan a part program as setpoints that provably keep the limits of a machine.
 
-What is written: `files/planned_program.py`.
+The output files are written by `files/planned_program.py`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from feeddrive.report.page import html
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option
 
-_SHOWN, _WATCHED = 0.2, 5.0  # s between two reports on a terminal, and as lines
+_SHOWN, _WATCHED = 0.2, 5.0  # s between two reports: on a terminal, and as lines (--watch)
 FAULT = (
     f"the motion {Judgment.NOT_PLANNED.says}: this is a fault of feeddrive, not of the program; please report it with "
     "the program and the limits"
@@ -89,7 +89,7 @@ class PlanRequest(Request):
 def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     """Plan a part program within the limits of each axis, prove it, and write setpoints, plan and report.
 
-    Raises ProgramError with file, line, column and word for what cannot be read or moved.
+    Raises ProgramError with file, line, column and word for what cannot be read or executed.
     """
     machine = None if request.machine is None else read_machine(request.machine)
     limits = planned_limits(machine, request.limits)
@@ -102,7 +102,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
         sample_time = float(next(iter(machine.loops.values())).sample_time)
     override = None if request.override is None else read_steps(request.override)
     names = request.program.name, called(request.machine if machine is None else machine.name)
-    with contextlib.closing(_moves(request, limits, progress)) as moves:  # whatever ends it, the program is closed
+    with contextlib.closing(_moves(request, limits, progress)) as moves:  # always closes the program file
         setpoints = Setpoints(moves, limits, sample_time, override)
         if request.out is None:
             return _outcome(planned_of(setpoints, *names), None, machine)
@@ -116,7 +116,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
 
 
 def _differing(machine: MachineFile, letters: str) -> list[str]:
-    """Return remarks on axes that follow differently; none for a law without a linear model."""
+    """Return remarks on axes with different tracking dynamics; none for a law without a linear model."""
     names = [name for name, loop in machine.loops.items() if name.upper() in letters and not loop.axis.rotary]
     with contextlib.suppress(NoSlopeError):
         return matched_dynamics(machine.machine(), names).remarks()
@@ -135,7 +135,7 @@ def _into(writer: SetpointWriter) -> Take:
 
 
 def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> Generator[Move]:
-    """Yield the moves of the program, and report the progress as they are read."""
+    """Yield the moves of the program, and report the progress of reading."""
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     moves = read_program(
         request.program,
@@ -165,7 +165,7 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> G
 
 
 def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
-    """Yield the moves; a continuous path for which the program states no tolerance gets this one."""
+    """Yield the moves; the tolerance applies to continuous-path modes for which the program states none."""
     begun = False
     for move in moves:
         if isinstance(move, PathMode) and move.mode == "continuous" and move.tolerance == 0.0:
@@ -178,7 +178,7 @@ def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
 
 
 def _lines_of(program: Path) -> int:
-    """Return the number of lines of a file; 0 if it cannot be read, for which its reader has the better error."""
+    """Return the number of lines of a file; 0 if it is unreadable, which its reader reports better."""
     with contextlib.suppress(OSError), program.open("rb") as file:
         return sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b"")) + 1
     return 0

@@ -1,4 +1,4 @@
-"""`feeddrive play`, `listen` and `virtual-drive`: a drive on its bus, real or simulated."""
+"""`feeddrive play`, `listen` and `virtual-drive`: play a motion on a drive, log a drive, or simulate one on its bus."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ T = TypeVar("T")
 
 
 class PlayRequest(Request):
-    """The profiles, their drives, the share of the amplitude, and how the motion starts."""
+    """The profiles, their drives, the fraction of the amplitude, and how the motion starts."""
 
     profiles: tuple[Path, ...] = argument(
         "Files to be sent that `feeddrive excite` wrote, one a log; or the directory that `feeddrive plan` wrote"
@@ -61,7 +61,7 @@ class PlayRequest(Request):
         return Path("results") / f"play_{self.drive[0].stem}"
 
     def check(self) -> None:
-        """Raise ParameterError for options of an excitation with a plan, and for several drives without one."""
+        """Raise ParameterError for excitation options with a plan, and for several drives without a plan."""
         if self.plan is not None and (self.share != 1.0 or self.ramp):
             raise ParameterError("--share and --ramp are for an excitation: a plan is played as it was proven")
         if self.plan is None and len(self.drive) != 1:
@@ -72,14 +72,14 @@ class PlayRequest(Request):
 
     @property
     def plan(self) -> Path | None:
-        """The setpoints of a plan; None for profiles."""
+        """The setpoint file of a plan; None for profiles."""
         first = self.profiles[0]
         folder = first.parent if first.name in (PLAN, SETPOINTS) else first
         return folder / SETPOINTS if len(self.profiles) == 1 and (folder / PLAN).is_file() else None
 
 
 class ListenRequest(Request):
-    """The drive to log, and for how long."""
+    """The drive to log, and the duration."""
 
     drive: Path = option("a drive file (TOML): bus, scaling, limits")
     seconds: float = option("duration of the log", default=1.0, unit="s", least=0.001, most=3600.0)
@@ -92,10 +92,10 @@ class ListenRequest(Request):
 
 @command(PlayRequest)
 def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
-    """Move an axis: play an excitation on a drive over EtherCAT or CANopen, within limits, and log what it did.
+    """Play an excitation on a drive over EtherCAT or CANopen within limits, and log the motion of the axis.
 
-    All profiles are read and checked before the bus is touched.  A person is asked unless `yes` says not to.  Logs are
-    kept also of a motion that was aborted; what aborted it is the error of the outcome.
+    All profiles are read and checked before the bus is opened.  The user must confirm unless `yes` is set.  The log of
+    an aborted motion is also kept; the reason of the abort is the error of the outcome.
     """
     if request.plan is not None:
         return _play_plan(request, request.plan, progress)
@@ -121,7 +121,7 @@ def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
 
 @command(ListenRequest)
 def listen(request: ListenRequest, progress: Progress) -> Outcome[Played]:
-    """Log a drive over its bus as it stands, or as somebody moves it by hand, without switching it on."""
+    """Log a drive over its bus at standstill, or while it is moved by hand, without enabling it."""
     file = read_drive(request.drive)
     with _named(file), _client(file, request.unpaced) as client:
         _greet(progress, client)
@@ -139,7 +139,7 @@ def _ask(request: PlayRequest, name: str, progress: Progress) -> None:
 
 
 def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Outcome[Sequence[Played]]:
-    """Play all axes of a plan in the same cycles of one segment."""
+    """Play all axes of a plan on one bus segment, in the same cycles."""
     files = [read_drive(path) for path in request.drive]
     named = {file.axis: file for file in files}
     if "" in named or len(named) < len(files):
@@ -184,7 +184,7 @@ def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Out
 def _play(
     progress: Progress, file: DriveFile, profile: Profile, unpaced: bool, reset_fault: bool, *, first: bool
 ) -> Played:
-    """Play a profile. The drive is opened for each one, so that none waits for the log of another."""
+    """Play a profile. The drive is opened for each profile, so that none waits while a log is written."""
     played: Played | None = None
     try:
         with _named(file), _client(file, unpaced) as client:
@@ -196,9 +196,7 @@ def _play(
     except BusError as error:
         if played is None:
             raise
-        return replace(
-            played, aborted=str(error)
-        )  # leaving the drive failed: the log of the motion is kept all the same
+        return replace(played, aborted=str(error))  # disconnecting failed: keep the log of the motion
     return played
 
 
@@ -208,7 +206,7 @@ def _client(file: DriveFile, unpaced: bool) -> DriveClient:
 
 @contextlib.contextmanager
 def _named(file: DriveFile) -> Generator[None]:
-    """Put the name of the drive file before errors of the bus and of the file."""
+    """Prefix errors of the bus and of the parameters with the name of the drive file."""
     try:
         yield
     except BusError as error:
@@ -233,7 +231,7 @@ def _greet(progress: Progress, client: DriveClient) -> None:
 def _outcome(
     result: T, done: Sequence[Played], out: Path | None, trouble: FeeddriveError | None, names: Sequence[str] = ()
 ) -> Outcome[T]:
-    """Return tables and remarks of all logs, and where they were written, by number or by axis."""
+    """Return tables and remarks of all logs, and their paths, by number or by axis."""
     lines: list[Table | str] = []
     written = [] if out is None else _write(out, done, names or [str(k) for k in range(1, len(done) + 1)])
     for k, played in enumerate(done):
@@ -291,7 +289,7 @@ class VirtualDriveRequest(Request):
     drive_file: Path | None = option("write a drive file for it here", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for options that do not fit each other."""
+        """Raise ParameterError for incompatible options."""
         if self.bus == "canopen" and self.watchdog_ms is not None:
             raise ParameterError(
                 "--watchdog-ms is of EtherCAT; a CANopen drive faults when it is taken out of OPERATIONAL"
@@ -300,7 +298,7 @@ class VirtualDriveRequest(Request):
 
 @command(VirtualDriveRequest)
 def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[int]:
-    """Be a CiA 402 drive with the plant and the control of a machine file inside, until Ctrl-C or a cancel.
+    """Act as a CiA 402 drive with the plant and the control of a machine file, until Ctrl-C or a cancel.
 
     The result is the number of cycles.
     """

@@ -1,7 +1,7 @@
-"""The units in which a log was read, and the check whether a feed drive can do what it then shows.
+"""Unit plausibility of a log: the check whether its magnitudes are possible for a feed drive.
 
-A command stops before it works on a travel of 200 m or a mass of 0.1 kg: the two likeliest readings are shown side by
-side, and nothing is written until the unit is told.
+A command stops before it works on a travel of 200 m or a mass of 0.1 kg: the two likeliest interpretations of the units
+are shown side by side, and nothing is written until the unit is given.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _MOTIONS = (
     "setpoint_angle",
 )
 _FORCES = ("force", "torque")
-# in which units each quantity is logged; the first is SI
+# units in which each quantity may be logged; the first is SI
 _UNITS = {
     "m": ("m", "mm", "um", "in"),
     "m/s": ("m/s", "mm/s", "m/min", "mm/min"),
@@ -48,7 +48,7 @@ _UNITS = {
     "N": ("N", "kN", "mN"),
     "N m": ("N m", "mN m", "kN m"),
 }
-# HAL knows no units: a machine is in mm or inch, by LINEAR_UNITS of its INI file
+# HAL has no units: LINEAR_UNITS in the INI file sets mm or inch
 _OF_HAL = ("mm", "in")
 _HAL_FORMATS = ("halscope", "halsampler")
 _HAL_PINS = ("joint.", "axis.", "pid.")
@@ -68,11 +68,11 @@ FLAGS = {
 
 @dataclass(frozen=True)
 class Doubt:
-    """A doubt that the sizes of a log are those of a feed drive, as a sentence; empty without a doubt.
+    """A doubt whether the magnitudes of a log are those of a feed drive, as a sentence; empty without a doubt.
 
-    told      its units were told, so that the work goes on; else it must stop
-    readings  the two likeliest readings side by side, where another unit makes a feed drive of it
-    moves     a mass could be found in it: a log of noise has sizes too
+    told      True if its units were given by the user, so that the work continues; otherwise it must stop
+    readings  the two likeliest interpretations side by side, if other units make the log plausible
+    moves     True if a mass could be found in the log; a log of noise has magnitudes, too
     """
 
     why: str = ""
@@ -81,7 +81,7 @@ class Doubt:
     moves: bool = False
 
     def stop(self, progress: Progress) -> None:
-        """Show the readings and raise LogError, unless the units were told."""
+        """Show the interpretations and raise LogError, unless the units were given."""
         if self.why and not self.told:
             if self.readings is not None:
                 progress.remark(self.readings)
@@ -89,7 +89,7 @@ class Doubt:
 
 
 def units_first(doubts: Sequence[str]) -> Advice | None:
-    """Return the judgment on values from logs whose sizes are in doubt; None without a doubt."""
+    """Return the judgment that units must be settled first, for implausible magnitudes; None without a doubt."""
     return Judgment.UNITS_IN_DOUBT.because(doubts[0]) if doubts else None
 
 
@@ -116,7 +116,7 @@ class _Group:
 def with_units(file: OpenedFile, mapping: Mapping[str, Column], texts: Sequence[str]) -> dict[str, Column]:
     """Return the mapping with the units of `--unit` for columns that state none.
 
-    Raises ParameterError for a unit that no such column measures.
+    Raises ParameterError for a unit that fits none of these columns.
     """
     columns = dict(mapping)
     for text in texts:
@@ -141,7 +141,7 @@ def with_units(file: OpenedFile, mapping: Mapping[str, Column], texts: Sequence[
 
 
 def stated(file: OpenedFile, column: str, role: str) -> str:
-    """Return the unit that the file states for a column, in its head or at the end of its name; empty without one."""
+    """Return the unit that the file states for a column, in its header or at the end of its name; empty without one."""
     return file.columns.units.get(column, "") or unit_at_the_end(column, role)
 
 
@@ -153,12 +153,11 @@ def doubt(
     flags: Mapping[str, str] = FLAGS,
     steady: bool = False,
 ) -> Doubt:
-    """Return the doubt whether the log, as it was read, is one of a feed drive.
+    """Return a doubt if the magnitudes of a log, as it was read, are implausible for a feed drive.
 
-    told   roles whose unit or factor was given by the person
-    flags  by which option of the command a role is named
-    steady the log is no motion with ramps: accelerations and mass in it are not looked at
-
+    told    roles whose unit or factor was given by the user
+    flags   the option of the command for each role
+    steady  True for a log without acceleration ramps: its accelerations and mass are not checked
     """
     groups = [_group(file, mapping, told, roles) for roles in (_MOTIONS, _FORCES)]
     motion, force = groups
@@ -172,7 +171,7 @@ def doubt(
     if steady:
         measured = {name: size for name, size in measured.items() if name in ("travel", "speed", "force", "torque")}
     is_hal = motion is not None and not motion.how and motion.si == "m" and _hal(file, motion.column)
-    # beside a motion along the table a torque is asked about too, unless a command may be what acts
+    # with a table motion the torque's unit is questioned too, unless a command may be the force
     silent = torque is not None and (force is torque or "command" not in mapping)
     wrong = outside(frame, measured)
     if not wrong and not is_hal and not silent:
@@ -210,23 +209,23 @@ def doubt(
 
 @dataclass(frozen=True)
 class _Reading:
-    """A reading of a log: units of motion and force, and its sizes in them."""
+    """An interpretation of a log: units of motion and force, and its magnitudes in them."""
 
     choices: tuple[tuple[_Group, str], ...]
     sizes: dict[str, float]
 
     @property
     def changes(self) -> int:
-        """The number of units that differ from those as read."""
+        """The number of units that differ from those of the log as read."""
         return sum(group.unit != unit for group, unit in self.choices)
 
     @property
     def name(self) -> str:
-        """`x in mm, f in N`."""
+        """The units in words: `x in mm, f in N`."""
         return ", ".join(f"{group.column} in {unit}" for group, unit in self.choices)
 
     def options(self, flags: Mapping[str, str]) -> str:
-        """Return the options of the command line for this reading."""
+        """Return the command line options for this interpretation."""
         open_ = [(group, unit) for group, unit in self.choices if group.how != "told"]
         kept = [(group, unit) for group, unit in open_ if group.unit != unit] or open_
         words = [
@@ -238,7 +237,7 @@ class _Reading:
         return " ".join(words)
 
     def sentence(self, frame: Frame) -> str:
-        """`x in mm (travel 200 mm, ...)`."""
+        """Return the units and magnitudes in words: `x in mm (travel 200 mm, ...)`."""
         sizes = [
             Text(f"{span.quantity} {spoken(self.sizes[span.quantity], span.unit)}")
             for span in RANGES[frame]
@@ -250,7 +249,7 @@ class _Reading:
 def _readings(
     frame: Frame, measured: Mapping[str, float], motion: _Group | None, force: _Group | None, is_hal: bool
 ) -> list[_Reading]:
-    """Return readings of the log in other units, likeliest first; a reading that changes fewer units is likelier."""
+    """Return interpretations of the log in other units, likeliest first; fewer changed units are likelier."""
     there = [group for group in (motion, force) if group is not None]
     choices: list[list[tuple[_Group, str]]] = []
     for group in there:
@@ -342,16 +341,21 @@ def _table(name: str, frame: Frame, readings: Sequence[_Reading]) -> Table:
     return Table(f"{name}: the two likeliest readings", heads, rows, sentences=2)
 
 
-_OUTPUTS = (("m", "mm", "um", "nm"), ("m/s", "mm/s"), ("m/s2", "mm/s2"))  # of a response, by its order
+_OUTPUTS = (
+    ("m", "mm", "um", "nm"),
+    ("m/s", "mm/s"),
+    ("m/s2", "mm/s2"),
+)  # units of a response's numerator, by order of derivative
 
 
 def check_response(
     where: str, frf: FRF, told: bool, progress: Progress, cure: Callable[[str], str] | None = None
 ) -> str:
-    """Raise LogError for a response whose mass is implausible for a feed drive; return a sentence if its unit was told.
+    """Raise LogError for a response with an implausible mass; if its unit was given, return a sentence instead.
 
     The mass is the median over the lines of |F / (ω² x)|; a response in another kind of unit is not judged.
-    cure  what to give on the command line for a unit of the response, as um/N
+
+    cure  returns the command line option for a unit of the response, as um/N
     """
     mass, unit = RANGES[TABLE][4], frf.unit or "m/N"
     try:
@@ -373,9 +377,7 @@ def check_response(
     why = Text(f"read in {unit} its mass is {spoken(read_mass, 'kg')}, where feed drives have {mass.bounds()}")
     if told:
         return Text(f"{where}: {why}, as its unit was told")
-    read: list[
-        tuple[str, float, float]
-    ] = []  # unit, mass, and how it scatters over the lines: least in the right order
+    read: list[tuple[str, float, float]] = []  # unit, mass, and its scatter over the lines, least for the right order
     for n in [order] if frf.unit else range(len(_OUTPUTS)):
         scatter = float(np.std(np.log(masses[n])))
         for name in _OUTPUTS[n]:

@@ -1,6 +1,6 @@
-"""The functions that make the report of a type of result, by name: nothing is imported before `result.report()`.
+"""The report function of each type of result, by name, so that nothing is imported before `result.report()`.
 
-The rooms of analysis know nothing of reports; a command adds what it alone knows, as where a log came from.
+The analysis packages do not know of reports; a command adds facts that only it knows, such as the source of a log.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from importlib import import_module
 
 from feeddrive.language.table import report_of
 
-# module and class of a result -> the function that makes its report
+# module and class of a result -> its report function
 REPORTS = {
     "benchmark.benchmark:Benchmark": "benchmark.report:benchmark_report",
     "certificate.certificate:Certificate": "workflow.certify:certificate_report",
@@ -31,7 +31,7 @@ REPORTS = {
 
 
 def register_report(kind: type) -> None:
-    """Register the function that makes the report of a type of result, or of its nearest listed base."""
+    """Register the report function of a type of result, or of its nearest listed base class."""
     for base in kind.__mro__:
         name = f"{base.__module__.removeprefix('feeddrive.')}:{base.__qualname__}"
         if name in REPORTS and base not in report_of.registry:

@@ -1,4 +1,4 @@
-"""`feeddrive reproduce`: the experiments of a paper, with a table of its claims and results."""
+"""`feeddrive reproduce`: run the experiments of a paper, and tabulate its claims and results."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class ReproduceRequest(Request):
 
 @command(ReproduceRequest)
 def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence[Reproduced]]:
-    """Run a paper's experiments: what it claims, by which rule, and what came out.
+    """Run a paper's experiments and tabulate its claims, the rule for each, and the results.
 
-    Papers run side by side in processes of their own.  Raises ParameterError for a paper that is not known.
+    Papers run in parallel processes.  Raises ParameterError for an unknown paper.
     """
     names = claims.chosen(request.paper)
     files: dict[str, Path] = {}
     with contextlib.ExitStack() as stack:
-        # opened before the work: a place that cannot be written is refused at once
+        # opened before the work, so that an unwritable output fails immediately
         folder = None if request.out is None else stack.enter_context(new_directory(request.out))
         reproduced = claims.reproduce(names, progress)
         if folder is not None and request.out is not None:

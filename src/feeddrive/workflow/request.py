@@ -1,13 +1,13 @@
-"""A request: a frozen dataclass of declared fields, from which command-line options and forms are made.
+"""A request: a frozen dataclass of declared fields, from which command-line options and forms are generated.
 
     class ExciteRequest(Request):
         machine: str = argument("A machine file (TOML), or the name of a bundled machine")
         amplitude: float = option("peak of the excitation", unit="N", above=0)
         max_compliance: float | None = option("largest compliance", unit="m/N", entered="um/N", above=0)
 
-A field declares its meaning, its unit in SI, its bounds, its options and its default, once.  It is checked when the
-request is made, with the same error message as a parameter of a block.  `entered` is the unit used on the command line
-and in forms; in the request itself the value is in SI.
+Each field declares its meaning, SI unit, bounds, options and default once.  It is validated when the request is
+created, with the same error message as a block parameter.  `entered` is the unit used on the command line and in forms;
+the request itself holds SI values.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ UNIT = "unit of columns that state none, as mm, in or kN; may be repeated"
 class Field:
     """A field of a request.
 
-    kind      of one value: str, Path, int, float or bool
-    kinds     all that Python may give instead: the path of a log, or a `Log`
-    many      the field is a tuple of such values
-    unit      the SI unit that the request holds; `declared.unit` is the one in which people give it
-    flag      on the command line; empty for an argument, which has a place and no name
+    kind      the type of one value: str, Path, int, float or bool
+    kinds     all types that Python may pass instead: the path of a log, or a `Log`
+    many      True if the field is a tuple of such values
+    unit      the SI unit in the request; `declared.unit` is the unit in which users enter the value
+    flag      on the command line; empty for a positional argument
     """
 
     name: str
@@ -57,16 +57,16 @@ class Field:
 
     @property
     def required(self) -> bool:
-        """True if there is no default."""
+        """True if the field has no default."""
         return self.default is MISSING
 
     @property
     def factor(self) -> float:
-        """The factor from the unit in which it is entered to SI."""
+        """The conversion factor from the entered unit to SI."""
         return units.factor(self.declared.unit, self.unit) if self.declared.unit != self.unit else 1.0
 
     def help(self) -> str:
-        """Return meaning, options and unit as a sentence."""
+        """Return meaning, options and unit as a help text."""
         meaning = self.declared.meaning
         options = [str(choice) for choice in self.declared.options]
         named = f": {', '.join(options[:-1])} or {options[-1]}" if options else ""
@@ -76,13 +76,13 @@ class Field:
         return f"{meaning[:1].upper()}{meaning[1:]}{named}{unit}."
 
     def shown(self, value: Any) -> str:
-        """Return one value as the command line takes it: a number in the unit in which it is entered."""
+        """Return one value in the form of the command line: a number in the entered unit."""
         if self.kind is float:
             return units.shortest(value, self.factor)
         return str(value) if self.kind is int else called(value)
 
     def checked(self, value: Any) -> Any:
-        """Return the value as the request holds it. Raise ParameterError with name, value, bound and unit."""
+        """Return the validated value. Raise ParameterError with name, value, bound and unit."""
         if value is None and self.default is None:
             return None
         if self.many:
@@ -116,7 +116,7 @@ class Field:
 def argument(
     meaning: str, *, default: Any = MISSING, options: tuple[str, ...] = (), kw_only: Literal[False] = False
 ) -> Any:
-    """Declare what has a place and no name on the command line: the file or the machine that it is about."""
+    """Declare a positional argument of the command line: the file or machine of the command."""
     declared = Declaration(role="argument", unit="", meaning=meaning, options=options)
     metadata = {"declaration": declared, "unit": "", "short": "", "flag": ""}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
@@ -138,7 +138,7 @@ def option(
     last: bool = False,
     kw_only: Literal[True] = True,
 ) -> Any:
-    """Declare an option; without a default it must be given. `last`: it is shown after those of the subclasses."""
+    """Declare an option, required without a default. `last`: it is listed after the options of subclasses."""
     declared = Declaration(
         role="option",
         unit=entered or unit,
@@ -155,10 +155,10 @@ def option(
 
 @dataclass_transform(frozen_default=True, field_specifiers=(argument, option))
 class Request(Declared):
-    """Base of all requests. Subclasses become frozen dataclasses that check themselves."""
+    """The base class of all requests. Subclasses become frozen dataclasses that validate themselves."""
 
     def __init_subclass__(cls, more: Mapping[str, tuple[str, Any]] | None = None, after: str = "") -> None:
-        """Make a class of requests; `more` has further options (annotation and `option(...)`), placed after a field."""
+        """Create a request class; `more` has further options (annotation and `option(...)`), inserted after a field."""
         if more:
             hints = dict(cls.__annotations__)
             place = list(hints).index(after) + 1
@@ -173,7 +173,7 @@ class Request(Declared):
         return _by_name(type(self))[name].checked(value)
 
     def command_line(self, name: str) -> str:
-        """Return the command line that asks for the same."""
+        """Return the equivalent command line."""
         words = ["feeddrive", name]
         for field in fields_of(type(self)):
             value = getattr(self, field.name)
@@ -186,7 +186,7 @@ class Request(Declared):
         return shlex.join(words)
 
     def python(self, name: str) -> str:
-        """Return the Python call that asks for the same, after `import feeddrive as fd`."""
+        """Return the equivalent Python call, after `import feeddrive as fd`."""
         pairs = [(field, getattr(self, field.name)) for field in fields_of(type(self))]
         words = [
             f"{'' if not field.flag else f'{field.name}='}{_literal(value)}"
@@ -202,7 +202,7 @@ class Request(Declared):
 
 @cache
 def fields_of(request: type[Request]) -> tuple[Field, ...]:
-    """Return the fields of a request in their order, those declared as last after all others."""
+    """Return the fields of a request in order; fields declared with `last` follow all others."""
     hints = typing.get_type_hints(request)
     fields: list[Field] = []
     specs = dataclasses.fields(request)  # type: ignore[arg-type]
@@ -236,7 +236,7 @@ def called(source: Any) -> str:
 
 
 def stem(source: Any) -> str:
-    """Return the name without folder and suffix, for the names of results."""
+    """Return the display name without folder and suffix, for the names of results."""
     return Path(called(source)).stem
 
 
@@ -250,7 +250,7 @@ def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def _literal(value: Any) -> str:
-    """Return a value as Python reads it; a path as its text, an object by its display name."""
+    """Return a value as a Python literal; a path as its text, an object by its display name."""
     if isinstance(value, tuple):
         inside: tuple[Any, ...] = value
         return f"({', '.join(map(_literal, inside))}{',' if len(inside) == 1 else ''})"
@@ -259,9 +259,7 @@ def _literal(value: Any) -> str:
 
 
 def _kind(hint: Any) -> tuple[tuple[type, ...], bool]:
-    """Return the types of a union, and whether they stand in a tuple: `tuple[Path, ...]`, `str
-    MachineFile`.
-    """
+    """Return the types of a union, and True if they are in a tuple: `tuple[Path, ...]`, `str | MachineFile`."""
     kinds = typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
     kinds = tuple(kind for kind in kinds if kind is not type(None))
     if typing.get_origin(kinds[0]) is tuple:
@@ -280,7 +278,7 @@ def frequencies(band: str) -> tuple[float, float]:
 
 
 def signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
-    """Return the fields of the request as parameters, and what the outcome of the work holds as the result."""
+    """Return the signature of a command: the request's fields as parameters, the outcome's result as return type."""
     result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
     declared = inspect.signature(request)
     parameters = [declared.parameters[field.name] for field in fields_of(request)]  # type: ignore[arg-type]

@@ -1,11 +1,11 @@
-"""`feeddrive run`, `demo` and `cosimulate`: simulation of the laws of a job.
+"""`feeddrive run`, `demo` and `cosimulate`: simulate the laws of a job.
 
 report.html          for people
 summary.json         every figure in SI, by law; versions, seed, digest of the log
 runs/LAW.parquet     all signals over time, with units
-runs/LAW.csv         the same as text, of runs up to 100,000 rows
+runs/LAW.csv         the same as text, for runs of up to 100,000 rows
 measured.parquet     the measured channels, for a job with a log
-job.toml             the job as it was given, with machine and part program beside it:  feeddrive run job.toml
+job.toml             a copy of the job, with machine and part program beside it:  feeddrive run job.toml
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.evaluated import EngineRequest
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
-_TEXT = 100_000  # rows: a longer run is not written as text
+_TEXT = 100_000  # rows: longer runs are not written as text
 
 
 class RunRequest(EngineRequest):
-    """The job to run, its log, and how many of its laws run side by side."""
+    """The job to run, its log, and the number of laws to run in parallel."""
 
     job: JobLike = argument("A job file (TOML), or the name of a bundled job")
     log: Path | None = option("A measured log (MAT, CSV, Parquet) in place of the one that the job names", default=None)
@@ -63,7 +63,7 @@ DEMOS = {"axis": "emps", "mill": "circle_diamond_square"}
 
 
 class DemoRequest(Request):
-    """The demo, and where its results go."""
+    """The demo, and its output directory."""
 
     what: str = argument("The demo to run", default="axis", options=tuple(DEMOS))
     out: Path | None = option(OUT, short="-o", default=None)
@@ -74,14 +74,14 @@ class DemoRequest(Request):
 
 @command(RunRequest)
 def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
-    """Run the laws of a job over the same work; report, summary and signals go into a directory, if one is named.
+    """Run the laws of a job on the same task; write report, summary and signals to a directory, if one is named.
 
-    Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
-    LogError for a log that does not fit the job.
+    Raises UnstableError for a law with an unstable loop, DivergedError for one whose run diverges, and LogError for a
+    log that does not match the job.
     """
     progress.step("reading the job")
     job = read_job(request.job, request.log)
-    # processes take a second to begin, longer than most jobs
+    # starting processes takes a second, longer than most jobs
     workers = 1 if request.workers is None and request.scheduler is None else request.workers
     result = run_laws(job, progress, Engine.of(workers, request.scheduler))
     files: dict[str, Path] = {}
@@ -103,7 +103,7 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
 
 
 def _tripped(job: Job, row: Entry) -> bool:
-    """True if a guard tripped in the run of a law, on any of its axes."""
+    """Return True if a guard tripped in the run of a law, on any of its axes."""
     axes = () if row.together is None else job.machines[row.name].axes()
     runs = [row.run, *(row.together.axis(name) for name in axes if row.together is not None)]
     return any(np.any(run["trip"] > 0.0) for run in runs)
@@ -111,12 +111,12 @@ def _tripped(job: Job, row: Entry) -> bool:
 
 @command(DemoRequest)
 def demo(request: DemoRequest, progress: Progress) -> Outcome[JobResult]:
-    """Run a bundled example: a real ball-screw axis under today's control and three better ones; a mill at work."""
+    """Run a bundled example: a ball-screw axis under today's control and three better ones, or a mill while cutting."""
     return run.run(RunRequest(DEMOS[request.what], out=request.out), progress)
 
 
 def write_results(result: JobResult, out: str | Path) -> Path:
-    """Write the directory whole or not at all, and return the path of the report.
+    """Write the results directory atomically, and return the path of the report.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -143,12 +143,12 @@ def write_results(result: JobResult, out: str | Path) -> Path:
 
 
 def program_of(result: JobResult) -> Path | None:
-    """Return the file of the part program that is copied with the job, if it has one."""
+    """Return the file of the part program that is copied with the job; None without one."""
     return None if result.job.program is None else result.job.program.file
 
 
 def repeatable(result: JobResult) -> str:
-    """Return the job as it was written, with the copies of machine and part program beside it, and whole paths else."""
+    """Return the job text with references to the copies of machine and part program, and absolute paths otherwise."""
     job = result.job
     edit, folder, program = TomlEdit(job.file.text, job.file.name), Path(job.file.name).parent, program_of(result)
     if edit.has(("machine",)):
@@ -216,7 +216,7 @@ class CosimulateRequest(Request):
 
 @command(CosimulateRequest)
 def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimulation]:
-    """Run the laws of a job against somebody else's model of the machine: an FMU in place of the plant."""
+    """Run the laws of a job on an external model of the machine: an FMU in place of the plant."""
     job = read_job(request.job)
     values = {name: _number(name, text) for name, text in _pairs("--set", request.set).items()}
     cosimulation = run_against(

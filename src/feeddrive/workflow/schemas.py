@@ -1,4 +1,4 @@
-"""The kinds of files that people write, by the section that each holds, and their JSON Schemas.
+"""The kinds of user-written files, by their top-level section, and their JSON Schemas.
 
 python -m feeddrive.workflow.schemas docs/schema
 """
@@ -33,12 +33,12 @@ FILES: Mapping[str, type[Section]] = {
 
 
 def schemas() -> dict[str, Schema]:
-    """Return the schema of each kind of file by its name."""
+    """Return the schema of each kind of file, by name."""
     return {name: schema_of(section, name) for name, section in FILES.items()}
 
 
 def write_schemas(folder: str | Path) -> list[Path]:
-    """Write `machine.schema.json` and the others into a folder. Raise FileError if it cannot be written."""
+    """Write `machine.schema.json` and the other schemas into a folder. Raise FileError if they cannot be written."""
     written: list[Path] = []
     for name, schema in schemas().items():
         written.append(Path(folder) / f"{name}.schema.json")

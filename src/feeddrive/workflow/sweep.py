@@ -1,9 +1,9 @@
-"""`feeddrive sweep`: all variants of a study, on the cores of this machine or on a Dask cluster.
+"""`feeddrive sweep`: run all variants of a study, on the cores of this machine or on a Dask cluster.
 
-manifest.json                 the study as it was given, digest, version of feeddrive
-rows/chunk_00000000.parquet   a row for each variant: what varies, figures in SI, the reason of one that has none
-report.html                   yield, worst cases, what decides, bands and the Pareto front; summary.json: the same in SI
-worst/variant_00000012.toml   the worst machine by a figure, as a job to run again
+manifest.json                 the study as given, digest, version of feeddrive
+rows/chunk_00000000.parquet   a row per variant: varied values, figures in SI, the reason if it has none
+report.html                   yield, worst cases, main factors, bands and the Pareto front; summary.json: the same in SI
+worst/variant_00000012.toml   the worst machine for a figure, as a job to run again
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from feeddrive.workflow.request import argument, option, stem
 
 
 class SweepRequest(EvaluationRequest):
-    """The study, who computes it, and where its rows go."""
+    """The study, its workers or cluster, and the store of its rows."""
 
     study: StudyLike = argument("A study file (TOML), or the name of a bundled study")
     out: str | Path | None = option(
@@ -44,8 +44,8 @@ class SweepRequest(EvaluationRequest):
 def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
     """Run all variants of a study on the cores of this machine, or on a Dask cluster.
 
-    What is done is kept, whatever ends the work, and `resume` computes the rest.  Raises ParameterError without a place
-    for the rows, and as `feeddrive.study.sweep`.
+    Finished chunks are kept if the sweep ends early, and `resume` computes the rest.  Raises ParameterError without an
+    output for the rows, and as `feeddrive.study.sweep`.
     """
     if request.out is None:
         raise ParameterError("out: a sweep needs a place for its rows: a directory, or an address of fsspec")
@@ -78,7 +78,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
 
 
 def _bad(count: int, first: Sequence[tuple[int, str]]) -> Iterator[str]:
-    """Yield the first variants without figures, with their reasons."""
+    """Yield sentences on the first variants without figures, with their reasons."""
     for variant, reason in first:
         yield f"variant {variant} has no figures: {reason}"
     if count > len(first):

@@ -1,6 +1,6 @@
-"""`feeddrive tour`: the log of the first tour, of an axis whose numbers are not all those of its machine file.
+"""`feeddrive tour`: the log of the first tour, from an axis that differs from its machine file.
 
-tour.csv   what a drive would record: set position, both encoders, force, every sample
+tour.csv   the log a drive would record: set position, both encoders, force, every sample
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from feeddrive.workflow.request import OUT, Request, option
 
 MACHINE = "ball_screw"
 WORKPIECE = 12.0  # kg on the table
-DRIER = 25.0  # N of dry friction more than the file says
-NOISE = 5e-9  # m, standard deviation of both readings, before they are rounded to the counts of the file
+DRIER = 25.0  # N, dry friction in addition to that of the machine file
+NOISE = 5e-9  # m, standard deviation of both readings, before quantization to the counts of the file
 SEED = 16
 _STROKES = ((0.06, 0.25, 4.0), (0.03, 0.1, 3.0), (0.005, 0.02, 1.0))  # m, m/s, m/s2: there and back
 _JERK, _SNAP, _PAUSE = 200.0, 2e4, 0.05  # m/s3, m/s4, s
 
 
 class TourRequest(Request):
-    """The directory of the log."""
+    """The output directory of the log."""
 
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -45,9 +45,9 @@ class TourRequest(Request):
 
 @command(TourRequest)
 def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
-    """Simulate the log of the first tour: the bundled ball screw with a workpiece, more friction, noise and counts.
+    """Simulate the log of the first tour: the bundled ball screw with workpiece, more friction, noise and quantization.
 
-    Today's control is that of the file. The result is the run.
+    The control is that of the machine file. The result is the run.
     """
     loop = axis()
     progress.step("simulating three strokes")
@@ -84,7 +84,7 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
 
 
 def axis() -> Loop:
-    """Return the axis that is measured on the tour, under today's control."""
+    """Return the loop of the axis that is measured on the tour, under today's control."""
     loop = read_machine(MACHINE).loop("x")
     place = loop.place_of("axis")
     more = {"plant.mass_load": WORKPIECE, "friction_motor.coulomb": DRIER, "friction_motor.breakaway": DRIER}
@@ -97,7 +97,7 @@ def axis() -> Loop:
 
 
 def strokes(sample_time: float) -> np.ndarray:
-    """Set positions of three strokes, there and back, each slower than the one before (m)."""
+    """Return the set positions of three strokes, there and back, each slower than the previous one, m."""
     moves = [
         SnapLimitedMove(
             distance=distance,

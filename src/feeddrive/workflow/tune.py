@@ -1,4 +1,4 @@
-"""`feeddrive tune`: from a machine file or a measured frequency response to a tuned control."""
+"""`feeddrive tune`: tune a controller from a machine file or a measured frequency response."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from feeddrive.workflow.request import OUT, Request, argument, called, frequenci
 from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 
-# what a study does not have: its machines are models, and its job says which axis
+# options that exclude --study: its machines are models, and its job names the axis
 _ALONE = {
     "recipe": None,
     "baseline": None,
@@ -48,7 +48,7 @@ _ALONE = {
 
 
 def _limit_options() -> dict[str, tuple[str, Any]]:
-    """Return the options of the limits that the catalogue of figures has, by name."""
+    """Return the options for the limits in the catalogue of figures, by name."""
     options: dict[str, tuple[str, Any]] = {}
     for figure in limitable():
         limit = figure.limit
@@ -70,7 +70,7 @@ def _limit_options() -> dict[str, tuple[str, Any]]:
 class TuneRequest(Request, more=_limit_options(), after="recipe"):
     """An axis or its measured response, the goal of the tuning, and the limits to keep.
 
-    Limits are in SI here: compliance in m/N, noise of the readings in m; the command line takes um/N and nm.
+    Limits are in SI here: compliance in m/N, measurement noise in m; the command line takes um/N and nm.
     """
 
     source: MachineLike | Loop | FRF | OperatingPoint | None = argument(
@@ -128,7 +128,7 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for options that do not fit each other."""
+        """Raise ParameterError for incompatible options."""
         if (self.source is None) == (self.study is None):
             raise ParameterError("give either a machine or a response, or --study with a study of many machines")
         beside = [name for name, default in _ALONE.items() if getattr(self, name) != default]
@@ -150,11 +150,11 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         return Limits((), reading_noise=noise, snap_force=self.step_force, **bounds)
 
     def _bounds(self) -> list[tuple[Figure, float | None]]:
-        """Return the limits by figure, None for those that are not set."""
+        """Return the limits by figure; None for an unset limit."""
         return [(figure, getattr(self, figure.limit.option)) for figure in limitable() if figure.limit is not None]
 
     def sources(self) -> Sources:
-        """Return the axis at every position and load that was named."""
+        """Return the sources of the axis at all named positions and loads."""
         return Sources(
             self.source,
             self.at,
@@ -175,9 +175,9 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
 def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     """Tune gains and filters of an axis within limits; machine file, certificate and report on request.
 
-    The result is a `Tuned`, of a study a `Robust`.
+    The result is a `Tuned`, for a study a `Robust`.
 
-    The failure of the outcome says that the tuning does not hold what it should; no machine file is written then.
+    The failure of the outcome says that the tuning does not keep its limits or proofs; then no machine file is written.
     """
     progress.step("reading")
     if request.study is not None:
@@ -222,7 +222,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
 
 def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     """Tune one control for the machines of a study."""
-    from feeddrive.study.robust import RobustTuner  # sweeps, which a tuning of one axis does not need
+    from feeddrive.study.robust import RobustTuner  # imports sweeps, which tuning one axis does not need
     from feeddrive.workflow.tune_study import tuned_study
 
     assert request.study is not None
@@ -319,7 +319,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:
-    """Return axis and control of the machine file, old and new, as far as they are stable at every point."""
+    """Return axis and control of the machine file, old and new, if they are stable at every operating point."""
     if loop is None:
         return {}
     both = {"today": (loop, tuned.before), "new": (replace(loop, control=tuned.control), tuned.after)}

@@ -45,7 +45,8 @@ from feeddrive.workflow.certify import write_certificate
 def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe]) -> dict[str, Any]:
     """Return all figures as plain numbers; a figure that does not occur is null.
 
-    remarks, rules  of the tuning, and of the trade beside it
+    remarks  on the tuning
+    rules    tuning rules for comparison
     """
     return {
         "rule": tuned.rule,
@@ -73,7 +74,7 @@ def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe])
 
 
 def _usual(quantity: Quantity | None) -> float | None:
-    """Return a value in the unit that it is usually read in, which these files have had from the first on."""
+    """Return a value in its customary unit, which these files have used from the first version."""
     return None if quantity is None else USUAL.of(quantity.unit)[1] * float(quantity.value)
 
 
@@ -94,11 +95,11 @@ _DIGITS = 7
 
 @dataclass(frozen=True)
 class Story:
-    """The facts of a report beside the tuning: what was tuned, how, tuning rules for comparison, and remarks.
+    """The context of a tuning report: what was tuned, how, tuning rules for comparison, and remarks.
 
     today   the name of the first row of each comparison
-    rotary  the axis turns
-    loops   axis and control of the machine file, of today and new, by name; empty where none is known
+    rotary  True for a rotary axis
+    loops   axis and control of the machine file, today and new, by name; empty if unknown
     """
 
     what: str
@@ -137,7 +138,7 @@ def tuned_report(tuned: Tuned, story: Story | None = None) -> Report:
     picture, *others = [*_pictures(tuned, story), *timed]
     known = {**story.facts, "Old and new in time": reason} if reason else story.facts
     shown = tables(tuned, story)
-    first = len(shown) - min(2, len(tuned.cascade)) - 1  # loop by loop, and the proof, are details
+    first = len(shown) - min(2, len(tuned.cascade)) - 1  # the cascade, loop by loop, and the proof are details
     return Report(
         Text(f"{story.what}: {marked(tuned.rule).split(' subject to ')[0].split(';')[0]}"),
         "feeddrive tune",
@@ -163,7 +164,7 @@ def _active_limits(tuned: Tuned) -> Remarks:
 
 
 def tables(tuned: Tuned, story: Story) -> list[Table]:
-    """Tabulate old against new: values, figures at each point, tuning rules, the cascade loop by loop, the proof."""
+    """Tabulate old and new: values, figures at each point, tuning rules, the cascade loop by loop, the proof."""
     rows: list[Sequence[Cell]] = []
     for name, value in tuned.tunables.items():
         started, unit = tuned.started[name], tree.declaration(tuned.control, name).unit
@@ -202,7 +203,7 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
 
 
 def _compared(tuned: Tuned, story: Story) -> Table:
-    """Tabulate today's control, every tuning rule and the new control, each at its worst point."""
+    """Tabulate today's control, every tuning rule and the new control, each at its worst operating point."""
     shown = [(story.today, tuned.before), *((rule.name, rule.figures) for rule in story.rules), ("new", tuned.after)]
     rows = [[name, *_cells(row, tuned.limits)] for name, row in shown]
     title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"
@@ -243,11 +244,11 @@ def _change(before: float, after: float) -> str:
 
 
 _STEP = 20e-6  # m
-_LONG = 10.0  # periods of the slowest crossover that are shown
+_LONG = 10.0  # periods of the slowest crossover to show
 
 
 def _timed(tuned: Tuned, story: Story) -> tuple[list[Picture], str]:
-    """Return the picture of old and new in time, or none and the reason."""
+    """Return the picture of old and new in the time domain, or none and the reason."""
     crossovers = [c for _, figures in _rows(tuned, story.today) if (c := figures.margins.crossover)]
     if not story.loops or not crossovers:
         return [], "not simulated: no axis is known; give a machine file with --baseline"
@@ -258,7 +259,7 @@ def _timed(tuned: Tuned, story: Story) -> tuple[list[Picture], str]:
 
 
 def old_and_new(story: Story, crossover: float) -> Picture:
-    """Simulate a step of the set position, a rope that is cut, and the move, with friction, counts and limit."""
+    """Return the simulated setpoint step, rope-snap test and move, with friction, quantization and force limit."""
     duty = duty_of(next(iter(story.loops.values())))
     long, begin, move = _LONG / crossover, duty.begin, duty.move
     T = float(next(iter(story.loops.values())).sample_time)
@@ -297,7 +298,7 @@ def old_and_new(story: Story, crossover: float) -> Picture:
 
 
 def _rows(tuned: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
-    """Return the figures of the stable loops by name."""
+    """Return the figures of the stable loops, with a name for each."""
     many = len(tuned.after) > 1
     return [
         (f"{name}, {figures.point}" if many else name, figures)
@@ -347,9 +348,9 @@ def _pictures(tuned: Tuned, story: Story) -> Iterator[Picture]:
 def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """Return the text of the machine file with another control of one axis.
 
-    A law of the same kind is changed number by number; another law takes the place of the section, and so does a
-    prefilter.  Numbers of guard, force limit and delay are set, and stay where the control has none.  Of a list of
-    blocks those that stay are changed number by number, others are removed, and new ones written behind (`aligned`).
+    A law of the same kind is edited parameter by parameter; for another kind the section is replaced, likewise for a
+    prefilter.  Numbers of guard, force limit and delay are set, and kept if the control has none.  In a list of blocks,
+    retained blocks are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
     old = machine.loops[axis].control
@@ -388,19 +389,19 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
 
 
 def _listed(block: Block, key: str, rotary: bool) -> str:
-    """Return a block as one more entry of a list."""
+    """Return a block as another entry of a TOML list."""
     text = to_toml(block, key, rotary=rotary)
     return text.replace(f"[{key}]", f"[[{key}]]", 1)
 
 
 def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block) -> None:
-    """Set the numbers of a block that changed."""
+    """Set the changed numbers of a block."""
     before = dict(tree.leaves(old))
     for name, value in tree.leaves(new):
         if before.get(name) != value:
             unit = tree.declaration(new, name).unit
             written = edit.set((*key, *_path(name)), float(value), unit, _DIGITS)
-            if name in before:  # what a comment says of the old number shall not be read of the new one
+            if name in before:  # a comment on the old number must not be read as one on the new number
                 scale = _scale(str(written[-1]), _path(name)[-1], unit)
                 edit.comment(written, f"was {number(before[name] / scale, 7)}")
 

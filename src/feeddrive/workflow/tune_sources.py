@@ -34,15 +34,15 @@ LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
 _BASELINE = "the plant of the baseline"
 _NONE = "none"  # --motor none: the axis has one encoder
-_SIZE = 3.0  # by which a response may differ from the baseline's plant before its unit is doubted
-_BACKWARD = (math.radians(45.0), math.radians(150.0))  # phase of velocity over force that only a wrong sign gives
-_OF_A_FIT = 250  # lines
-_APART = 0.25  # by which motor and load move differently where one encoder is not enough
+_SIZE = 3.0  # factor to the baseline's plant beyond which the unit of a response is doubted
+_BACKWARD = (math.radians(45.0), math.radians(150.0))  # phase of velocity/force: wrong sign
+_OF_A_FIT = 250  # lines of a modal fit
+_APART = 0.25  # relative difference of motor and load beyond which one encoder is not enough
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """Responses at one position and load: of the load, of the motor (a file, its name, or none), and to a hammer."""
+    """The responses at one position and load: of the load, of the motor (file, name or none), and to a hammer."""
 
     load: FrfLike
     motor: str | None = None
@@ -51,7 +51,7 @@ class Measurement:
 
     @property
     def name(self) -> str:
-        """The file of the load, which names the measurement in errors."""
+        """The file of the load response, which names the measurement in errors."""
         return called(self.load)
 
 
@@ -59,11 +59,11 @@ class Measurement:
 class Sources:
     """An axis at one or several positions and loads: machines, loops, points, and measured responses.
 
-    source, at   what is tuned, and the same at other places
-    axis         of machine files with several
-    motor        response of the motor's encoder: files or names; `none` if there is one encoder
+    source, at   what is tuned, and the same axis at other positions and loads
+    axis         the axis of machine files with several
+    motor        responses of the motor encoder: files or names; `none` if there is one encoder
     disturbance, disturbance_motor  responses to a force on the table
-    unit, sample_time, delay        of the responses, where they do not say it
+    unit, sample_time, delay        of the responses, if the files do not state them
     """
 
     source: MachineLike | Loop | FrfLike | OperatingPoint | None
@@ -78,11 +78,11 @@ class Sources:
 
 
 def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[list[OperatingPoint | Loop], list[str]]:
-    """Return the operating points: machines, loops and points as they are, and measurements; and remarks on them."""
+    """Return the operating points, from machines, loops, points and measurements, and remarks on them."""
     first, *others = (
         source if isinstance(source, OperatingPoint) else loop_or_response(source, sources.axis)
         for source in (sources.source, *sources.at)
-        if source is not None  # as of a study, which gives machines of its own
+        if source is not None  # None for a study, which has its own machines
     )
     measured = [source for source in others if not isinstance(source, OperatingPoint | Loop)]
     points: list[OperatingPoint | Loop] = []
@@ -107,10 +107,10 @@ def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[
 
 
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
-    """Return the control to start a search from: today's, another law on the same axis, or a P-PI by robust margins.
+    """Return the initial control of a search: today's, another law on the same axis, or a P-PI by robust margins.
 
-    Today's law by name gets an integral where today's control has none.
-    The text names what replaces today's control, if there is none.
+    Today's law given by name gets an integral if today's control has none. The text names the replacement for a missing
+    control of today.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
@@ -124,12 +124,12 @@ def first_control(law: str | None, loop: Loop | None, points: Sequence[Operating
 
 
 def has_integral(control: Control, sample_time: float) -> bool:
-    """Return True if a constant force on the table leaves no offset."""
+    """Return True if a constant force on the table causes no steady-state error."""
     return ControlResponse(control, float(sample_time), ()).integrates(())
 
 
 def machine_of(source: object) -> MachineFile | None:
-    """Return the machine of a TOML file or a bundled name, or one that was read; None for any other source."""
+    """Return the machine of a TOML file or bundled name, or a `MachineFile` unchanged; None for any other source."""
     if isinstance(source, MachineFile):
         return source
     if not isinstance(source, str | Path):
@@ -147,7 +147,7 @@ def machine_of(source: object) -> MachineFile | None:
 
 
 def loop_or_response(source: MachineLike | Loop | FrfLike, axis: str | None) -> Loop | FrfLike:
-    """Return the loop of a machine's axis; a loop or a measured response is returned as it is."""
+    """Return the loop of a machine's axis; a loop or a measured response is returned unchanged."""
     if isinstance(source, Loop | FRF):
         return source
     machine = machine_of(source)
@@ -166,7 +166,7 @@ def point_of(
     unit: str | None,
     progress: Progress,
 ) -> tuple[OperatingPoint, list[str]]:
-    """Return the measured point and remarks on it. Raise ParameterError for what does not fit, with the remedy."""
+    """Return the measured operating point and remarks on it. Raise ParameterError, with the remedy, for a mismatch."""
     turns = loop is not None and loop.axis.rotary
     responses = {key: in_metres(measurement.name, frf, unit, turns) for key, frf in read_frfs(measurement.load).items()}
     load, motor = _roles(measurement, responses, unit, turns)
@@ -213,7 +213,7 @@ def point_of(
 def _roles(
     measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool
 ) -> tuple[FRF, FRF | None]:
-    """Return the response of the load, and of the motor if there is one: from one file or from two."""
+    """Return the response of the load, and of the motor if there is one, from one or two files."""
     by_output = {frf.output: key for key, frf in responses.items()}
     names = {**by_output, **{key: key for key in responses}}
     if measurement.motor is None and len(responses) > 1:
@@ -249,9 +249,9 @@ def _only(source: FrfLike, unit: str | None, turns: bool) -> FRF:
 
 
 def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
-    """Return the response in m/N, or the same number of rad/(N m) if the axis turns; other units are converted.
+    """Convert a response to m/N; for a rotary axis to rad/(N m), which is stored under the same unit m/N.
 
-    A velocity is integrated.  Raises ParameterError for what is no response of such an axis.
+    A velocity is integrated.  Raises ParameterError for a response that is not of such an axis.
     """
     stated = unit or frf.unit
     f = frf.frequency
@@ -259,7 +259,7 @@ def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
     wanted = {
         units.turning(response_unit) if turns else response_unit: whole for response_unit, whole in by_order.items()
     }
-    if stated in ("", "m/N"):  # responses of models are in m/N, also where the axis turns
+    if stated in ("", "m/N"):  # responses of models are in m/N even for rotary axes
         return frf
     known = units.response(unit_of(stated) or stated)
     if known is not None and known[0] in wanted:
@@ -277,7 +277,7 @@ def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
 
 
 def _check_sign(path: str, frf: FRF) -> None:
-    """Raise ParameterError for a response against the force: velocity lags by 90° for a free mass, 0° by friction."""
+    """Raise ParameterError for a response of wrong sign: velocity lags force by 90° for a free mass, 0° by friction."""
     lines = slice(0, max(5, frf.frequency.size // 20))
     turned = np.angle(np.sum(frf.frequency[lines] ** 2 * frf.response[lines] * 1j / frf.frequency[lines]))
     if _BACKWARD[0] < turned < _BACKWARD[1]:
@@ -289,7 +289,7 @@ def _check_sign(path: str, frf: FRF) -> None:
 
 
 def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -> None:
-    """Raise ParameterError for a response without a unit that is many times that of the baseline's plant."""
+    """Raise ParameterError for a response without a unit that is off by a factor > 3 from the baseline's plant."""
     model = linearize(loop, ["cut"], READINGS)
     low = point.frequency <= 3.0 * point.frequency[0]
     true = model.response(point.frequency[low], READINGS[1], "cut").response
@@ -305,7 +305,7 @@ def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -
 
 
 def _check_encoders(path: str, loop: Loop) -> None:
-    """Raise ParameterError if one response is not enough: the law reads both encoders, with a spring between them."""
+    """Raise ParameterError if one response is insufficient: the law reads both encoders of an elastic axis."""
     T = float(loop.sample_time)
     model = linearize(loop, ["cut"], READINGS)
     lines = np.geomspace(1.0, 0.3 / T, 60)
@@ -324,7 +324,7 @@ def _check_encoders(path: str, loop: Loop) -> None:
 def _on_the_table(
     point: OperatingPoint, loop: Loop | None, load: FRF, motor: FRF | None, step: float
 ) -> tuple[OperatingPoint, list[str]]:
-    """Return the point with a force on the table by the baseline's plant, else by a fit of modes to both encoders."""
+    """Complete the point with the response to a table force, by the baseline's plant or a fit to both encoders."""
     remarks: list[str] = []
     if loop is not None:
         completed, words = with_table_force(point, loop, _BASELINE)
@@ -334,7 +334,7 @@ def _on_the_table(
     if motor is None:
         return point, remarks
     try:
-        # what a control reads and commands is sampled and held, also where a file does not say so
+        # the control samples its readings and holds its command, even if the file does not say so
         at_motor, at_load = (replace(_fewer(frf), sample_time=step) for frf in (motor, load))
         fit = fit_modal_axis(at_motor, at_load)
         plant, actuator = fit.blocks()
@@ -349,7 +349,7 @@ def _on_the_table(
 
 
 def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]) -> list[Measurement]:
-    """Return the first measurement and those at other places; a motor's file belongs to one place, a name to all."""
+    """Return the measurements at all positions; a motor file belongs to one position, a motor name to all."""
     named = [motor for motor in motors if motor == _NONE or not Path(motor).suffix]
     if len(motors) > 1 and (named or len(motors) != 1 + len(others)):
         raise ParameterError(
@@ -367,7 +367,7 @@ def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]
 
 
 def _fewer(frf: FRF) -> FRF:
-    """Return the response on few enough lines for a fit of modes in a second or two, evenly over ln f."""
+    """Return the response on fewer lines, evenly spaced in ln f, for a modal fit within a second or two."""
     x = np.log(frf.frequency)
     kept = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], _OF_A_FIT)).clip(0, x.size - 1))
     variance = None if frf.variance is None else frf.variance[kept]

@@ -1,6 +1,6 @@
-"""`feeddrive tune --study`: one control for the machines of a study, law by law, proven on fresh machines; its report.
+"""`feeddrive tune --study`: tune one controller for the machines of a study, law by law; verify on fresh machines.
 
-report.html    what came out, the spread of figures over fresh machines, the machines that decide
+report.html    the result, the spread of figures over fresh machines, the machines that decide
 summary.json   the same as numbers
 machine.toml   the study's machine file with the new control, if it holds and is better
 control.toml   the new control alone
@@ -31,14 +31,14 @@ from feeddrive.tuning.tune import law_tunables
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.tune_files import Story, machine_text, summary, tables
 
-EVERY = "every"  # in place of a law: all that can be tuned on the axis
+EVERY = "every"  # in place of a law name: all laws that can control the axis
 
 
 @dataclass(frozen=True, eq=False)
 class Laws:
-    """Laws tuned on the same machines, by name, the best first; and why others were not.
+    """The laws tuned on the same machines, by name, best first; and why others were refused.
 
-    The best is good on the most fresh machines; of several alike it has the least rope-snap error on 95 % of them.
+    The best law is good on the most fresh machines; ties are broken by the 95 % quantile of the rope-snap error.
     """
 
     tuned: Mapping[str, Robust]
@@ -50,7 +50,7 @@ class Laws:
         return next(iter(self.tuned.values()))
 
     def table(self) -> Table:
-        """Tabulate the laws by row, today's control last."""
+        """Tabulate the laws, with today's control in the last row."""
         rows = [
             [name, *_cells(robust.after), "no" if robust.unsettled else "yes"] for name, robust in self.tuned.items()
         ]
@@ -70,7 +70,7 @@ def _cells(fresh: Measured) -> list[Cell]:
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
-    """Tune a law, today's if none is named, or every law of the catalogue that can control the axis.
+    """Tune a law (default: today's), or every law of the catalogue that can control the axis.
 
     Raises UnstableError if none keeps the limits.
     """
@@ -106,7 +106,7 @@ def _first(refused: Mapping[str, str]) -> str:
 
 
 def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Mapping[str, str]) -> Outcome[Any]:
-    """Return the outcome of the command; `again`: how to ask for the same."""
+    """Return the outcome of the command; `again`: facts on how to repeat it."""
     laws = tune_laws(tuner, law)
     best = laws.best
     text = _machine(tuner, best)
@@ -137,7 +137,7 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
 
 
 def _machine(tuner: RobustTuner, best: Robust) -> str | None:
-    """Return the text of the machine file with the new control, if it should be taken."""
+    """Return the text of the machine file with the new control; None if it should not be taken."""
     base = next(tuner.study.bases())
     if not best.tuned.holds or not best.better:
         return None
@@ -145,7 +145,7 @@ def _machine(tuner: RobustTuner, best: Robust) -> str | None:
 
 
 def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
-    """Return remarks on the result."""
+    """Return remarks on the tuning result."""
     best = laws.best
     remarks: list[str] = [Text(f"held back by {held.sentence()}") for held in best.tuned.held]
     remarks += [
@@ -169,7 +169,7 @@ def _story(tuner: RobustTuner, again: Mapping[str, str]) -> Story:
 
 
 def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: Mapping[str, str]) -> Path:
-    """Write everything into a directory; return the path of the report."""
+    """Write all files into a directory; return the path of the report."""
     best, story = laws.best, _story(tuner, again)
     base = next(tuner.study.bases())
     numbers = {
@@ -243,7 +243,7 @@ def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
 
 
 def _deciding(best: Robust) -> Table:
-    """Tabulate the machines that decide, under the new control."""
+    """Tabulate the figures of the machines that decide, under the new control."""
     rows = [
         [
             figures.point,

@@ -1,1 +1,1 @@
-"""What the rows of a sweep say: yield, worst cases, what decides, bands and fronts, and the page with all of it."""
+"""The analysis of the rows of a sweep: yield, worst cases, sensitivity, bands and Pareto fronts, and its report."""

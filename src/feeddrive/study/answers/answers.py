@@ -1,11 +1,11 @@
-"""What the rows of a study say: one pass over them, with the memory of a chunk and of a sample.
+"""The answers of a study, computed in one pass over its rows, with the memory of one chunk and a sample.
 
     answers = answers_of(store, study)
     print(*answers.sentences)
     write_report(answers, "out")
 
-Yields, worst cases and fronts are those of all rows.  Distributions, rank correlations and bands are those of a random
-sample where there are more than 200,000; Sobol indices take 8 bytes for each variant and figure.
+Yields, worst cases and fronts are exact over all rows.  Distributions, rank correlations and bands come from a random
+sample if there are more than 200,000 rows; Sobol indices take 8 bytes per variant and figure.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ if TYPE_CHECKING:
 class Answers(Result):
     """The answers of a study.
 
-    sample        rows of machines that were drawn, for distributions
-    worst         by figure
-    bad           numbers of the first variants without figures, each with its reason
-    sobol         of a study of the sampler saltelli, an entry for each figure
-    correlations  with the numbers that vary
-    stiffness     over frequency, if three or more figures stiffness_F_Hz_N_per_m are measured
-    error         following error over time, of machines that were run again
+    sample        rows of randomly drawn machines, for distributions
+    worst         the worst variants by figure
+    bad           numbers and reasons of the first variants without figures
+    sobol         an entry per figure, for the sampler saltelli
+    correlations  rank correlations with the varied numbers
+    stiffness     over frequency, if at least three figures stiffness_F_Hz_N_per_m are measured
+    error         following error over time, of machines that were simulated again
     """
 
     study: Study
@@ -74,16 +74,16 @@ class Answers(Result):
 
     @property
     def quoted(self) -> Sequence[str]:
-        """The texts of the user: title, names of the choices and of the varied things."""
+        """The user's texts: the title, and the names of the choices and varied numbers."""
         return self.study.title, *self.study.columns, *(varied.name for varied in self.study.vary)
 
     @cached_property
     def sentences(self) -> list[str]:
-        """The answers in words, the most important first."""
+        """The answers as sentences, most important first."""
         return sentences(self.study, self.yields, self.sobol, self.correlations)
 
     def table(self) -> Table:
-        """The yield: of each bound and of all together."""
+        """Tabulate the yield of each bound, and of all bounds together."""
         rows: list[list[Cell]] = [
             [bound_text(bound_yield.bound), bound_yield.kept.kept, interval_text(bound_yield.kept), bound_yield.alone]
             for bound_yield in self.yields.bounds
@@ -106,9 +106,10 @@ def _chart(answers: Answers) -> Chart:
 
 
 def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | None = None) -> Answers:
-    """The answers of the rows of a complete sweep, in a store or as a table.
+    """Return the answers for the rows of a complete sweep, in a store or as a table.
 
-    Runs up to 128 machines again for the band of their following error over time.
+    Simulates up to 128 machines again for the band of their following error over time.
+
     Raises ParameterError for rows of another study, FileError for a store that cannot be read.
     """
     progress = progress or Progress()

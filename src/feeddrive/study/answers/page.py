@@ -1,4 +1,4 @@
-"""The report of a study: a page with the pictures of its answers, and the worst machines to run again.
+"""The report of a study: a page with the pictures of its answers, and job files that replay the worst machines.
 
 report.html                        for people
 summary.json                       every answer in SI
@@ -37,11 +37,12 @@ from feeddrive.study.variants import VariantGroup, variant_groups, variants
 
 
 def replay_files(study: Study, variant: int) -> dict[str, str]:
-    """Texts by file name, the job first: `variant_00000012.toml` and `variant_00000012_machine.toml`.
+    """Return texts by file name, the job first: `variant_00000012.toml` and `variant_00000012_machine.toml`.
 
-    The machine has the control of the variant's law as its own, so that the job's only row is `today`.  Numbers are
-    written to the last bit; the cutting process of a part program becomes a coupling of the machine.
-    Raises ParameterError or StructureError for a variant whose numbers make no machine.
+    The control of the variant's law becomes that of the machine, so that the job's only row is `today`.  Numbers are
+    written with all bits; the cutting process of a part program becomes a coupling of the machine.
+
+    Raises ParameterError or StructureError for a variant that cannot be built.
     """
     group = next(variant_groups(study, variants(study, variant, 1)))
     system = group.one(0)
@@ -57,7 +58,7 @@ def replay_files(study: Study, variant: int) -> dict[str, str]:
 
 
 def _job(study: Study, group: VariantGroup, machine: str, origin: str) -> Iterator[str]:
-    """The job file, section by section."""
+    """Yield the sections of the job file."""
     job = group.base.job
     values: dict[str, Any] = {"title": f"{study.title}: {origin}", "machine": machine, "axis": group.axis}
     values |= {"seed": int(group.seed[0])} | ({} if group.duration is None else {"duration": group.duration})
@@ -74,14 +75,14 @@ def _job(study: Study, group: VariantGroup, machine: str, origin: str) -> Iterat
 
 
 def _by_axis(blocks: Any, axis: str) -> Mapping[str, Reference | Load]:
-    """Return motions or loads by the name of their axis; none if there are none."""
+    """Return motions or loads by axis name; an empty mapping if there are none."""
     if blocks is None:
         return {}
     return blocks if isinstance(blocks, Mapping) else {axis: blocks}
 
 
 def _program(job: Job) -> str:
-    """The section [program], its files by whole paths."""
+    """Return the section [program], with absolute file paths."""
     assert job.program is not None
     folder = Path(job.file.name).parent
     values = dict(job.file.content["program"])
@@ -93,7 +94,7 @@ def _program(job: Job) -> str:
 
 
 def _written(value: Any) -> str:
-    """A value as TOML: text, truth, number, or a table of them on one line."""
+    """Return a value as TOML: a string, a boolean, a number, or an inline table of them."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{json.dumps(key)} = {_written(entry)}" for key, entry in value.items()) + " }"
     if isinstance(value, str | bool):
@@ -101,8 +102,8 @@ def _written(value: Any) -> str:
     return repr(value)
 
 
-_FRONT = 40  # machines of a table
-_REPLAYED = 3  # bad variants that are written to be run again
+_FRONT = 40  # largest number of machines in a table
+_REPLAYED = 3  # failed variants for which a job file is written
 _ITS_INTERVAL = (
     "Brackets: 95 % interval of the share of all machines that such tolerances make, after Clopper and Pearson. It "
     "holds the true share in at least 95 of 100 studies of independent machines."
@@ -114,7 +115,7 @@ _NARROWER = {
 
 
 def write_report(answers: Answers, out: str | Path) -> Path | str:
-    """Write the files above into a directory or an address of fsspec; return the path of the report.
+    """Write the files of the report into a directory or to an fsspec address; return the path of the report.
 
     Raises FileError for a file that cannot be written.
     """
@@ -125,21 +126,21 @@ def write_report(answers: Answers, out: str | Path) -> Path | str:
 
 
 def report_files(answers: Answers) -> Iterator[tuple[str, str]]:
-    """Name and text of each file of the report; a variant that makes no machine has none."""
+    """Yield name and text of each file of the report; a variant that cannot be built has no file."""
     yield "report.html", html(study_report(answers))
     yield "summary.json", summary_text(summary(answers), rotary=answers.rotary, quoted=answers.quoted)
     chosen = [worst.cases[0].variant for worst in answers.worst] + [variant for variant, _ in answers.bad[:_REPLAYED]]
     for variant in sorted(set(chosen)):
         try:
             texts = replay_files(answers.study, variant)
-        except FeeddriveError:  # its reason stands among the rows
+        except FeeddriveError:  # the rows hold its reason
             continue
         for name, text in texts.items():
             yield f"worst/{name}", text
 
 
 def study_report(answers: Answers) -> Report:
-    """Return the report of a study; its page has less than 1 MB."""
+    """Return the report of a study; its page is smaller than 1 MB."""
     study = answers.study
     interval = (
         "Points of a grid are no sample: their share has no interval."
@@ -206,7 +207,7 @@ def _worst(answers: Answers) -> Table:
 
 
 def _columns(columns: Mapping[str, str]) -> list[Column]:
-    """Return the columns of what varies, whose SI units are the values of a mapping."""
+    """Return the table columns of the varied numbers, from a mapping of name to SI unit."""
     names = short(list(columns))
     return [Column(names[name], unit) for name, unit in columns.items()]
 
@@ -347,7 +348,7 @@ def _facts(answers: Answers) -> list[tuple[str, str]]:
 
 
 def summary(answers: Answers) -> dict[str, Any]:
-    """All answers as plain numbers in SI; absent ones are null."""
+    """Return all answers as plain numbers in SI; missing ones are null."""
     study = answers.study
     return {
         "title": study.title,
@@ -435,7 +436,7 @@ def _ranked(answers: Answers) -> dict[str, dict[str, Any]]:
 
 
 def _plain(value: float) -> float | str | None:
-    """A number, null where there is none, the text "infinite" where it is."""
+    """Return a number, null for NaN, or the text "infinite" for an infinite one."""
     if np.isnan(value):
         return None
     return value if np.isfinite(value) else "infinite"

@@ -1,4 +1,4 @@
-"""Pictures of the answers of a study: yield by bound, distributions, what decides, bands, and the Pareto front."""
+"""The charts of the answers of a study: yield by bound, distributions, sensitivity, bands, and the Pareto front."""
 
 from __future__ import annotations
 
@@ -39,25 +39,25 @@ from feeddrive.study.study import Bound, Study
 if TYPE_CHECKING:
     from feeddrive.study.answers.statistics import Front
 
-_DOTS = 1200  # of a scatter: the page stays small
-_PANELS = 12  # histograms
-_OUTPUTS = 4  # whose sensitivities are shown
-_FACTORS = 8  # of each
-_LETTERS = 30  # of the name of a factor
+_DOTS = 1200  # points of a scatter plot, to keep the page small
+_PANELS = 12  # largest number of histograms
+_OUTPUTS = 4  # outputs whose sensitivities are shown
+_FACTORS = 8  # shown per output
+_LETTERS = 30  # longest shown name of a factor
 
 
 def labelled(figure: Figure) -> str:
-    """A figure with its unit, for an axis."""
+    """Return a figure with its unit as an axis label."""
     return f"{name_of(figure)} ({unit_name(figure.unit)})" if figure.unit else name_of(figure)
 
 
 def _scale(unit: str) -> float:
-    """Return the factor from an SI unit to the unit in which it is drawn."""
+    """Return the factor from an SI unit to the unit used in charts."""
     return USUAL.of(unit)[1]
 
 
 def yields_chart(yields: Yield) -> Chart:
-    """A row for each bound and one for all: the share that keeps it, with its interval."""
+    """Return the share of machines that keep each bound, and all bounds, as error bars with 95 % intervals."""
     rows = [(bound_text(bound.bound), bound.kept) for bound in yields.bounds]
     rows.append(("all of them" if rows else "with figures", yields.inside))
     lines, dots = list[Curve](), list[Curve]()
@@ -79,9 +79,9 @@ def yields_chart(yields: Yield) -> Chart:
 
 
 def histograms_chart(sample: Judged, banded: bool = False) -> Chart:
-    """The distribution of each figure over the machines, with its bound.
+    """Return a histogram of each figure over the machines, with its bound.
 
-    banded  lines of dynamic stiffness without a bound are left to the picture of their band
+    banded  True to leave dynamic stiffness lines without a bound to the chart of their band
     """
     figures = _figures(sample.study, banded)[:_PANELS]
     bounds = {bound.figure: bound for bound in sample.study.specification}
@@ -91,7 +91,7 @@ def histograms_chart(sample: Judged, banded: bool = False) -> Chart:
 
 
 def _figures(study: Study, banded: bool) -> list[Figure]:
-    """Return the figures that are drawn, those with a bound first."""
+    """Return the figures to draw, starting with those that have a bound."""
     bounded = [bound.figure for bound in study.specification]
     others = [figure for figure in study.measure if not (banded and isinstance(figure.of, StiffnessAt))]
     return list(dict.fromkeys([*bounded, *others]))
@@ -117,7 +117,7 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
 
 
 def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: Sequence[RankCorrelation]) -> Chart:
-    """Bars of what decides the figures of the specification: Sobol indices, or rank correlations, with intervals."""
+    """Return bars of the Sobol indices, or rank correlations, of the specified figures, with intervals."""
     outputs = _outputs(study)
     sobol = {row.output: row for row in indices if row.output in outputs}
     ranks = {name: [rank for rank in correlations if rank.output == name] for name in outputs}
@@ -138,7 +138,7 @@ def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: S
 
 
 def _outputs(study: Study) -> list[str]:
-    """Return the outputs that are shown: figures with a bound, and `INSIDE`; without bounds the first figures."""
+    """Return the outputs to show: figures with a bound, and `INSIDE`; without bounds, the first figures."""
     bounded = [bound.figure.key for bound in study.specification][: _OUTPUTS - 1]
     return [*bounded, INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
 
@@ -179,14 +179,14 @@ def _rows(some: Sequence[str], names: Sequence[str], boxes: Sequence[Box], lines
 
 
 def stiffness_band_chart(band: Band) -> Chart:
-    """Quantiles of the dynamic stiffness over frequency."""
+    """Return the quantiles of the dynamic stiffness over frequency."""
     panel = replace(_quantiles(band, "dynamic stiffness"), scale=LOG)
     ends = float(band.x[0]), float(band.x[-1])
     return Chart(f"frequency ({unit_name('Hz')})", (panel,), FREQUENCY, *ends, height=3.2)
 
 
 def error_band_chart(band: Band) -> Chart:
-    """Quantiles of the following error over time."""
+    """Return the quantiles of the following error over time."""
     return Chart("time (s)", (replace(_quantiles(band, "largest following error"), low=0.0),), height=3.0)
 
 
@@ -198,7 +198,7 @@ def _quantiles(band: Band, what: str) -> Panel:
 
 
 def front_chart(front: Front, sample: Judged) -> Chart:
-    """The machines between tracking, stiffness and robustness; rings: those of the front."""
+    """Return scatter plots of tracking, stiffness and robustness; rings mark the Pareto front."""
     first, *others = front.figures.values()
     some = np.linspace(0, sample.variant.size - 1, min(_DOTS, sample.variant.size)).astype(int)
     kept = np.arange(front.rows.variant.size)[:_DOTS]

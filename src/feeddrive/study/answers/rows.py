@@ -1,4 +1,4 @@
-"""The rows of a sweep as arrays: a random sample of them, and shares of machines with their confidence."""
+"""The rows of a sweep as arrays, a random sample of them, and shares of machines with confidence intervals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Share:
-    """A count of machines out of a total, with a confidence interval for the share of all machines that could be built.
+    """A count of machines out of a total, with a confidence interval for the share of all machines that can be built.
 
     sampled  True if the machines were drawn at random: the points of a grid have no interval
     """
@@ -39,7 +39,7 @@ class Share:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The confidence interval of `LEVEL`, (low, high); None without a random sample."""
+        """The confidence interval at `LEVEL`, (low, high); None without a random sample."""
         if not self.sampled:
             return None
         low, high = clopper_pearson(self.kept, self.of)
@@ -47,15 +47,17 @@ class Share:
 
 
 def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]:
-    """The Clopper-Pearson confidence interval of a share of which `kept` out of `of` were drawn.
+    """Return the Clopper-Pearson confidence interval of a share, from `kept` machines out of `of`.
 
         P(X >= kept | low) = P(X <= kept | high) = (1 - level) / 2,   X binomial
 
-    It holds the true share in at least `level` of all studies, whatever the share and the number of machines; Wilson's
-    and the mid-P interval are shorter and do not: at a share of 0.9992, of 200 machines, Wilson's holds it in 85 %.
-    Numbers or arrays.  Source: Clopper & Pearson 1934.
+    It contains the true share in at least `level` of all studies, whatever the share and the number of machines.
+    Wilson's and the mid-P interval are shorter but do not guarantee this: for a share of 0.9992 and 200 machines,
+    Wilson's contains it in 85 %.
+
+    Arguments are numbers or arrays.  Source: Clopper & Pearson 1934.
     """
-    from scipy.special import betaincinv  # 60 ms that `import feeddrive` need not wait for
+    from scipy.special import betaincinv  # 60 ms import
 
     tail = 0.5 * (1.0 - level)
     kept, of = np.asarray(kept, dtype=np.float64), np.asarray(of, dtype=np.float64)
@@ -66,12 +68,12 @@ def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Some rows of a study, n of them, in SI.
+    """Rows of a study with their figures, n in number, in SI.
 
     variant  numbers, shape (n,)
-    varied   by column what varies, shape (n,); texts and counts as objects
-    figures  by name, shape (n,); NaN where a variant has none
-    reasons  of a bad variant, else None
+    varied   varied values by column, shape (n,); texts and counts as objects
+    figures  by name, shape (n,); NaN for a variant without the figure
+    reasons  the failure reason of a bad variant, else None
     """
 
     study: Study
@@ -87,7 +89,7 @@ class Judged:
 
     @cached_property
     def kept(self) -> dict[str, np.ndarray]:
-        """By figure of the specification, True for variants that keep its bound; a bad variant keeps none."""
+        """True for variants that satisfy a bound, by key of its figure; a variant without figures satisfies none."""
         return {
             bound.figure.key: bound.kept(self.figures[bound.figure.key]) & ~self.bad
             for bound in self.study.specification
@@ -95,20 +97,20 @@ class Judged:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """True for variants that keep the whole specification; without one, for those that have figures."""
+        """True for variants that satisfy the whole specification; without one, for those that have figures."""
         return np.logical_and.reduce([~self.bad, *self.kept.values()])
 
     @cached_property
     def drawn(self) -> np.ndarray:
         """True for variants that are independent draws.
 
-        Those of the sampler saltelli that recombine two other variants are not.
+        With the sampler saltelli, variants that recombine two others are not.
         """
         count = 2 * self.study.points if self.study.sampler == "saltelli" else self.study.count
         return self.variant < count
 
     def some(self, chosen: np.ndarray) -> Judged:
-        """Select rows by a mask."""
+        """Return the rows selected by a mask."""
         return Judged(
             self.study,
             self.variant[chosen],
@@ -119,7 +121,7 @@ class Judged:
 
 
 def judged(rows: pyarrow.Table, study: Study) -> Judged:
-    """The rows of a table. Raises ParameterError for a table without a column of the study."""
+    """Return the rows of a table. Raise ParameterError for a table that lacks a column of the study."""
     figures = [figure.key for figure in study.measure]
     absent = sorted({VARIANT, REASON, *study.columns, *figures} - set(rows.column_names))
     if absent:
@@ -138,7 +140,7 @@ def judged(rows: pyarrow.Table, study: Study) -> Judged:
 
 
 def parts(rows: Store | pyarrow.Table, study: Study) -> Iterator[Judged]:
-    """All rows, a chunk at a time, so that memory is that of one chunk."""
+    """Yield all rows in chunks, so that memory is that of one chunk."""
     tables = rows.batches() if isinstance(rows, Store) else _cut(rows, study.chunk)
     for table in tables:
         yield judged(table, study)
@@ -150,7 +152,7 @@ def _cut(rows: pyarrow.Table, size: int) -> Iterator[pyarrow.Table]:
 
 
 def joined(several: list[Judged]) -> Judged:
-    """Rows of several parts one after the other; there is at least one part."""
+    """Concatenate the rows of one or more parts."""
     first = several[0]
     return Judged(
         first.study,
@@ -161,11 +163,11 @@ def joined(several: list[Judged]) -> Judged:
     )
 
 
-MOST = 200_000  # rows; a quantile of so many is off by at most 0.4 % of the ranks in 99 of 100 samples
+MOST = 200_000  # rows: with 99 % probability a quantile is within 0.4 % of its rank
 
 
 class Sampled:
-    """Collects a random sample of the drawn machines: all, or about `MOST` of more, each with the same probability."""
+    """A collector of a random sample of the drawn machines: all, or about `MOST` with equal probability."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -174,7 +176,7 @@ class Sampled:
         self._parts: list[Judged] = []
 
     def add(self, rows: Judged) -> None:
-        """Add a random part of some rows; the choice depends on the seed and the first variant of the rows only."""
+        """Add a random part of some rows; the selection depends only on the seed and the first variant of the rows."""
         chosen = rows.drawn
         if self._share < 1.0 and chosen.any():
             rng = np.random.default_rng([self._study.seed, int(rows.variant[0])])
@@ -183,5 +185,5 @@ class Sampled:
             self._parts.append(rows.some(chosen))
 
     def result(self) -> Judged:
-        """The sample; there was at least one part."""
+        """Return the sample; at least one part must have been added."""
         return joined(self._parts)

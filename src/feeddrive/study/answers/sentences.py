@@ -1,4 +1,4 @@
-"""The answers of a study in sentences, with units that people read."""
+"""The answers of a study as sentences, in customary units."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from feeddrive.study.answers.rows import Share
 from feeddrive.study.answers.statistics import BoundYield, RankCorrelation, SobolIndices, Yield
 from feeddrive.study.study import Bound, Study
 
-_NAMED = 3  # quantities of a sentence
-_INFLUENCE = 0.05  # a share of the variance below which a quantity is not named
+_NAMED = 3  # factors named in a sentence
+_INFLUENCE = 0.05  # share of the variance below which a factor is not named
 
 
 def value_cell(figure: Figure, value: float) -> Quantity | str:
-    """Return a value of a figure as a cell of a table."""
+    """Return a value of a figure as a table cell."""
     return "∞" if np.isposinf(value) else Quantity(value, figure.unit, form="3")
 
 
 def name_of(figure: Figure) -> str:
-    """The name of a figure without the unit at its end: following error RMS."""
+    """Return the name of a figure without its trailing unit: following error RMS."""
     end = figure.unit.replace("/", "_per_")
     return (figure.key.removesuffix(f"_{end}") if end else figure.key).replace("_", " ").replace(" rms", " RMS")
 
 
 def short(names: Sequence[str]) -> dict[str, str]:
-    """The ends of dotted names that tell them apart: mass_load for axis.x.plant.mass_load."""
+    """Return the shortest unique ends of dotted names: mass_load for axis.x.plant.mass_load."""
     shortest: dict[str, str] = {}
     for name in names:
         parts = name.split(".")
@@ -59,7 +59,7 @@ def interval_text(share: Share) -> str:
 
 
 def _percent(share: float, *, bare: bool = False) -> Quantity:
-    """Return a share with as many digits as are needed to tell it from 0 and 100 %."""
+    """Return a share with enough digits to distinguish it from 0 and 100 %."""
     value = 100.0 * share
     far = min(value, 100.0 - value)
     digits = 1 if far >= 1.0 or far <= 0.0 else 2 if far >= 0.1 else 4
@@ -69,7 +69,7 @@ def _percent(share: float, *, bare: bool = False) -> Quantity:
 def sentences(
     study: Study, yields: Yield, sobol: Sequence[SobolIndices], correlations: Sequence[RankCorrelation]
 ) -> list[str]:
-    """Yield, what fails most, and what decides it."""
+    """Return sentences on the yield, the bound that is violated most, and the factors that decide it."""
     inside = yields.inside
     keep = "keep the specification" if study.specification else "have figures; the study states no specification"
     interval = inside.interval
@@ -104,7 +104,7 @@ def _fails(hardest: BoundYield, inside: Share) -> str:
 
 
 def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, str]) -> list[str]:
-    """Sentences on the variance of a figure by Sobol indices; empty if there are none of this figure."""
+    """Return sentences on the variance of a figure by Sobol indices; empty if it has none."""
     indices = next((row for row in sobol if row.output == figure.key), None)
     if indices is None:
         return []
@@ -130,7 +130,7 @@ def share_text(value: float, interval: np.ndarray) -> str:
 
 
 def correlation(value: float) -> str:
-    """Return a correlation coefficient, with its sign, as a text with a mark."""
+    """Return a correlation coefficient as a text with its sign."""
     return f"{Quantity(value):+.2f}"
 
 
@@ -139,7 +139,7 @@ def _between(rank: RankCorrelation) -> str:
 
 
 def _goes_with(figure: Figure, correlations: Sequence[RankCorrelation], names: Mapping[str, str]) -> list[str]:
-    """Sentences on the variance of a figure by rank correlations, for a study without Sobol indices."""
+    """Return sentences on the variance of a figure by rank correlations, for a study without Sobol indices."""
     own = [rank for rank in correlations if rank.output == figure.key and rank.value**2 >= _INFLUENCE][:_NAMED]
     if not own:
         return []

@@ -1,7 +1,8 @@
 """Statistics of the rows of a sweep: yield, worst cases, sensitivity, quantile bands and Pareto fronts.
 
-The first-order index of a factor is the share of the figure's variance that would be gone if the factor did not vary;
-the total one what would be left if it alone varied.  Source: Saltelli et al. 2010, by `scipy.stats.sobol_indices`.
+The first-order index of a factor is the share of the figure's variance that would vanish if the factor were fixed; the
+total index is the share that would remain if only this factor varied.  Source: Saltelli et al. 2010, by
+`scipy.stats.sobol_indices`.
 """
 
 from __future__ import annotations
@@ -34,12 +35,12 @@ from feeddrive.study.chunk import run_of
 from feeddrive.study.study import Bound, Study
 from feeddrive.study.variants import variant_groups, variants
 
-_MOST_VALUES = 50  # of a choice that are told apart
+_MOST_VALUES = 50  # values of a choice that are counted separately
 
 
 @dataclass(frozen=True)
 class BoundYield:
-    """One bound of the specification: the share that keeps it, and how many machines break it and no other one."""
+    """A bound of the specification: the share that satisfies it, and the number of machines that violate only it."""
 
     bound: Bound
     kept: Share
@@ -48,12 +49,12 @@ class BoundYield:
 
 @dataclass(frozen=True)
 class Yield:
-    """Shares of the machines that were drawn.
+    """The yield of the drawn machines.
 
-    inside  those that keep the whole specification; without one those that have figures
-    bad     how many have no figures: they keep nothing
-    bounds  one each, in the order of the study file
-    choices by column and value of what is chosen (law, machine, position): those inside
+    inside  machines that satisfy the whole specification; without one, those that have figures
+    bad     number of machines without figures: they satisfy no bound
+    bounds  one per bound, in the order of the study file
+    choices the inside share by column and value of a choice (law, machine, position)
     """
 
     inside: Share
@@ -63,13 +64,13 @@ class Yield:
 
     @property
     def hardest(self) -> BoundYield | None:
-        """The bound that most machines break; None if all keep all."""
+        """The bound that most machines violate; None if all machines satisfy all bounds."""
         broken = [bound_yield for bound_yield in self.bounds if bound_yield.kept.kept < bound_yield.kept.of]
         return min(broken, key=lambda bound_yield: bound_yield.kept.kept, default=None)
 
 
 class YieldCount:
-    """Counts the machines that keep the bounds, part by part."""
+    """A counter of the machines that satisfy the bounds, part by part."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -79,7 +80,7 @@ class YieldCount:
         self._choices: dict[str, Counter[tuple[str, bool]]] = {}
 
     def add(self, rows: Judged) -> None:
-        """Count some rows; those that were not drawn do not count."""
+        """Count some rows; rows that are not independent draws do not count."""
         drawn = rows.drawn
         self._all += int(np.sum(drawn))
         self._inside += int(np.sum(rows.inside & drawn))
@@ -94,7 +95,7 @@ class YieldCount:
                 count.update(zip(map(str, values[drawn]), rows.inside[drawn].tolist(), strict=True))
 
     def result(self) -> Yield:
-        """Return the yield of all rows that were added."""
+        """Return the yield of all rows added."""
         sampled = self._study.sampler != "grid"
         bounds = tuple(
             BoundYield(bound, Share(self._kept[bound.figure.key], self._all, sampled), self._alone[bound.figure.key])
@@ -109,13 +110,13 @@ class YieldCount:
         return Yield(Share(self._inside, self._all, sampled), self._bad, bounds, choices)
 
 
-WORST = 3  # variants of a figure
-BAD = 10  # variants without figures that are named
+WORST = 3  # worst variants kept per figure
+BAD = 10  # variants without figures that are listed
 
 
 @dataclass(frozen=True)
 class WorstVariant:
-    """A variant, the value of its figure, and what varies in it, all in SI."""
+    """A variant, the value of its figure, and its varied numbers, all in SI."""
 
     variant: int
     value: float
@@ -131,7 +132,7 @@ class Worst:
 
 
 class WorstKept:
-    """Collects the worst variants of the rows, part by part; of equal values the lower number."""
+    """A collector of the worst variants, part by part; of equal values the lower number comes first."""
 
     def __init__(self, study: Study) -> None:
         self._cases: dict[Figure, list[WorstVariant]] = {figure: [] for figure in study.measure if figure.better}
@@ -151,7 +152,7 @@ class WorstKept:
             self.bad.append((int(rows.variant[place]), str(rows.reasons[place])))
 
     def result(self) -> tuple[Worst, ...]:
-        """Return the worst variants of each figure for which one direction is better."""
+        """Return the worst variants of each figure that is to be maximized or minimized."""
         return tuple(Worst(figure, tuple(cases)) for figure, cases in self._cases.items() if cases)
 
 
@@ -165,14 +166,14 @@ def _case(rows: Judged, place: int, figure: str) -> WorstVariant:
 INSIDE = "inside"
 """An output beside the figures: 1 for a machine inside the specification, else 0."""
 _LEAST_POINTS = 32
-_RESAMPLES, _WORK = 999, 4e9  # of the bootstrap at most, and how many numbers they may look at
+_RESAMPLES, _WORK = 999, 4e9  # limits of the bootstrap: resamples, and numbers to process
 
 
 @dataclass(frozen=True, eq=False)
 class SobolIndices:
-    """The indices of one output, each of shape (factors,), with an interval of `LEVEL`.
+    """The Sobol indices of one output, each of shape (factors,), with an interval at `LEVEL`.
 
-    points   on which they rest; `without` were left out, since a variant of theirs has no figure or an infinite one
+    points   the number of points used; `without` were excluded because one of their variants has no finite figure
     """
 
     output: str
@@ -186,15 +187,15 @@ class SobolIndices:
 
     @property
     def order(self) -> np.ndarray:
-        """Places of the factors, the largest total index first."""
+        """The indices of the factors, by decreasing total Sobol index."""
         return np.argsort(-self.total, kind="stable")
 
 
 @dataclass(frozen=True)
 class RankCorrelation:
-    """Spearman's rank correlation of an output with what varies, -1 to 1, with an interval of `LEVEL`.
+    """Spearman's rank correlation of an output with a varied number, -1 to 1, with an interval at `LEVEL`.
 
-    Its square is the share of the variance of the ranks that goes with the quantity, if what it does is monotone.
+    Its square is the share of the rank variance explained by the number, if the effect is monotone.
     """
 
     output: str
@@ -204,9 +205,9 @@ class RankCorrelation:
 
 
 class SaltelliRows:
-    """Collects the outputs of all variants of a study of the sampler saltelli, part by part.
+    """A collector of the outputs of all variants of a study with the sampler saltelli, part by part.
 
-    Memory: 8 bytes for each variant and output.
+    Memory: 8 bytes per variant and output.
     """
 
     def __init__(self, study: Study) -> None:
@@ -215,28 +216,28 @@ class SaltelliRows:
         self._values = {name: np.full(study.count, np.nan) for name in names if study.sampler == "saltelli"}
 
     def add(self, rows: Judged) -> None:
-        """Keep the outputs of some rows."""
+        """Store the outputs of some rows."""
         for name, values in self._values.items():
             values[rows.variant] = rows.inside if name == INSIDE else rows.figures[name]
 
     def result(self) -> tuple[SobolIndices, ...]:
-        """Return the indices of each output that varies and is finite in enough points."""
+        """Return the indices of each output that varies and is finite at enough points."""
         factors = tuple(varied.name for varied in self._study.vary)
         indices = (sobol(name, values, factors, self._study.seed) for name, values in self._values.items())
         return tuple(row for row in indices if row is not None)
 
 
 def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int = 0) -> SobolIndices | None:
-    """The indices of an output, from its values at A, B, AB_1 .. AB_k one after the other, shape ((k + 2) points,).
+    """Return the Sobol indices of an output, from its values at A, B, AB_1 .. AB_k in sequence.
 
-    None for an output that does not vary, or has finite values in fewer than 32 whole points.  The intervals are
-    percentiles of a bootstrap over points, drawn with `seed`.
+    The values have the shape ((k + 2) points,).  None for an output that does not vary, or has finite values in fewer
+    than 32 complete points.  The intervals are percentiles of a bootstrap over points, drawn with `seed`.
     """
-    from scipy import stats  # 0.3 s that commands without answers need not wait for
+    from scipy import stats  # 0.3 s import, needed for answers only
 
     rows = values.reshape(len(factors) + 2, -1)
     whole = np.isfinite(rows).all(axis=0)
-    points = 1 << (int(whole.sum()).bit_length() - 1) if whole.any() else 0  # scipy takes a power of 2
+    points = 1 << (int(whole.sum()).bit_length() - 1) if whole.any() else 0  # scipy needs a power of 2
     if points < _LEAST_POINTS:
         return None
     rows = rows[:, np.flatnonzero(whole)[:points]]
@@ -274,7 +275,7 @@ def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int =
 
 
 def rank_correlations(sample: Judged) -> tuple[RankCorrelation, ...]:
-    """Correlate every figure with every varied number; the largest of each figure first."""
+    """Return the rank correlation of every figure with every varied number; the largest of each figure comes first."""
     numbers = {name: values.astype(float) for name, values in sample.varied.items() if _is_number(values)}
     outputs: Mapping[str, np.ndarray] = sample.figures
     if sample.study.specification:
@@ -308,7 +309,7 @@ def _of_output(
 
 
 def _fisher(value: float, count: int) -> tuple[float, float]:
-    """The interval of a rank correlation by atanh, with the variance of Bonett & Wright 2000."""
+    """Return the interval of a rank correlation by Fisher's transform, with the variance of Bonett & Wright 2000."""
     from scipy.special import ndtri
 
     if abs(value) >= 1.0:
@@ -319,14 +320,14 @@ def _fisher(value: float, count: int) -> tuple[float, float]:
 
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-_LEAST_LINES = 3  # frequencies that make a band
-_RUNS, _FEWEST, _SAMPLES = 128, 16, 2e7  # machines that are run again, and their samples in all
+_LEAST_LINES = 3  # fewest frequencies of a band
+_RUNS, _FEWEST, _SAMPLES = 128, 16, 2e7  # machines to simulate again: most, fewest; total samples
 _WINDOWS = 500
 
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Quantiles over machines, of shape (5, n), over x of shape (n,): frequency in Hz, or the middle of windows in s.
+    """Quantiles over machines, of shape (5, n), over x of shape (n,): frequency in Hz, or window centers in s.
 
     machines  number of machines
     unit      SI
@@ -338,12 +339,12 @@ class Band:
     machines: int
 
     def at(self, quantile: float) -> np.ndarray:
-        """One of `QUANTILES`, shape (n,)."""
+        """Return one of `QUANTILES`, shape (n,)."""
         return self.quantiles[QUANTILES.index(quantile)]
 
 
 def stiffness_band(sample: Judged) -> Band | None:
-    """The band of the figures stiffness_F_Hz_N_per_m; None for a study that measures fewer than three of them."""
+    """Return the band of the figures stiffness_F_Hz_N_per_m; None if fewer than three of them are measured."""
     lines = {figure.of.frequency: figure.key for figure in sample.study.measure if isinstance(figure.of, StiffnessAt)}
     if len(lines) < _LEAST_LINES or sample.bad.all():
         return None
@@ -353,10 +354,10 @@ def stiffness_band(sample: Judged) -> Band | None:
 
 
 def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
-    """The largest absolute following error in each of 500 windows of time, of up to 128 machines that are run again.
+    """Return the band of the peak following error in 500 time windows, of up to 128 machines that are simulated again.
 
     The machines are drawn at random from those with figures; motions of unequal length are cut to the shortest one.
-    None where no machine can be run.
+    None if no machine can be run.
     """
     study, progress = sample.study, progress or Progress()
     good = sample.variant[~sample.bad]
@@ -396,7 +397,7 @@ def _run(study: Study, variant: int) -> Run | None:
         return None
 
 
-# the figures of each subject, of which the first one that a study measures is used
+# candidate figures of each subject; the first one that a study measures is used
 SUBJECTS = {
     "tracking": (TRACKING_RMS, TRACKING_PEAK, FOLLOWING_RMS, FOLLOWING_PEAK, TRACKING_END),
     "stiffness": (
@@ -412,7 +413,7 @@ SUBJECTS = {
 
 
 def subjects(study: Study) -> dict[str, Figure]:
-    """Return the measured figure of each subject."""
+    """Return the measured figure of each subject: tracking, stiffness, robustness."""
     measured = {
         subject: next((figure for figure in figures if figure in study.measure), None)
         for subject, figures in SUBJECTS.items()
@@ -422,21 +423,21 @@ def subjects(study: Study) -> dict[str, Figure]:
 
 @dataclass(frozen=True, eq=False)
 class Front:
-    """The variants of the front with their rows, in the order of tracking, or of the first subject there is."""
+    """The Pareto-optimal variants with their rows, in the order of tracking, or of the first measured subject."""
 
     figures: dict[str, Figure]
     rows: Judged
 
 
 class FrontKept:
-    """Collects the Pareto front of the rows, part by part."""
+    """A collector of the Pareto front, part by part."""
 
     def __init__(self, study: Study) -> None:
         self._figures = subjects(study)
         self._rows: Judged | None = None
 
     def add(self, rows: Judged) -> None:
-        """Add some rows; those without a number for one of the figures are left out."""
+        """Add some rows; rows without a number for one of the figures are excluded."""
         if len(self._figures) < 2:
             return
         several = [*([] if self._rows is None else [self._rows]), rows]
@@ -444,7 +445,7 @@ class FrontKept:
         self._rows = together.some(front(_costs(together, self._figures)))
 
     def result(self) -> Front | None:
-        """Return the front; None for a study that measures fewer than two subjects, or has no variant with both."""
+        """Return the front; None if fewer than two subjects are measured, or no variant has both."""
         if self._rows is None or not self._rows.variant.size:
             return None
         order = np.argsort(_costs(self._rows, self._figures)[:, 0], kind="stable")
@@ -452,19 +453,20 @@ class FrontKept:
 
 
 def _costs(rows: Judged, figures: dict[str, Figure]) -> np.ndarray:
-    """The objectives, all to be minimized, shape (n, subjects)."""
+    """Return the objectives, all to be minimized, shape (n, subjects)."""
     return np.stack(
         [(-1.0 if figure.better == "higher" else 1.0) * rows.figures[figure.key] for figure in figures.values()], axis=1
     )
 
 
 def front(costs: np.ndarray) -> np.ndarray:
-    """True for rows that no other row dominates, by being as small everywhere and smaller somewhere; (n, m) -> (n,).
+    """Return True for Pareto-optimal rows, which no other row dominates; (n, m) -> (n,).
 
-    Rows with NaN are not on it; of equal rows all are.
+    A row dominates another if it is nowhere larger and somewhere smaller. Rows with NaN are excluded; of equal rows all
+    are included.
     """
     there = np.flatnonzero(~np.isnan(costs).any(axis=1))
-    left = there[np.lexsort(costs[there].T[::-1])]  # what dominates a row stands before it
+    left = there[np.lexsort(costs[there].T[::-1])]  # a dominating row precedes the rows it dominates
     undominated = np.zeros(len(costs), dtype=bool)
     while left.size:
         first = costs[left[0]]
