@@ -85,7 +85,7 @@ class LinearLoop:
 
     @property
     def compliance(self) -> FRF:
-        """The compliance on all lines, m/N."""
+        """The compliance at all frequency lines, m/N."""
         return self._compliance_on_lines
 
     @cached_property
@@ -186,7 +186,7 @@ def _nearest_gain(loop: JudgedLoop) -> float | None:
 
 
 def _sizes(loop: JudgedLoop, band: Band) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequency (Hz) and compliance (m/N) of the lines in a band."""
+    """Return frequency (Hz) and compliance magnitude (m/N) of the lines in a band."""
     f = loop.compliance.frequency
     inside = (f >= band[0]) & (f <= band[1])
     return f[inside], loop.compliance.magnitude[inside]

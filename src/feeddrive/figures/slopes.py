@@ -47,12 +47,12 @@ class JudgedLoop(Protocol):
 
     @property
     def compliance(self) -> FRF:
-        """The compliance on all lines, m/N."""
+        """The compliance at all frequency lines, m/N."""
         ...
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness on the lines that count for its minimum."""
+        """The dynamic stiffness at the lines that count for its minimum."""
         ...
 
     @property
@@ -164,7 +164,7 @@ class Place(NamedTuple):
 _NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not stored
 _POINTS, _POLE = 41, 0.2  # points between two neighbors of a line; distance to a pole within which no value is used
 _AHEAD = 1e-9  # rad: smallest distance to -1 used for a crossover
-_STRETCH = 0.08  # of ln f on both sides of a crossover, over which its slopes are taken
+_STRETCH = 0.08  # of ln f: interval on both sides of a crossover for its derivatives
 
 
 def rope_snap_slope(loop: SlopedLoop, _: Band) -> Slope:
@@ -227,7 +227,7 @@ def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
 
 
 def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines on which Ms is near its limit."""
+    """Yield the lines at which Ms is near its limit."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     away = np.abs(1.0 + L)
@@ -252,7 +252,7 @@ def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
 
 
 def compliance_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines on which the compliance is near its limit."""
+    """Yield the lines at which the compliance is near its limit."""
     f = loop.frequency
     size = np.abs(loop.compliance)
     slack = _at_vertex(np.log(f), np.log(limit / size))

@@ -129,7 +129,7 @@ def _whole(loop: Loop, reach: float, newton: float, number: int) -> list[Curve]:
 def _measured(
     velocity: np.ndarray, force: np.ndarray, deviation: np.ndarray | None, newton: float, name: str = ""
 ) -> list[Curve]:
-    """Return points with error bars of ±1 deviation."""
+    """Return points with error bars of ±`deviation`."""
     points = Curve(1e3 * velocity, newton * force, name, NEUTRAL, DOTS)
     if deviation is None:
         return [points]

@@ -118,7 +118,7 @@ def dressed(ax: Axes) -> Axes:
 
 
 def narrow(things: Mapping[str, Any]) -> int:
-    """Return the number of columns of a legend with long texts."""
+    """Return the number of legend columns for long texts."""
     return 2 if len(things) <= 2 else 1
 
 

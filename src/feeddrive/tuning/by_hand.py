@@ -160,7 +160,7 @@ class ByHand:
 
     @property
     def values(self) -> dict[str, float]:
-        """The start values by name."""
+        """The start values of all adjustable parameters, by name."""
         return {knob.name: knob.value for knob in self.knobs}
 
     def control(self, values: Mapping[str, float]) -> Control:

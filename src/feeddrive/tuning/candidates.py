@@ -1,7 +1,7 @@
-"""Start values for every law that can control an axis, and the reason for each law that cannot.
+"""Start values for every law that can control an axis, and the reasons why other laws cannot.
 
-The laws are those of the catalogue: each computes its own start values (`Law.begin`), and each compensation declares
-with which laws it can be combined (`goes_beside`).
+The laws are those of the catalogue. Each law computes its own start values (`Law.begin`), and each compensation
+declares with which laws it can be combined (`goes_beside`).
 """
 
 from __future__ import annotations

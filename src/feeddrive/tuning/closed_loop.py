@@ -301,7 +301,7 @@ class Figures:
 
 
 def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
-    """Return the figures of a closed loop on all lines of its operating point."""
+    """Return the figures of a closed loop at all frequency lines of its operating point."""
     point = answer.point
     f, T = point.frequency, point.sample_time
     variance = None if point.variance is None else answer.gain_variance

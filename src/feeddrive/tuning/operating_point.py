@@ -137,7 +137,7 @@ def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[
     return 1.0 + powers @ coefficients, np.sum(np.abs(spanned) ** 2, axis=1)
 
 
-_LOWEST = 3e-5  # of Nyquist: where the lines of a model begin
+_LOWEST = 3e-5  # of Nyquist: lowest line of a model
 _PER_DECADE = 250
 _BESIDE = np.linspace(-4.0, 4.0, 65)  # half widths of a resonance at which lines are added
 _STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: largest difference of two lines of a search
@@ -214,7 +214,7 @@ class OperatingPoint:
 
 
 def response_on(point: OperatingPoint, control: Control, velocity: float = 0.05) -> Response:
-    """Return the response of a control on all lines of a point."""
+    """Return the response of a control at all frequency lines of an operating point."""
     response = ControlResponse(control, point.sample_time, (), velocity)
     return response.at((), point.frequency, response.images(point.by_force_at, point.frequency))
 

@@ -1,4 +1,4 @@
-"""Verification of a tuned control by methods that the search does not use, including a simulated run."""
+"""Verification of a tuned control by methods independent of the search, including a simulation."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Checked(NamedTuple):
 
 
 def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
-    """Check encirclement of -1 and the limits on all measured lines."""
+    """Check the encirclement of -1 and the limits at all measured frequency lines."""
     checks: list[Checked] = []
     for loop in loops:
         verdict = "-1 is not encircled" if loop.stable else "-1 is encircled"

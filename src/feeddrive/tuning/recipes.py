@@ -129,7 +129,7 @@ class _Axis:
         return math.inf
 
     def recipe(self, name: str, Kp: float, Tn: float | None, Kv: float, reason: str, source: str) -> Recipe:
-        """Return the recipe with these gains."""
+        """Return a recipe with the given gains and the data of this axis."""
         return Recipe(name, replace(self.law, Kp=Kp, Tn=Tn, Kv=Kv), reason, source, self.mass, self.lag)
 
 

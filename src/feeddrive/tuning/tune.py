@@ -503,7 +503,7 @@ class Tuner:
         """Add notches one by one at the largest remaining resonances, and keep each one that improves the goal."""
         for frequency in self._loud(best)[:_NOTCHES]:
             self.progress.step(Text(f"a notch at {Quantity(frequency, 'Hz')}"))
-            # nearly without effect, so that the search begins where the last one ended
+            # nearly without effect, so that the search starts where the last one ended
             notch = Notch(frequency=frequency, damping_zero=0.35, damping_pole=0.4)
             control = replace(best.control, filters=(*best.control.filters, notch))
             here = dict(zip(best.names, np.exp(best.end.x), strict=True))
