@@ -35,7 +35,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 
 LOWEST = 1.0  # Hz, lowest frequency for the minimum stiffness
-_LINES = 60  # of a band
+_LINES = 60  # lines of a band
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,8 +67,7 @@ def circle_test_chart(test: CircleTest, division: float | None = None, remark: s
     directions.
 
     division  µm per division; default: the smallest of 1, 2, 5, 10 ... that shows all deviations. Use the same value
-              for
-              all plots to be compared
+              for all plots to be compared
     remark    date, place, state of compensation: a line in the box
     """
     size = _scale([test]) if division is None else division

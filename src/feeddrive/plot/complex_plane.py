@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from feeddrive.tuning.poles import Placement
 
 
-FINER = 4  # points drawn for each line of a modeled curve
+FINER = 4  # points drawn for each line of a model's curve
 DISCS = 200  # discs drawn along a measured curve
 REACH = (-2.6, 1.4, -2.0, 2.0)  # left, right, low, high of the Nyquist plot; the critical point is -1
 
@@ -280,10 +280,10 @@ def placement_chart(placement: Placement) -> Chart:
     return poles_chart(placement.stability.model)
 
 
-_MOST = 6  # rows of one picture
+_MOST = 6  # largest number of rows of a picture
 _DECADES = 3.0  # decades shown below the frequency of the smallest reserve
-_DISCS = 500  # drawn in the complex plane
-_REACH = (-2.4, 1.2, -1.9, 1.7)  # of the discs: left, right, low, high
+_DISCS = 500  # discs drawn in the complex plane
+_REACH = (-2.4, 1.2, -1.9, 1.7)  # left, right, low, high of the picture of discs
 
 
 def certificate_chart(certificate: Certificate) -> Chart:

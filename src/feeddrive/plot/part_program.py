@@ -266,7 +266,7 @@ def _round(factor: float) -> float:
 _SPEEDS = ((ALERT, 1.85), (1, 1.6), (4, 1.3), (2, 1.1), (5, 0.95), (0, 0.8))
 _COLUMNS = 400  # time intervals over the width of a picture
 _FLAT = 0.02  # of the largest extent: an axis that moves less has no separate view
-_MARKED_STOPS = 300  # stops
+_MARKED_STOPS = 300  # largest number of marked stops
 _UNITS = {
     "mm": (("mm/s", 1e3), ("m/s²", 1.0), ("m/s³", 1.0), ("m/s⁴", 1.0)),
     "deg": (("deg/s", float(np.degrees(1.0))), ("rad/s²", 1.0), ("rad/s³", 1.0), ("rad/s⁴", 1.0)),
@@ -374,7 +374,7 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
         x = np.repeat(edges, 2)[1:-1]
         low, high = np.repeat(low, 2), np.repeat(high, 2)
         shape = Curve(np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]]), look=SOLID)
-        # a stretch of one value has no area
+        # an interval with a single value has no area
         lines = Curve(x, high, look=PLAIN, size=0.6), Curve(x, low, look=PLAIN, size=0.6)
         top = factor * limits[k]
         used = max(-float(low.min()), float(high.max()))

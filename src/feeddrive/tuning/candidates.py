@@ -36,8 +36,7 @@ class Candidate:
 
     like       the candidate whose tuning it adopts, if the two differ in the setpoint path only
     then       the step after tuning: the "prefilter" is fitted to the move, the compensator learns in "trials" of it,
-               or
-               the "stops" are learned from a log of slow oscillations
+               or the "stops" are learned from a log of slow oscillations
     remark     the axis model used for it, and the changes to the present control
     """
 
@@ -122,8 +121,8 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
 def control_with(loop: Loop, kind: str) -> Control:
     """Return the control of a loop with its law replaced by another kind, at the start values for tuning.
 
-    If the law has several forms, the first one is used. Raises ParameterError with the reason if the law cannot control
-    the axis.
+    If the law has several forms, the first one is used.
+    Raises ParameterError with the reason if the law cannot control the axis.
     """
     axis, law = axis_model(loop), find(Law, kind)
     try:

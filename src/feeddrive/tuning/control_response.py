@@ -346,8 +346,7 @@ class ControlResponse:
         finite.
 
         images  axis response at the images of these lines (`images`), for a multirate law; without it the image loops
-                are
-                open, which makes no difference far below the law's slow rate
+                are open, which makes no difference far below the law's slow rate
         near    True to use the nearest images only, for a multirate law
         slopes  False to omit the derivatives, for a multirate law
         """

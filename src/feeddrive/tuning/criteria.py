@@ -31,8 +31,8 @@ class Limits:
                    command
 
     The bounds are given by the keys of figures (`figures.limitable`), in SI, or as `Limit`s. A figure with a default
-    limit keeps it unless it is replaced or removed: `sensitivity_peak=None`. Raises ParameterError for a figure that no
-    tuning can limit, and for a bound out of range.
+    limit keeps it unless it is replaced or removed: `sensitivity_peak=None`.
+    Raises ParameterError for a figure that no tuning can limit, and for a bound out of range.
     """
 
     limits: tuple[Limit, ...]

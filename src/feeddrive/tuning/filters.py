@@ -337,8 +337,8 @@ def filter_dragged(
     keeps the depth.
 
     loop is that of the control. Afterwards the loop gain at the handle is y, as far as the damping ratios allow: a
-    notch attenuates by 0 to 60 dB. The width of a notch changes both of its damping ratios, but not its depth. Raises
-    ParameterError for an unknown handle.
+    notch attenuates by 0 to 60 dB. The width of a notch changes both of its damping ratios, but not its depth.
+    Raises ParameterError for an unknown handle.
     """
     i, part, block = _held(control, name)
     low, high = float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time

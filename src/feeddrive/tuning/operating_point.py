@@ -142,7 +142,7 @@ _PER_DECADE = 250
 _BESIDE = np.linspace(-4.0, 4.0, 65)  # half widths of a resonance at which lines are added
 _STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: largest difference of two lines of a search
 _FINEST = 0.003  # of ln f: lines of a measurement with variance keep this distance after smoothing
-_CLOSEST = 3e-4  # the same for lines without variance; only a measurement with very many lines is thinned by it
+_CLOSEST = 3e-4  # the same for lines without variance; it thins only measurements with very many lines
 _LEAST, _MOST = 1e-30, 1e6  # m/N, plausible range of the response of an axis
 _WIDTH = 5  # lines over which a noisy curve is averaged before its curvature is used
 
@@ -161,8 +161,7 @@ class OperatingPoint:
     at_drive     True if no response to a force on the table is known: the stiffness then refers to a force at the drive
     ratio        ratio of motor to load reading, for by_force and by_load, shape (2, lines), where their errors are
                  correlated: 1 with one encoder; NaN where both were measured separately. With a ratio the motor's row
-                 of a
-                 variance is the uncertainty of the ratio
+                 of a variance is the uncertainty of the ratio
     loop, model  the loop of a model, and the state-space model of its axis
     known_as     a loop that agrees with the measurement (`with_table_force`), in which the tuned control is simulated
     by_force_at  by_force at any frequency, for the images of a multirate control
@@ -299,8 +298,8 @@ def measured_point(
     averages      number of averages of a coherence without variance: var = |G|² (1 - γ²)/(γ² averages)
 
     Responses with a variance are smoothed as far as it allows; where motor and table move nearly together, their ratio
-    is fitted (`stiff_ratio`). Raises ParameterError for differing lines, for fewer than ten lines, and for a unit other
-    than m/N.
+    is fitted (`stiff_ratio`).
+    Raises ParameterError for differing lines, for fewer than ten lines, and for a unit other than m/N.
     """
     both = (load if motor is None else motor, load)
     hit: Sequence[FRF] = () if disturbance is None else (disturbance[1] or disturbance[0], disturbance[0])
@@ -426,7 +425,7 @@ def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
 
 
 _WORST = 0.2  # of the response: a plant with a larger deviation does not belong to the measurement
-_COUNTS = 0.1  # |L| above which lines count
+_COUNTS = 0.1  # |L| above which lines are compared
 _FEWEST = 10
 
 

@@ -68,9 +68,10 @@ def _words(pole: complex) -> str:
 def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
     """Return gains and poles of a loop under pole placement.
 
-    Raises ParameterError for any other law. Raises UnstableError, with |z|, its bound and the nearest stable value of
-    each tunable, if delay, filters and unmodelled modes of the axis prevent these poles. The law itself rejects poles
-    that no gain can place: see `blocks/plant/two_bodies.py`.
+    Raises ParameterError for any other law.
+    Raises UnstableError, with |z|, its bound and the nearest stable value of each tunable, if delay, filters and
+    unmodelled modes of the axis prevent these poles. The law itself rejects poles that no gain can place: see
+    `blocks/plant/two_bodies.py`.
     """
     law = loop.control.law
     if not isinstance(law, PolePlacement):

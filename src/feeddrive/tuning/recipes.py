@@ -140,8 +140,9 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
 
     The phase is highest at the crossover 1/(aτ): the phase margin is atan a - atan 1/a, which is 37°, 53° and 62° for a
     = 2, 3 and 4. With dead time, Ms of the velocity loop is 1.96, 1.42 and 1.27, and with the position loop closed
-    2.61, 1.56 and 1.33: the textbook value a = 2 is too aggressive for a position loop. Not suitable if there is a
-    resonance below about 3/(aτ). Source: Kessler 1958, Das symmetrische Optimum; Kv as in `kv_rule`.
+    2.61, 1.56 and 1.33: the textbook value a = 2 is too aggressive for a position loop. The rule is unsuitable if there
+    is a resonance below about 3/(aτ).
+    Source: Kessler 1958, Das symmetrische Optimum; Kv as in `kv_rule`.
     """
     if not a > 1.0:
         raise ParameterError(f"a = {number(a, 6)} must be > 1")
@@ -208,8 +209,9 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
     """Return gains with the velocity crossover at half of the first antiresonance, Tn = 4/ωv and Kv = ωv/4.
 
     Below it, motor and table move together, so that the spring does not affect the velocity loop. The crossover is
-    lowered to 1/(2τ) if the lag τ requires it. Raises NotIdentifiableError if the axis shows no antiresonance. Source:
-    a rule of thumb for drives with an elastic coupling.
+    lowered to 1/(2τ) if the lag τ requires it.
+    Raises NotIdentifiableError if the axis shows no antiresonance.
+    Source: a rule of thumb for drives with an elastic coupling.
     """
     axis = _Axis(point, control)
     first = axis.antiresonance()

@@ -112,7 +112,8 @@ class Search:
         first.
 
         Each point competes with a trial point that is built from itself, the best point and two others, and the better
-        one stays. Source: Storn & Price 1997, current-to-best/1/bin, with a factor drawn anew for each trial.
+        one stays.
+        Source: Storn & Price 1997, current-to-best/1/bin, with a factor drawn anew for each trial.
         """
         many, n = points.shape
         for _ in range(turns):

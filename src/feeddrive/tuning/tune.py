@@ -144,8 +144,8 @@ def scattered(
     """Return points over the whole search range, shape (points, tunables).
 
     The ratios between the tunables come from a Latin hypercube. Whether a point satisfies the bounds depends mainly on
-    the bandwidth of the whole loop, so each set of ratios is scaled to ten bandwidths. Source: McKay, Beckman & Conover
-    1979 (Latin hypercube).
+    the bandwidth of the whole loop, so each set of ratios is scaled to ten bandwidths.
+    Source: McKay, Beckman & Conover 1979 (Latin hypercube).
     """
     count = _SHAPES * max(x.size - 1, 2)
     wide = np.where(powers == 0.0, _RATIO_WIDE, _WIDE)
@@ -766,7 +766,7 @@ def _figure(loop: Figures | None, figure: Figure) -> str | Quantity | None:
 _NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
 _WORSE = 0.03  # relative change of a figure that counts as worse
 TIMES = 3.0  # ratio from which a gain reads as a factor, not as percent
-_LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone, beyond which a headline warns
+_LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # phase margin in deg and Ms of the velocity loop alone: limits of a warning
 
 
 def declared_goal(tuned: Tuned) -> Goal:
@@ -953,8 +953,7 @@ def tune_control(
     points      axes at several positions and loads: `measured_point`, or loops, whose axes are used
     tunables    dotted names below the control, such as law.Kp; default: those of the law
     filters     kept: unchanged;  free: their frequencies and damping ratios are tuned too;  placed: notches are also
-                added
-                where they improve the goal
+                added where they improve the goal
     confidence  probability that all limits hold on the true axis; it determines k if the variances of the points are
                 known
     today       the control to compare with; default: `control` itself
@@ -963,9 +962,9 @@ def tune_control(
     The response of the control is computed by linearizing its code (`ControlResponse`), with exact derivatives.
     Stability is checked by encirclement of -1 at every step. A tuning for loops is verified by simulation with
     friction, encoder counts and limits (`Tuned.holds`). If the searches from different starts do not agree, further
-    ones are run (`Tuned.settled`). Raises UnstableError if no control within the limits is found, NotIdentifiableError
-    if the measurement is too poor for a tuning, with the band in which to measure again, and ParameterError for
-    inconsistent arguments.
+    ones are run (`Tuned.settled`).
+    Raises UnstableError if no control within the limits is found, NotIdentifiableError if the measurement is too poor
+    for a tuning, with the band in which to measure again, and ParameterError for inconsistent arguments.
     """
     if points is None:
         if not isinstance(control, Loop):
