@@ -26,7 +26,7 @@ MUTANT = "FEEDDRIVE_MUTANT"  # environment: module, line, number, number in its 
 
 # a module whose thresholds decide what a person is told, and the tests that hold them, those that fail soonest first
 MODULES = {
-    "feeddrive.machining.lobes": "test_thresholds.py machining/test_chatter_signs.py",
+    "feeddrive.machining.lobes": "test_thresholds.py machining/test_chatter_signs.py machining/test_lobes.py",
     "feeddrive.workflow.friction": "test_thresholds.py cli/test_friction_command.py",
     "feeddrive.tuning.criteria": "test_thresholds.py tuning/test_shaping.py",
     "feeddrive.comparison.figures": "test_thresholds.py",

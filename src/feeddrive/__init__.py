@@ -1,7 +1,7 @@
-"""feeddrive: the servo loop of a machine-tool feed drive, from a measured log or a machine file to a proven loop.
+"""Design of servo loops for machine-tool feed drives, from a measured log or a machine file to a verified loop.
 
-The names that most programs need stand here; all others stand in the rooms that `dir(feeddrive)` shows, the blocks in
-`feeddrive.blocks`.  Names are loaded on first use, so that `import feeddrive` stays quick.
+This namespace holds the names that most programs need. All others are in the subpackages that `dir(feeddrive)` lists,
+and the blocks are in `feeddrive.blocks`. Names are loaded on first use, so that `import feeddrive` is fast.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 from feeddrive.language.lazy_package import make_lazy, public_names
 from feeddrive.language.table import views_from
 
-# names of before whose work another name does now; until 1.0
+# former names and their replacements; until 1.0
 _RENAMED = {
     "get": "fd.parameters(loop)[path]",
     "leaves": "fd.parameters(loop)",
@@ -30,7 +30,7 @@ _RENAMED = {
 
 
 def _load_views(kind: type) -> None:
-    """Import what makes chart, DataFrame and report of a type of result, when they are first asked for."""
+    """Import the chart, table and report of a result type when one of them is first requested."""
     from feeddrive.plot.registry import register
     from feeddrive.workflow.reports import register_report
 
@@ -45,7 +45,7 @@ def _draw(chart: Any) -> Any:
 
 
 def _moved(name: str) -> Any:
-    """The error for a name that is not here, with the one to write if there is one."""
+    """Raise AttributeError for a missing name, stating its new name or similar names if there are any."""
     here = public_names(__name__)
     if name in _RENAMED:
         raise AttributeError(f"fd.{name} is now {_RENAMED[name]}")
@@ -54,7 +54,7 @@ def _moved(name: str) -> Any:
             raise AttributeError(f"fd.{name} is now fd.{room}.{name}")
     from feeddrive import blocks
 
-    if name[:1].isupper() and hasattr(blocks, name):  # no room lists the names of blocks
+    if name[:1].isupper() and hasattr(blocks, name):  # no subpackage lists the names of blocks
         raise AttributeError(f"fd.{name} is now fd.blocks.{name}")
     near = {public: f"fd.{public}" for public in here}
     for room in [room for room, place in here.items() if place == __name__]:

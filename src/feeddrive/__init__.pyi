@@ -1,4 +1,4 @@
-"""feeddrive: the servo loop of a machine-tool feed drive, from a measured log or a machine file to a proven loop."""
+"""Design of servo loops for machine-tool feed drives, from a measured log or a machine file to a verified loop."""
 
 # written by `make stubs`
 

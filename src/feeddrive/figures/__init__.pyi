@@ -1,4 +1,4 @@
-"""The catalogue of figures by which a loop, a run or a machine is judged, with the goals and limits of a tuning."""
+"""The catalogue of figures of merit for loops, runs and machines, with the goals and limits of a tuning."""
 
 # written by `make stubs`
 

@@ -1,8 +1,8 @@
-"""All figures by key, and those that a tuning can make best or keep within a limit.
+"""All figures by key, and those that a tuning can optimize or limit.
 
 The figures of feeddrive are entries of `of_loops.py` and `of_runs.py`. An installed package adds its own by an entry
 point of the group `feeddrive.figures`, and `--allow MODULE` adds those of a module: a `Figure`, or a list of them.
-What a study file says never imports anything.
+A study file itself never triggers an import.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from feeddrive.figures.of_loops import OF_LOOPS, at_frequency
 from feeddrive.figures.of_runs import OF_RUNS
 from feeddrive.language.errors import ParameterError, nearest
 
-ENTRY_POINTS = "feeddrive.figures"  # group of the entry points of packages with figures
+ENTRY_POINTS = "feeddrive.figures"  # entry-point group of packages with figures
 
 
 def figures(allow: Sequence[str] = ()) -> Mapping[str, Figure]:
-    """Return by key the figures of feeddrive, of installed packages, and of modules that a person allows.
+    """Return the figures of feeddrive, of installed packages and of modules that the user allows, by key.
 
-    Raises ParameterError for a module that cannot be imported or holds no figure, and for a name that two have.
+    Raises ParameterError for a module that cannot be imported or contains no figure, and for a duplicate name.
     """
     return _with_own(tuple(allow))
 
 
 @cache
 def goals() -> Mapping[str, Figure]:
-    """Return by the name of the goal the figures that a tuning can make best."""
+    """Return the figures that a tuning can optimize, by the name of the goal."""
     return {figure.goal.name: figure for figure in figures().values() if figure.goal is not None}
 
 
 @cache
 def limitable() -> tuple[Figure, ...]:
-    """Return the figures that a tuning can keep within a limit."""
+    """Return the figures that a tuning can limit."""
     return tuple(figure for figure in figures().values() if figure.limit is not None)
 
 
 def measurable(allow: Sequence[str] = ()) -> Mapping[str, Figure]:
-    """Return by key the figures that a study can measure."""
+    """Return the figures that a study can measure, by key."""
     return {key: figure for key, figure in figures(allow).items() if figure.needs != DUTY}
 
 
 def figure(name: str, allow: Sequence[str] = ()) -> Figure:
-    """Return the figure that a study measures under a name. Raises ParameterError with near names."""
+    """Return the figure that a study measures under a name. Raises ParameterError, suggesting similar names."""
     known = measurable(allow)
     figure_ = known.get(name) or at_frequency(name)
     if figure_ is None:
@@ -83,7 +83,7 @@ def _allowed(places: Iterable[str]) -> Iterator[tuple[str, Figure]]:
 
 
 def _held(origin: str, place: str) -> list[Figure]:
-    """The figures at a place: a module, FILE.py, or MODULE:NAME of a figure or a list of them."""
+    """Return the figures in a module, in FILE.py, or under MODULE:NAME, which is a figure or a list of figures."""
     try:
         held, name = module_at(place)
         members = getattr(held, name) if name else [value for value in vars(held).values() if isinstance(value, Figure)]

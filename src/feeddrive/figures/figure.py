@@ -1,9 +1,9 @@
-"""A figure: a number by which a loop, a run or a machine is judged, declared once.
+"""A figure of merit of a loop, a run or a machine, declared once for studies, comparisons and tunings.
 
     RIPPLE = Figure("force_ripple_rms_N", "force ripple", "N", "run", lambda run: float(np.std(run["force"])))
 
-A study measures it, a comparison ranks by it, and with a `Goal` or a `Limitable` a tuning makes it best or keeps it
-within a limit.  The entries are in `of_loops.py` and `of_runs.py`; packages add their own (`catalogue.py`).
+A study measures it and a comparison ranks by it; with a `Goal` a tuning can optimize it, with a `Limitable` keep it
+within a limit. The entries are in `of_loops.py` and `of_runs.py`; packages add their own (`catalogue.py`).
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ BETTER = (LOWER, HIGHER, NEUTRAL)
 
 @dataclass(frozen=True)
 class Goal:
-    """A figure as the goal of a tuning.
+    """The declaration of a figure as the goal of a tuning.
 
     name      the goal on the command line
-    what      the quantity that becomes more or less: `dynamic stiffness`
-    of        the number that is minimized, of a loop over a band (Hz)
-    slope     its logarithm with derivatives, of a loop with derivatives over a band
-    banded    the band counts
-    on_table  it is about a force on the table, so a response to one should be known
-    returns   it measures how long the axis takes to return, so it needs integral action
+    what      the quantity that increases or decreases: `dynamic stiffness`
+    of        the quantity that is minimized, as a function of a loop and a band (Hz)
+    slope     its logarithm with derivatives, as a function of a loop with derivatives and a band
+    banded    True if the band matters
+    on_table  True if it refers to a force on the table, so that a response to such a force should be known
+    returns   True if it measures the recovery time of the axis, so that it needs integral action
     """
 
     name: str
@@ -54,15 +54,15 @@ class Goal:
 
 @dataclass(frozen=True)
 class Limitable:
-    """A figure that a tuning can keep within a limit.
+    """The declaration of a figure that a tuning can keep within a limit.
 
-    option, meaning, entered  the option of the command line, and the unit in which it takes a number
+    option, meaning, entered  the command-line option, its help text, and the unit of its value
     places    the places at which a loop is near a limit: (loop, limit, noise of both readings in m) -> places
-    where     the frequency in Hz that decides the figure of a loop, if one does
-    usual     the limit if none is set
-    above, below  between which a limit must lie; a limit is eased by a factor of its distance from `origin`
-    order     of the bounds in a search; bounds of the same order are sorted by frequency
-    noise     it needs the noise of the readings
+    where     the critical frequency of the figure in Hz, if there is one
+    usual     the default limit
+    above, below  range of a limit; a limit is relaxed by scaling its distance from `origin`
+    order     order of the bounds in a search; bounds of the same order are sorted by frequency
+    noise     True if it needs the noise of the readings
     """
 
     option: str
@@ -80,22 +80,24 @@ class Limitable:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Figure:
-    """A number by which something is judged; two with the same key are the same.
+    """A figure of merit; two figures with the same key are equal.
 
     key      its name in files, with its SI unit at the end: following_error_rms_m
-    title    in words
+    title    its name in words
     unit     SI
-    needs    what `of` takes: "statistics", "model" or "run"; "duty": a comparison computes it from its runs
-    of       of `Statistics` the values of all variants, shape (n,); of a `LinearLoop` or a Run one number, or None
-    better   "lower", "higher", or empty where neither is
-    meaning  the title in more words
-    short    the title in fewer words, for a column of numbers
-    label    the title as a row of a tuned loop
+    needs    the argument of `of`: "statistics", "model" or "run"; "duty": a comparison computes it from its runs
+    of       for `Statistics`, returns the values of all variants, shape (n,); for a `LinearLoop` or a Run, a number or
+             None
+    better   "lower", "higher", or empty if neither is better
+    meaning  a longer title
+    short    a shorter title, for a column of numbers
+    label    the title in the table of a tuned loop
     form     digits in a comparison, and the unit if it is not the usual one
     absent   the value of a model without this figure: the margin of a loop without a crossover is infinite
-    signals  whose statistics are gathered, by their names of a single axis
-    tuned    a tuning reports it; compared: and says where it is worse than before
-    goal     how a tuning makes it best
+    signals  the signals whose statistics are gathered, by their names on a single axis
+    tuned    True if a tuning reports it
+    compared  True if a tuning also reports where it gets worse
+    goal     how a tuning optimizes it
     limit    how a tuning keeps it within a limit
     """
 
@@ -126,7 +128,7 @@ class Figure:
             raise ParameterError(f"figure '{self.key}' needs `of`, which computes it")
 
     def __repr__(self) -> str:
-        return f"Figure({self.key!r})"  # the same in every process, since hashes are made of it
+        return f"Figure({self.key!r})"  # identical in every process, because hashes are computed from it
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Figure) and other.key == self.key
@@ -136,7 +138,7 @@ class Figure:
 
     @property
     def description(self) -> str:
-        """Its meaning, or its title if that says enough."""
+        """The meaning of the figure, or its title if there is none."""
         return self.meaning or self.title
 
     @property
@@ -145,21 +147,21 @@ class Figure:
         return self.better == HIGHER
 
     def read(self, source: Any) -> Any:
-        """Return the value that a loop or a run has, None if it has none."""
+        """Return the value of a loop or a run; None if it does not exist."""
         assert self.of is not None
         return self.of(source)
 
     def value(self, source: Any) -> Any:
-        """Return the value of a loop or a run; `absent` if it has none."""
+        """Return the value of a loop or a run; `absent` if it does not exist."""
         value = self.read(source)
         return self.absent if value is None else value
 
     def quantity(self, value: float | None) -> Quantity | None:
-        """Return a value with its unit; None for none."""
+        """Return a value with its unit; None if the value is None."""
         return None if value is None else Quantity(value, self.unit)
 
     def shown(self, value: float) -> Quantity:
-        """Return a value with its unit, read to the digits of a comparison."""
+        """Return a value with its unit, formatted with the digits of a comparison."""
         return Quantity(value, self.unit, form=self.form)
 
     def column(self, head: str = "") -> Column:
@@ -168,7 +170,7 @@ class Figure:
 
     @property
     def scale(self) -> float:
-        """The factor from SI to the unit in which it is usually read."""
+        """The factor from SI to the usual unit of the figure."""
         return USUAL.of(self.unit)[1]
 
 
@@ -179,7 +181,7 @@ def _suffix(unit: str) -> str:
 
 @dataclass(frozen=True)
 class Limit:
-    """A bound of a figure in SI: at most for a figure of which less is better, at least for the others."""
+    """A limit of a figure in SI: an upper limit if lower is better, otherwise a lower limit."""
 
     figure: Figure
     bound: float
@@ -197,7 +199,7 @@ class Limit:
 
     @property
     def declared(self) -> Limitable:
-        """The declaration of the limit in a tuning."""
+        """The declaration of the limited figure for a tuning."""
         assert self.figure.limit is not None
         return self.figure.limit
 
@@ -208,21 +210,25 @@ class Limit:
         return Text(f"{self.figure.title} {sign} {Quantity(self.bound, self.figure.unit)}")
 
     def keeps(self, value: float | None, room: float = 0.0) -> bool:
-        """Return True if a value keeps it, with a share of the limit as tolerance; a figure that is absent does."""
+        """Return True if a value keeps the limit, with `room` as tolerance, a share of the limit; an absent value keeps
+        it.
+        """
         if value is None:
             return True
         size = abs(value)
         return size >= (1.0 - room) * self.bound if self.figure.higher else size <= (1.0 + room) * self.bound
 
     def used(self, value: float | None) -> float:
-        """Return how much of the limit a value uses up: more than 1 exceeds it, 0 if the figure is absent."""
+        """Return the share of the limit that a value uses up: above 1 the limit is exceeded; 0 if the value is
+        absent.
+        """
         if value is None:
             return 0.0
         size = max(abs(value), 1e-300)
         return self.bound / size if self.figure.higher else size / self.bound
 
     def eased(self, factor: float) -> Limit:
-        """Return a limit that is wider by a factor."""
+        """Return the limit relaxed by a factor."""
         origin = self.declared.origin
         bound = self.bound / factor if self.figure.higher else origin + factor * (self.bound - origin)
         return Limit(self.figure, bound)
@@ -230,15 +236,17 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """A batch as seen by one axis: `rms("force")` is an array over the variants; `port` is `x.` in a machine."""
+    """The statistics of a batch for one axis: `rms("force")` is an array over the variants; `port` is `x.` in a
+    machine.
+    """
 
     batch: Batch
     port: str = ""
 
     def rms(self, signal: str) -> np.ndarray:
-        """Root of the mean square over the run."""
+        """Return the RMS of a signal over the run, for all variants."""
         return self.batch.rms[f"{self.port}{signal}"]
 
     def peak(self, signal: str) -> np.ndarray:
-        """Largest absolute value over the run."""
+        """Return the largest absolute value of a signal over the run, for all variants."""
         return self.batch.peak[f"{self.port}{signal}"]

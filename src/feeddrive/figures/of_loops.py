@@ -1,7 +1,7 @@
 """The figures of a loop, from its linear model or its measured response.
 
-A new goal or limit is one entry here: it then is an option of `tune`, a field of the studio's Goal, and a figure that
-`compare` and studies know.
+A new goal or limit is one entry here: it automatically becomes an option of `tune`, a field of the studio's Goal, and a
+figure for `compare` and studies.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 
-LOWEST = 1.0  # Hz, from which the least stiffness counts
-_LINES = 60  # of a band
+LOWEST = 1.0  # Hz, lowest frequency for the minimum stiffness
+_LINES = 60  # lines of a band
 
 
 @dataclass(frozen=True, eq=False)
 class LinearLoop:
     """A loop with its linear model, which is computed once for all figures.
 
-    velocity       m/s, at which the axis slides
-    known          its model, if it is known: that of a stable loop
-    density        lines a decade
-    lowest         Hz, from which the least stiffness counts
-    reading_noise  of both readings, white, m RMS; None: counts and noise of the encoders
+    velocity       m/s, sliding velocity of the axis
+    known          its model, if already known: that of a stable loop
+    density        lines per decade
+    lowest         Hz, lowest frequency for the minimum stiffness
+    reading_noise  white noise of the two readings, m RMS; None: counts and noise of the encoders
 
-    Raises UnstableError where a figure of a loop is wanted that is not stable: it has none.
+    Raises UnstableError if a figure of an unstable loop is requested.
     """
 
     loop: Loop
@@ -60,7 +60,7 @@ class LinearLoop:
 
     @cached_property
     def model(self) -> LoopModel:
-        """The model opened at the actuator, and closed."""
+        """The linear model of the loop, opened at the actuator and closed."""
         if self.known is not None:
             return self.known
         model = loop_model(self.loop, velocity=self.velocity)
@@ -71,7 +71,7 @@ class LinearLoop:
 
     @cached_property
     def lines(self) -> np.ndarray:
-        """Frequencies in Hz, dense around the resonances."""
+        """The frequency lines in Hz, dense around the resonances."""
         return self.model.lines(self.density)
 
     @property
@@ -85,7 +85,7 @@ class LinearLoop:
 
     @property
     def compliance(self) -> FRF:
-        """The compliance on all lines, m/N."""
+        """The compliance at all frequency lines, m/N."""
         return self._compliance_on_lines
 
     @cached_property
@@ -94,7 +94,7 @@ class LinearLoop:
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness from the lowest frequency on that counts."""
+        """The dynamic stiffness at and above the lowest counted frequency."""
         return self._stiffness_on_lines
 
     @cached_property
@@ -120,7 +120,7 @@ class LinearLoop:
 
     @cached_property
     def nyquist(self) -> float:
-        """Half of the sampling frequency, Hz."""
+        """The Nyquist frequency, Hz."""
         return 0.5 / float(self.loop.sample_time)
 
     @property
@@ -135,7 +135,7 @@ class LinearLoop:
 
     @property
     def force_noise(self) -> float | None:
-        """RMS of the force from the errors of the readings, N; None if they have none."""
+        """The RMS force caused by the noise of the readings, N; None if they have none."""
         axis = self.loop.axis
         if self.reading_noise is not None:
             motor, load = self.reading_noise
@@ -151,7 +151,7 @@ class LinearLoop:
 
     @cached_property
     def noise_gain(self) -> float:
-        """RMS of the force per RMS of white noise, equal in all readings and independent, N/m."""
+        """The RMS force per RMS of white noise that is equal in size and independent in all readings, N/m."""
         one = self.loop.axis.one_encoder()
         return force_noise(self.model.closed, 0.0 if one else 1.0, 1.0, shared=one)
 
@@ -186,7 +186,7 @@ def _nearest_gain(loop: JudgedLoop) -> float | None:
 
 
 def _sizes(loop: JudgedLoop, band: Band) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequency (Hz) and compliance (m/N) of the lines in a band."""
+    """Return frequency (Hz) and compliance magnitude (m/N) of the lines in a band."""
     f = loop.compliance.frequency
     inside = (f >= band[0]) & (f <= band[1])
     return f[inside], loop.compliance.magnitude[inside]
@@ -240,7 +240,7 @@ class StiffnessAt:
     frequency: float
 
     def __call__(self, loop: JudgedLoop) -> float | None:
-        """Return it in N/m."""
+        """Return the dynamic stiffness in N/m; None outside the known frequencies."""
         return loop.stiffness_at(self.frequency)
 
 
@@ -252,12 +252,12 @@ class StiffnessOver:
     high: float
 
     def __call__(self, loop: LinearLoop) -> float:
-        """Return it in N/m."""
+        """Return the mean stiffness in N/m."""
         return loop.mean_stiffness(self.low, self.high)
 
 
 def stiffness_at(frequency: float) -> Figure:
-    """Return the figure of the dynamic stiffness at a frequency in Hz."""
+    """Return the figure for the dynamic stiffness at a frequency in Hz."""
     where = f"{Quantity(frequency, 'Hz'):6}"
     return Figure(
         f"stiffness_{frequency:g}_Hz_N_per_m",
@@ -517,7 +517,9 @@ OF_LOOPS = (
 
 
 def at_frequency(key: str) -> Figure | None:
-    """Return the figure of a key such as stiffness_35_Hz_N_per_m or stiffness_2.5_Hz_N_per_m; None for any other."""
+    """Return the figure for a key such as stiffness_35_Hz_N_per_m or stiffness_2.5_Hz_N_per_m; None for any other
+    key.
+    """
     match = re.fullmatch(r"stiffness_(\d+(?:\.\d+)?)_Hz_N_per_m", key)
     frequency = 0.0 if match is None else float(match[1])
     return stiffness_at(frequency) if 0.0 < frequency < 1e6 and stiffness_at(frequency).key == key else None

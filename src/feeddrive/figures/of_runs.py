@@ -1,4 +1,4 @@
-"""The figures of runs: statistics gathered while a batch runs, whole runs, and the duty of a comparison."""
+"""The figures of runs, from statistics gathered during a batch, from whole runs, or from the duty in a comparison."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from feeddrive.loop.simulate import Run
 
 @dataclass(frozen=True)
 class Of:
-    """One statistic of one signal, as the function of a Figure."""
+    """A statistic of a signal, as the function of a Figure."""
 
     signal: str
     what: str
 
     def __call__(self, statistics: Statistics) -> np.ndarray:
-        """Return the values of all variants."""
+        """Return the statistic of all variants."""
         return statistics.rms(self.signal) if self.what == "rms" else statistics.peak(self.signal)
 
 

@@ -1,6 +1,6 @@
-"""Figures of a closed loop with their derivatives to the tunables, for the goals and limits of a search.
+"""Figures of a closed loop with their derivatives with respect to the tunables, for the goals and limits of a search.
 
-Slacks are logarithms or relative differences: 0.01 is about one percent.  A limit is kept while its slack is >= 0.
+Slacks are logarithms or relative differences: 0.01 is about one percent. A limit is kept while its slack is >= 0.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ Band = tuple[float, float]
 
 
 class JudgedLoop(Protocol):
-    """A closed loop whose figures are computed: of a model or of a measurement.
+    """A closed loop whose figures can be computed, from a model or a measurement.
 
-    A loop that computes one of them once has it as a property over a cached one: a type checker does not take a
-    `cached_property` for the property of a protocol.
+    A loop that computes one of them only once defines it as a property that returns a cached property, because a type
+    checker does not accept a `cached_property` for the property of a protocol.
     """
 
     @property
@@ -47,12 +47,12 @@ class JudgedLoop(Protocol):
 
     @property
     def compliance(self) -> FRF:
-        """The compliance on all lines, m/N."""
+        """The compliance at all frequency lines, m/N."""
         ...
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness on the lines on which its least value counts."""
+        """The dynamic stiffness at the lines that count for its minimum."""
         ...
 
     @property
@@ -67,16 +67,16 @@ class JudgedLoop(Protocol):
 
     @property
     def force_noise(self) -> float | None:
-        """RMS of the force from the errors of the readings, N."""
+        """The RMS force caused by the noise of the readings, N; None if they have none."""
         ...
 
     def stiffness_at(self, frequency: float) -> float | None:
-        """Return the dynamic stiffness at a frequency (Hz) in N/m; None where it is not known."""
+        """Return the dynamic stiffness at a frequency (Hz) in N/m; None outside the known frequencies."""
         ...
 
 
 class Reading(NamedTuple):
-    """The control's response to a reading (N/m), its slope, and the white error of the reading, m RMS."""
+    """The response of the control to a reading (N/m), its derivatives, and the white noise of the reading, m RMS."""
 
     response: np.ndarray
     slope: np.ndarray
@@ -84,7 +84,7 @@ class Reading(NamedTuple):
 
 
 class SlopedLoop(Protocol):
-    """A closed loop on n lines with the derivatives of its responses to p tunables."""
+    """A closed loop on n lines with the derivatives of its responses with respect to p tunables."""
 
     @property
     def gain(self) -> np.ndarray:
@@ -98,7 +98,7 @@ class SlopedLoop(Protocol):
 
     @property
     def gain_variance(self) -> np.ndarray:
-        """The variance of the loop gain from that of a measurement, shape (n,)."""
+        """The variance of the loop gain due to measurement noise, shape (n,)."""
         ...
 
     @property
@@ -108,17 +108,17 @@ class SlopedLoop(Protocol):
 
     @property
     def compliance_slope(self) -> np.ndarray:
-        """Its derivatives, shape (n, p)."""
+        """The derivatives of the compliance, shape (n, p)."""
         ...
 
     @property
     def compliance_variance(self) -> np.ndarray:
-        """Its variance, shape (n,)."""
+        """The variance of the compliance, shape (n,)."""
         ...
 
     @property
     def frequency(self) -> np.ndarray:
-        """The lines, Hz."""
+        """The frequency lines, Hz."""
         ...
 
     @property
@@ -128,11 +128,11 @@ class SlopedLoop(Protocol):
 
     @property
     def logarithms(self) -> Logarithms:
-        """The loop gain as logarithms."""
+        """The logarithmic form of the loop gain."""
         ...
 
     def recovery(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return frequency, compliance and its slope from far below the first line on."""
+        """Return frequency, compliance and its derivatives, extended far below the first line."""
         ...
 
     def readings(self, noise: tuple[float, float]) -> Sequence[Reading]:
@@ -141,7 +141,7 @@ class SlopedLoop(Protocol):
 
 
 class Slope(NamedTuple):
-    """The logarithm of a number to minimize, its slope, and the Gauss-Newton part of its curvature."""
+    """The logarithm of a quantity to minimize, its derivatives, and the Gauss-Newton part of its Hessian."""
 
     value: float
     slope: np.ndarray
@@ -149,9 +149,9 @@ class Slope(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A place at which a loop is near a limit: frequency (0: none), slack, its slope and standard deviation.
+    """A place at which a loop is near a limit: frequency (0: none), slack, its derivatives and standard deviation.
 
-    line  of the place, which tells it from others of the same limit
+    line  index of its line, which distinguishes it from other places of the same limit
     """
 
     frequency: float
@@ -163,35 +163,35 @@ class Place(NamedTuple):
 
 _NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not stored
 _POINTS, _POLE = 41, 0.2  # points between two neighbors of a line; distance to a pole within which no value is used
-_AHEAD = 1e-9  # rad: least distance to -1 that is used for a crossover
-_STRETCH = 0.08  # of ln f on both sides of a crossover, over which its slopes are taken
+_AHEAD = 1e-9  # rad: smallest distance to -1 used for a crossover
+_STRETCH = 0.08  # of ln f: interval on both sides of a crossover for its derivatives
 
 
 def rope_snap_slope(loop: SlopedLoop, _: Band) -> Slope:
-    """Return the slope of the rope-snap error."""
+    """Return the logarithm of the rope-snap error with its derivatives."""
     lines, y, dy = loop.recovery()
     return _mean_square(y, dy, rope_snap_weights(lines, loop.sample_time))
 
 
 def mean_compliance_slope(loop: SlopedLoop, band: Band) -> Slope:
-    """Return the slope of `mean_compliance`, up to the ends of the band."""
+    """Return the logarithm of `mean_compliance` with its derivatives, up to the ends of the band."""
     f = loop.frequency
     width = np.where(_inside(f, band), trapezoid_weights(np.log(f)), 0.0)
     return _mean_square(loop.compliance, loop.compliance_slope, width / np.sum(width))
 
 
 def compliance_peak_slope(loop: SlopedLoop, band: Band) -> Slope:
-    """Return the slope of the largest compliance in a band."""
+    """Return the logarithm of the largest compliance in a band with its derivatives."""
     return _largest(loop, band, 1.0)
 
 
 def integral_slope(loop: SlopedLoop, band: Band) -> Slope:
-    """Return the slope of the largest compliance over the frequency in a band."""
+    """Return the logarithm of the largest ratio of compliance to angular frequency in a band with its derivatives."""
     return _largest(loop, band, 1.0 / (2.0 * np.pi * loop.frequency))
 
 
 def bandwidth_slope(loop: SlopedLoop, _: Band) -> Slope:
-    """Return the slope of -ln of the frequency at which |S| first rises to -3 dB."""
+    """Return -ln of the frequency at which |S| first rises to -3 dB, with its derivatives."""
     x = np.log(loop.frequency)
     tunables = loop.gain_slope.shape[1]
     crossing = bandwidth_crossing(loop.gain)
@@ -218,7 +218,7 @@ def _largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float) -> Slope:
 
 
 def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
-    """Return the slope of ½ ln Σ w |y|²."""
+    """Return ½ ln Σ w |y|² with its derivatives."""
     total = float(np.sum(weight * np.abs(y) ** 2))
     slope = np.real(dy.T @ (weight * np.conj(y))) / total
     root = np.sqrt(weight)[:, None] * dy
@@ -227,7 +227,7 @@ def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
 
 
 def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines on which Ms is near its limit."""
+    """Yield the lines at which Ms is near its limit."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     away = np.abs(1.0 + L)
@@ -238,7 +238,7 @@ def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
 
 
 def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines on which the small-gain theorem hardly admits an extra dead time of some samples."""
+    """Yield the lines that are near the limit of the small-gain theorem for an additional dead time of some samples."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     late = np.pi * f * limit * loop.sample_time
@@ -252,7 +252,7 @@ def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
 
 
 def compliance_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines on which the compliance is near its limit."""
+    """Yield the lines at which the compliance is near its limit."""
     f = loop.frequency
     size = np.abs(loop.compliance)
     slack = _at_vertex(np.log(f), np.log(limit / size))
@@ -263,9 +263,12 @@ def compliance_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
 
 
 class _Crossing(NamedTuple):
-    """A gain crossover: its line, frequency and margins, the slopes of phase and ln f, and how noise moves it.
+    """A gain crossover: its line, frequency and margins, the derivatives of phase and ln f, and its sensitivity to
+    noise.
 
-    turned  slope of the phase; along  slope of ln f; tilt, bend  d ln|L|/d ln f and d phase/d ln f
+    turned        derivatives of the phase with respect to the tunables
+    along         derivatives of ln f with respect to the tunables
+    tilt, bend    d ln|L|/d ln f and d phase/d ln f
     """
 
     line: int
@@ -282,24 +285,26 @@ def _gain_crossings(loop: SlopedLoop) -> Iterator[_Crossing]:
     for k, part, margin in gain_crossings(loop.logarithms):
         width = x[k + 1] - x[k]
         moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
-        along = -moved.real / ((level[k + 1] - level[k]) / width)  # of ln f of the crossover
+        along = -moved.real / ((level[k + 1] - level[k]) / width)  # derivatives of ln f of the crossover
         turned = moved.imag + (turn[k] / width) * along
         yield _Crossing(k, margin, turned, along, *_tilts(x, level, turn, k))
 
 
 def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the gain crossovers with their distance from a phase margin, deg, which counts by its size."""
+    """Yield the gain crossovers with their distance from a phase margin limit in deg; margins count by absolute
+    value.
+    """
     spread = _spread(loop)
     for k, margin, turned, _along, tilt, bend in _gain_crossings(loop):
         sign = 1.0 if margin.phase_margin_deg >= 0.0 else -1.0
         slack = float(np.radians(abs(margin.phase_margin_deg) - limit))
-        # noise of the phase, and of where it crosses
+        # noise of the phase and of the crossover frequency
         deviation = float(spread[k]) * float(np.hypot(1.0, bend / tilt))
         yield Place(margin.frequency, slack, sign * turned, deviation, k)
 
 
 def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the gain crossovers with their distance from a delay margin in samples."""
+    """Yield the gain crossovers with their distance from a delay margin limit in samples."""
     spread, T = _spread(loop), loop.sample_time
     for k, margin, turned, along, tilt, bend in _gain_crossings(loop):
         f = margin.frequency
@@ -310,7 +315,7 @@ def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Pla
 
 
 def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the phase crossovers with their distance from a gain margin in dB."""
+    """Yield the phase crossovers with their distance from a gain margin limit in dB."""
     spread = _spread(loop)
     pushed = loop.gain_slope / loop.gain[:, None]
     x, level, _lead, turn = loop.logarithms
@@ -330,7 +335,7 @@ def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
 
 
 def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float]) -> Iterator[Place]:
-    """Yield the force noise with its slope: d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u."""
+    """Yield the force noise with its derivatives: d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u."""
     value = force_noise_of(loop, noise)
     S = 1.0 / (1.0 + loop.gain)
     dS = -(S * S)[:, None] * loop.gain_slope
@@ -343,27 +348,27 @@ def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float
 
 
 def force_noise_of(loop: SlopedLoop, noise: tuple[float, float]) -> float:
-    """Return the RMS of the force in N from white errors of the readings in m."""
+    """Return the RMS force in N caused by white noise of the readings in m."""
     S = 1.0 / (1.0 + loop.gain)
     parts = [(C * S, sigma) for C, _, sigma in loop.readings(noise)]
     return force_noise_of_lines(loop.frequency, loop.sample_time, parts)
 
 
 def _spread(loop: SlopedLoop) -> np.ndarray:
-    return np.sqrt(0.5 * loop.gain_variance)  # of the part along one direction
+    return np.sqrt(0.5 * loop.gain_variance)  # standard deviation of the component along one direction
 
 
 def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
-    """Return the lines whose bound is near; without slopes, the nearest of them."""
+    """Return the lines whose bound is close to violation; without derivatives, only the closest of them."""
     near = np.flatnonzero(slack < _NEAR)
     return near.tolist() if slopes.shape[1] or not near.size else [int(near[np.argmin(slack[near])])]
 
 
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """The slacks; at each local minimum they follow from the least |w| between the neighboring lines.
+    """Return the slacks; each local minimum is refined by the smallest |w| between the neighboring lines.
 
-    w = (w0 + b u)/(1 + c u) through the three lines, u = ln f - ln f0: a resonance is a circle, and its nearest point
-    may lie far between two lines.
+    w = (w0 + b u)/(1 + c u) through the three lines, u = ln f - ln f0: a resonance is a circle, and its closest point
+    may lie far from any line.
     """
     out = slack.copy()
     for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
@@ -380,7 +385,7 @@ def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarra
 
 
 def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """The slacks; at each local minimum that of the parabola through the line and its neighbors."""
+    """Return the slacks; each local minimum is replaced by that of the parabola through the line and its neighbors."""
     out = slack.copy()
     for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
         if slack[k] < _NEAR:
@@ -389,7 +394,9 @@ def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
 
 
 def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[float, float]:
-    """d ln|L|/d ln f and dφ/d ln f around a line: over a stretch, since two lines would show their noise."""
+    """Return d ln|L|/d ln f and dφ/d ln f around a line, fitted over an interval, because two lines would show their
+    noise.
+    """
     low, high = (int(end) for end in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
     low, high = min(low, k), max(high, k + 2)
     apart = x[low:high] - np.mean(x[low:high])

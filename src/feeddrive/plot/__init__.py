@@ -1,8 +1,8 @@
-"""Charts, figures and DataFrames of results; `Result.chart()`, `.plot()` and `.to_pandas()` find them by type.
+"""Charts, figures and data frames of results; `Result.chart()`, `.plot()` and `.to_pandas()` select them by type.
 
-A chart is a value (`chart.py`): `bode_chart(response)` gives what the figure `bode(response)` shows, and `drawn` draws
-any chart with matplotlib's object API: a figure that shows itself in a notebook and writes itself with `savefig`.
-Importing this package does not import matplotlib or pandas, nor the modules of the charts.
+A chart is a value (`chart.py`): `bode_chart(response)` returns the content of the figure `bode(response)`. `drawn`
+draws any chart with matplotlib's object API. The resulting figure displays itself in a notebook and is saved with
+`savefig`. Importing this package does not import matplotlib, pandas or the modules of the charts.
 """
 
 from feeddrive.language.lazy_package import make_lazy

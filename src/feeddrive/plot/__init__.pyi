@@ -1,4 +1,4 @@
-"""Charts, figures and DataFrames of results; `Result.chart()`, `.plot()` and `.to_pandas()` find them by type."""
+"""Charts, figures and data frames of results; `Result.chart()`, `.plot()` and `.to_pandas()` select them by type."""
 
 # written by `make stubs`
 

@@ -1,8 +1,9 @@
-"""Charts: the content of a picture as a value, apart from its drawing: panels of curves, marks and limits, with units.
+"""Charts: the content of a picture as a value, separate from its drawing.
 
-A chart is drawn by matplotlib (`plot.drawing`), and may be drawn by anything else, with the same curves, limits and
-words.  Numbers are in the units that the labels state.  `name` is the user's name of a thing and is never parsed;
-every other text may hold quantities, which `Chart.shown` writes in the units of a reader.
+A chart consists of panels with curves, marks and limits, with units. Matplotlib draws it (`plot.drawing`), and any
+other backend can draw it with the same curves, limits and words. Numbers are in the units that the labels state. `name`
+is a name given by the user and is never parsed; all other texts may contain quantities, which `Chart.shown` converts to
+the reader's units.
 """
 
 from __future__ import annotations
@@ -43,12 +44,12 @@ levels above all."""
 class Curve:
     """A line or points through (x, y), both of shape (n,); NaN interrupts a line.
 
-    name     the user's name of what is drawn; empty if it needs no entry in the legend
-    number   decides color, dashes and marker
-    caption  its figures, next to the name in the legend; of a bar, next to the bar
-    heat     a value for each point, shown as color and width by the scale of the panel
+    name     the user's name of the curve; empty for no legend entry
+    number   determines color, dashes and marker
+    caption  its figures, next to the name in the legend; for a bar, next to the bar
+    heat     a value for each point, shown as color and width on the scale of the panel
     reach    radius of a disc around each point, in place of the line: all discs are one pale area
-    size     factor on the usual width of the line and size of the markers
+    size     factor on the default line width and marker size
     """
 
     x: np.ndarray
@@ -66,8 +67,8 @@ class Curve:
 class Band:
     """The area between low(x) and high(x), all of shape (n,), in a pale color; NaN interrupts it.
 
-    name    in the legend; empty if it needs no entry
-    number  of the curve that it belongs to; NEUTRAL is gray
+    name    legend entry; empty for none
+    number  number of the curve that it belongs to; NEUTRAL is gray
     """
 
     x: np.ndarray
@@ -79,11 +80,11 @@ class Band:
 
 @dataclass(frozen=True)
 class Mark:
-    """A point on a curve; `hollow` tells two kinds of them apart.
+    """A point on a curve; `hollow` distinguishes two kinds of points.
 
-    name     written next to it, where it covers neither a point nor another name
+    name     label next to the point, placed so that it covers no point and no other label
     caption  its figures, shown when the pointer is on it
-    key      what a click on it selects; empty: nothing
+    key      what a click on it selects; empty for nothing
     """
 
     x: float
@@ -97,11 +98,11 @@ class Mark:
 
 @dataclass(frozen=True)
 class Level:
-    """A straight line over the whole panel at a value of y, or with `upright` of x: dashed a limit, faint an axis.
+    """A straight line across the whole panel at a value of y, or of x if `upright`: a dashed limit or a faint axis.
 
-    text     next to the line
-    number   of the curve whose color it has; NEUTRAL is that of axes
-    caption  its entry in the legend; dashed lines with different captions differ in their dashes
+    text     label next to the line
+    number   number of the curve whose color it has; NEUTRAL is the color of axes
+    caption  its legend entry; dashed lines with different captions have different dashes
     """
 
     value: float
@@ -115,7 +116,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Disc:
-    """A circle, dashed like its curve; filled with a pale color of it if it stands for an area; faint: of a grid."""
+    """A circle, dashed like its curve; if `filled` an area in a pale color, if `faint` a grid line."""
 
     x: float
     y: float
@@ -127,7 +128,7 @@ class Disc:
 
 @dataclass(frozen=True)
 class Note:
-    """A short text at a place: below it at the left, above it at the right, or around it."""
+    """A short text at a point: below it to the left, above it to the right, or centered on it."""
 
     x: float
     y: float
@@ -139,14 +140,15 @@ class Note:
 
 @dataclass(frozen=True)
 class Box:
-    """A filled rectangle: a bar, a cell of a table, or with None for an end a stretch up to the edge of the panel.
+    """A filled rectangle: a bar, a table cell, or, with None for its ends, an area that extends to the edges of the
+    panel.
 
-    number   of the curve whose color it has
-    name     in the legend; several boxes of one name have one entry
-    text     in the middle, or with `beside` next to the end that is farther from 0
-    level    -1 to 1 in place of the number: a color from better over none to worse; such a panel is a table
-    pale     as an area behind curves
-    hatched  uncertain
+    number   number of the curve whose color it has
+    name     legend entry; boxes with the same name share an entry
+    text     text in the middle, or with `beside` next to the end that is farther from 0
+    level    -1 to 1 in place of the number: a color from better through neutral to worse; such a panel is a table
+    pale     True for an area behind curves
+    hatched  True for an uncertain value
     """
 
     left: float
@@ -164,7 +166,7 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Values of shape (m, n) over x (n,) and y (m,), shown as color by the scale of the panel."""
+    """Values of shape (m, n) over x (n,) and y (m,), shown as color on the scale of the panel."""
 
     x: np.ndarray
     y: np.ndarray
@@ -173,7 +175,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Heat:
-    """The scale of the values of curves or a field that are shown as color: label with its unit, and range."""
+    """The color scale of the values of curves or of a field: label with unit, and range."""
 
     label: str
     low: float
@@ -182,9 +184,9 @@ class Heat:
 
 @dataclass(frozen=True)
 class Tick:
-    """A place on an axis with a text in place of its number.
+    """A position on an axis with a text in place of its number.
 
-    name     the user's name of a thing: such a place has no grid line
+    name     a name given by the user; such a position has no grid line
     caption  its figures, next to the name; alone, a number
     """
 
@@ -195,12 +197,12 @@ class Tick:
 
 @dataclass(frozen=True)
 class Abscissa:
-    """The axis of x.
+    """The x axis.
 
-    label      with its unit
-    low, high  range; None: what the panel needs
-    square     a unit of x is as long as one of y, as in the complex plane
-    ticks      places that have a text; None: round numbers
+    label      label with unit
+    low, high  range; None: fitted to the panel
+    square     True for equal scales of x and y, as in the complex plane
+    ticks      positions with a text; None: round numbers
     """
 
     label: str
@@ -213,17 +215,17 @@ class Abscissa:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One field of a chart.
+    """One set of axes in a chart.
 
-    label      of y, with its unit
-    low, high  range of y; None: what the curves need
-    share      of the height, in relation to the other panels
+    label      label of y, with unit
+    low, high  range of y; None: fitted to the curves
+    share      height relative to the other panels
     caption    a line above the panel
-    heat       scale of the curves or the field that have values
-    ticks      places of y that have a text; None: round numbers
-    abscissa   its own axis of x; None: that of the chart, which these panels share
-    width      in relation to the other panels of its row
-    whole      it takes a row for itself
+    heat       color scale of curves or fields with values
+    ticks      positions on y with a text; None: round numbers
+    abscissa   its own x axis; None: the x axis of the chart, which such panels share
+    width      width relative to the other panels of its row
+    whole      True if it takes up a whole row
     """
 
     label: str
@@ -249,20 +251,20 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Panels below each other over the same x, or in rows of several.
+    """Panels stacked over the same x axis, or arranged in rows.
 
-    label      of x, with its unit; this and the next ones are those of its `Abscissa`
+    label      label of x, with unit; this and the next ones define the shared `Abscissa`
     low, high  range of x
-    square     a unit of x is as long as one of y, as in the complex plane
-    bare       without axes: discs and notes say the scale
-    height     of a drawing, inches
-    columns    of the legend
-    factor     from the SI unit of x to that of the label, for what is dragged in the picture
+    square     True for equal scales of x and y, as in the complex plane
+    bare       True for no axes: discs and notes show the scale
+    height     height of the drawing, inches
+    columns    columns of the legend
+    factor     from the SI unit of x to that of the label, for values dragged in the picture
     across     panels in a row, filled from the left
-    width      of a drawing, inches; `WIDTH` is that of a report
-    side       label of y of all panels together, with its unit
-    legend     where it stands: ABOVE, RIGHT or PANELS
-    beside     lines at the right of the panels
+    width      width of the drawing, inches; `WIDTH` is that of a report
+    side       common y label of all panels, with unit
+    legend     position of the legend: ABOVE, RIGHT or PANELS
+    beside     text to the right of the panels
     caption    a warning above the panels
     """
 
@@ -286,11 +288,11 @@ class Chart:
 
     @property
     def abscissa(self) -> Abscissa:
-        """The axis of x that panels without their own share."""
+        """The x axis shared by all panels without their own."""
         return Abscissa(self.label, self.scale, self.low, self.high, self.square, self.ticks)
 
     def shown(self, units: Units) -> Chart:
-        """The chart with all its texts in the units of a reader; the numbers stay."""
+        """Return the chart with all texts converted to the reader's units; the numbers are unchanged."""
         label, side, beside, caption = (
             resolve(text, units) for text in (self.label, self.side, self.beside, self.caption)
         )
@@ -338,34 +340,34 @@ def _shown_ticks(ticks: tuple[Tick, ...] | None, units: Units) -> tuple[Tick, ..
 
 
 def numbered(values: Iterable[float]) -> tuple[Tick, ...]:
-    """Ticks at round numbers."""
+    """Return ticks at the given numbers."""
     return tuple(Tick(float(value), caption=f"{value:g}") for value in values)
 
 
 def listed(names: Sequence[str]) -> tuple[Tick, ...]:
-    """Ticks of rows with names, the first at the top: at 0, -1, -2, ..."""
+    """Return ticks for rows with names, at 0, -1, -2, ... from the top."""
     return tuple(Tick(-float(row), name) for row, name in enumerate(names))
 
 
 def side_by_side(charts: Sequence[Chart], height: float) -> Chart:
-    """Charts of one panel in one row; the legend is that of all of them."""
+    """Return one chart with the panels of several charts in a row and a common legend."""
     panels = tuple(replace(panel, abscissa=chart.abscissa) for chart in charts for panel in chart.panels)
     return Chart("", panels, across=len(panels), height=height)
 
 
 def stairs(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of a curve that keeps each value until the next point, all of shape (n,) -> (2 n - 1,)."""
+    """Return the corners of a stair-step curve that holds each value until the next point: shape (n,) -> (2 n - 1,)."""
     return np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
 
 
 def filled_stairs(edges: np.ndarray, heights: np.ndarray, base: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of the shape of a histogram: heights of shape (n,) above a base, between edges of shape (n + 1,)."""
+    """Return the outline of a histogram with heights of shape (n,) above a base, between edges of shape (n + 1,)."""
     x = np.repeat(np.asarray(edges, np.float64), 2)
     return x, np.concatenate([[base], base + np.repeat(heights, 2), [base]])
 
 
 def rods(x: np.ndarray, low: np.ndarray | float, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Upright lines from low to high at each x of shape (n,), as one curve with gaps: stems, or bars of errors."""
+    """Return vertical lines from low to high at each x of shape (n,), as one curve with gaps: stems or error bars."""
     gap = np.full(x.size, np.nan)
     return (
         np.column_stack([x, x, gap]).ravel(),

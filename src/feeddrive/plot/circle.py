@@ -1,4 +1,6 @@
-"""Pictures of a circular test: the circle plot, unrolled with its reversals, ranked causes; glitches and loads."""
+"""Pictures of circular tests and reversals: circle plot, unrolled deviation, ranked causes, reversal peaks, axis
+loads.
+"""
 
 from __future__ import annotations
 
@@ -38,32 +40,35 @@ if TYPE_CHECKING:
     from feeddrive.machining.load import AxisLoad
     from feeddrive.machining.reversal import Reversal, Reversals
 
-_DIVISIONS = 4  # between the nominal circle and the edge of the picture
+_DIVISIONS = 4  # divisions between the nominal circle and the edge of the picture
 _RING = 6.0  # divisions from the center to the nominal circle
 _STEPS = (1.0, 2.0, 5.0, 10.0)
-_NEAR = 10.0  # degrees of a zoom around a reversal
+_NEAR = 10.0  # degrees: range of a detail around a reversal
 _QUADRANTS = ((0.0, "+{}"), (90.0, "+{}"), (180.0, "-{}"), (270.0, "-{}"))
-_HEAD = (0.45, 0.22)  # of an arrow: length and half of its width, divisions
+_HEAD = (0.45, 0.22)  # length and half width of an arrowhead, divisions
 
 
 def _rows(test: CircleTest) -> list[tuple[CirclePath, np.ndarray, np.ndarray]]:
-    """Circles with the polar angle in degrees, 0 to 360, and the radial deviation in µm, in the order of the motion."""
+    """Return the circles with polar angle in degrees, 0 to 360, and radial deviation in µm, in order of the motion."""
     rows = zip(test.circles, deviations(test), strict=True)
     return [(circle, np.degrees(angle), 1e6 * r) for circle, (angle, r) in rows]
 
 
 def _like(circle: CirclePath, test: CircleTest) -> int:
-    """Index of the circle of a test with the direction and feed of another one; the number of circles if none has."""
+    """Return the index of the circle in a test that has the same direction and feed; the number of circles if there is
+    none.
+    """
     there = (i for i, e in enumerate(test.circles) if e.direction == circle.direction and same_feed(e, circle))
     return next(there, len(test.circles))
 
 
 def circle_test_chart(test: CircleTest, division: float | None = None, remark: str = "") -> Chart:
-    """The circle plot: radial deviations enlarged on the nominal circle, both directions, with a box of figures.
+    """Plot a circular test with a box of figures: the radial deviations enlarged on the nominal circle, both
+    directions.
 
-    division  µm of a division; default: the smallest of 1, 2, 5, 10 ... that shows all deviations.  Give the same for
-              all plots that are compared
-    remark    date, place, state of compensation: a line for the box
+    division  µm per division; default: the smallest of 1, 2, 5, 10 ... that shows all deviations. Use the same value
+              for all plots to be compared
+    remark    date, place, state of compensation: a line in the box
     """
     size = _scale([test]) if division is None else division
     return replace(circle_chart(test, division=size), beside=_box(test, size, remark))
@@ -73,7 +78,7 @@ circle_test = figure_of(circle_test_chart)
 
 
 def circle_chart(test: CircleTest, before: CircleTest | None = None, division: float | None = None) -> Chart:
-    """The circle plot without its box: each point is as far from the drawn nominal circle as the machine deviates, µm.
+    """Plot a circular test without the box: the deviation in µm is drawn as the distance from the nominal circle.
 
     before  an earlier test of the same circles, drawn thin
     """
@@ -119,7 +124,7 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
 
 
 def _scale(tests: Sequence[CircleTest]) -> float:
-    """Return the division in µm that shows all deviations of the tests."""
+    """Return the µm per division with which all deviations of the tests are visible."""
     return _division(max(float(np.max(np.abs(r))) for test in tests for _, _, r in _rows(test)) / _DIVISIONS)
 
 
@@ -129,14 +134,14 @@ def _closed(place: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _peak(peak: QuadrantPeak, ring: float) -> Mark:
-    """The mark of a quadrant peak on the drawn circle."""
+    """Return the mark of a quadrant peak on the drawn circle."""
     r = ring + 1e6 * peak.deviation
     caption = Text(f"peak {Quantity(peak.height, 'm'):3} behind {peak.side}{peak.axis}")
     return Mark(float(r * np.cos(peak.angle)), float(r * np.sin(peak.angle)), peak.circle, True, caption=caption)
 
 
 def _gap(circle: CirclePath, test: CircleTest, before: CircleTest | None) -> str:
-    """G of a circle, and its earlier value, as text."""
+    """Return the circularity G of a circle and its earlier value, as text."""
     own = [figure for figure in test.figures if not figure.both]
     caption = Text(f"G {Quantity(own[test.circles.index(circle)].G, 'm')}")
     if before is None or (i := _like(circle, before)) == len(before.circles):
@@ -145,7 +150,7 @@ def _gap(circle: CirclePath, test: CircleTest, before: CircleTest | None) -> str
 
 
 def _arrow(radius: float, angle: float, direction: int, division: float, number: int) -> Curve:
-    """The head of an arrow along the circle, in the direction of the motion."""
+    """Return an arrowhead along the circle, in the direction of motion."""
     long, wide = (part * division for part in _HEAD)
     out = np.array([np.cos(angle), np.sin(angle)])
     along = direction * np.array([-out[1], out[0]])
@@ -179,7 +184,7 @@ def _division(wanted: float) -> float:
 
 
 def circle_unrolled_chart(test: CircleTest) -> Chart:
-    """The deviations over the angle with the reversals marked, and ten degrees around each of them."""
+    """Plot the deviation versus the angle with the reversals marked, and a detail of 10° around each of them."""
     (whole,) = unrolled_chart(test).panels
     angles = Abscissa("angle (deg)", low=0.0, high=360.0, ticks=numbered(np.arange(0.0, 361.0, 45.0)))
     panels = [replace(whole, abscissa=angles, share=1.3, whole=True)]
@@ -203,7 +208,7 @@ circle_unrolled = figure_of(circle_unrolled_chart)
 
 
 def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
-    """The radial deviation in µm over the polar angle in degrees, with the reversals and the peaks after them.
+    """Plot the radial deviation in µm versus the polar angle in degrees, with the reversals and the peaks after them.
 
     before  an earlier test of the same circles, drawn thin
     """
@@ -227,7 +232,7 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
 
 
 def circle_causes_chart(causes: CircleCauses, most: int = 12) -> Chart:
-    """The largest radial deviation of each cause, ranked, with its standard error; hatched where it has none."""
+    """Plot the largest radial deviation of each cause, ranked, with its standard error; hatched if none is known."""
     shown = [cause for cause in causes.ranked if cause.effect > 0.0][:most]
     widest = max((1e6 * cause.effect for cause in shown), default=1.0)
     bars, errors = list[Box](), list[Curve]()
@@ -264,7 +269,9 @@ def _runs(causes: CircleCauses) -> str:
 
 
 def reversals_chart(reversals: Reversals) -> Chart:
-    """The outward error after each of the last four reversals, over the time since it; gray: where the axis stands."""
+    """Plot the outward error after each of the last four reversals versus the time since reversal; gray during
+    standstill.
+    """
     panels = tuple(_reversal(reversals, reversal) for reversal in reversals.reversals[-4:])
     lows, highs = ([float(end(curve.y)) for panel in panels for curve in panel.curves] for end in (np.min, np.max))
     low, high = style.padded(min(lows), max(highs))
@@ -297,7 +304,9 @@ def _reversal(reversals: Reversals, reversal: Reversal) -> Panel:
 
 
 def axis_load_chart(load: AxisLoad) -> Chart:
-    """Motor force over time with its limits and the running RMS; below it the heat from cold, if it is known."""
+    """Plot the motor force versus time with its limits and the running RMS, and below it the thermal load from a cold
+    start, if known.
+    """
     time = load.sample_time * np.arange(len(load.force))
     running = np.sqrt(np.cumsum(load.force**2) / np.arange(1, len(time) + 1))
     curves = (

@@ -1,4 +1,4 @@
-"""Pictures in the complex plane: Nyquist curves, poles of a sampled loop, and the discs of a certificate."""
+"""Pictures in the complex plane: Nyquist plots, poles of a sampled loop, and the uncertainty discs of a certificate."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ if TYPE_CHECKING:
     from feeddrive.tuning.poles import Placement
 
 
-FINER = 4  # points drawn for each line of a modeled curve
-DISCS = 200  # that are drawn along a measured curve
-REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: the critical point is -1
+FINER = 4  # points drawn for each line of a model's curve
+DISCS = 200  # discs drawn along a measured curve
+REACH = (-2.6, 1.4, -2.0, 2.0)  # left, right, low, high of the Nyquist plot; the critical point is -1
 
 
 def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
-    """Loop gains near -1, with the unit circle and for each loop the circle of radius 1/Ms that it touches.
+    """Plot loop gains near -1, with the unit circle and, for each loop, the circle of radius 1/Ms that it touches.
 
-    A measured loop gain also has its 95 % discs, which hold line by line.
+    A measured loop gain also has its 95 % confidence discs, which hold for each line separately.
     """
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
@@ -106,7 +106,7 @@ nyquist = figure_of(nyquist_chart)
 
 
 def _spread(L: FRF, number: int) -> list[Curve]:
-    """The 95 % discs of a measured loop gain, interpolated along the lines between its points; none of a model."""
+    """Return the 95 % confidence discs of a measured loop gain, interpolated between its points; empty for a model."""
     if L.radius is None:
         return []
     low, high, bottom, top = REACH
@@ -123,7 +123,7 @@ def _spread(L: FRF, number: int) -> list[Curve]:
 
 
 def _rounded(response: np.ndarray) -> np.ndarray:
-    """A modeled curve with points between its lines, on cubics through them, so that a resonance is round."""
+    """Return a model's curve with additional points from cubic interpolation, so that a resonance appears round."""
     if response.size < 3:
         return response
     slope = np.gradient(response)
@@ -134,7 +134,7 @@ def _rounded(response: np.ndarray) -> np.ndarray:
 
 
 def _visible(response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Parts of a curve inside of the picture and one point around; the rest is cut out."""
+    """Return the parts of a curve inside the picture plus one adjacent point; the rest is NaN."""
     low, high, bottom, top = REACH
     near = (
         (np.real(response) > low)
@@ -156,28 +156,28 @@ def _at(margins: Margins, frequency: float) -> complex:
 
 
 def encirclement_chart(encirclement: Encirclement) -> Chart:
-    """Nyquist plot of the measured or modelled loop gain."""
+    """Plot the Nyquist curve of the measured or modelled loop gain."""
     return nyquist_chart(margins_of(encirclement.loop_gain))
 
 
 def poles_chart(model: StateSpace) -> Chart:
-    """Poles of a sampled model as s = ln(z)/T in Hz, and the same as damping ratio over natural frequency."""
+    """Plot the poles of a sampled model as s = ln(z)/T in Hz, and their damping ratios versus natural frequency."""
     return side_by_side((plane_chart(model), damping_chart(model)), height=3.9)
 
 
 poles = figure_of(poles_chart)
 
 
-DAMPINGS = (0.1, 0.2, 0.4, 0.7)  # of the rays of a pole map
-_LIGHT = 0.5  # damping up to which a pole decides how much of the plane is shown
-_ROOM, _RIGHT, _BELOW = 1.25, 0.25, 0.04  # around the farthest of them; parts of the height to the right and below
+DAMPINGS = (0.1, 0.2, 0.4, 0.7)  # damping ratios of the rays of a pole map
+_LIGHT = 0.5  # largest damping ratio of a pole that determines the range of the plane
+_ROOM, _RIGHT, _BELOW = 1.25, 0.25, 0.04  # factor on the farthest one; right and bottom margins, shares of the height
 
 
 def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
-    """Upper half of the s plane, s = ln(z)/T: poles as crosses, zeros of the first response as rings.
+    """Plot the upper half of the s plane, s = ln(z)/T: poles as crosses, zeros of the first response as circles.
 
-    Rays of equal damping and circles of equal natural frequency; a pole right of 0 is unstable.  The poles with a
-    damping ratio below 0.5 set the range that is shown.
+    The grid has rays of constant damping ratio and circles of constant natural frequency; a pole to the right of 0 is
+    unstable. The poles with a damping ratio below 0.5 determine the range shown.
     """
     chosen = style.named(models)
     hertz = units.of("Hz")[1]
@@ -225,13 +225,13 @@ def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
 
 
 def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
-    """Return s of the upper half plane in the shown unit of frequency, without what lies at z = 0."""
+    """Return s of the upper half plane in the displayed unit of frequency, without points at z = 0."""
     s = continuous(z, model.sample_time)
     return hertz / (2.0 * np.pi) * s[np.isfinite(s) & (np.imag(s) >= 0.0)]
 
 
 def _lightest(s: np.ndarray) -> str:
-    """The least damped pole that oscillates, in words; s in Hz."""
+    """Return the least damped oscillatory pole, in words; s in Hz."""
     swings = s[np.imag(s) > 0.0]
     if not swings.size:
         return "no pole oscillates"
@@ -241,19 +241,21 @@ def _lightest(s: np.ndarray) -> str:
 
 
 def _step(reach: float) -> float:
-    """Return a round step that goes three to seven times into a length."""
+    """Return a round grid step that fits three to seven times into a length."""
     size = 10.0 ** np.floor(np.log10(reach / 3.0))
     return float(size * max(multiple for multiple in (1.0, 2.0, 2.5, 5.0) if multiple * size <= reach / 3.0))
 
 
 def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
-    """Damping ratio over natural frequency of all poles up to Nyquist: 1 for real poles, negative for unstable ones."""
+    """Plot the damping ratio versus natural frequency of all poles up to Nyquist: 1 for real poles, negative for
+    unstable ones.
+    """
     chosen = style.named(models)
     hertz = units.of("Hz")[1]
     curves, sizes, least = list[Curve](), list[float](), 0.0
     for i, (name, model) in enumerate(chosen.items()):
         z = model.poles().astype(complex)
-        there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (np.imag(z) >= 0.0)  # neither delays nor integrators
+        there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (np.imag(z) >= 0.0)  # without delays and integrators
         frequency, damping = natural(z[there], model.sample_time)
         grows = damping <= 0.0
         caption = _lightest(_upper(z[there], model, 1.0))
@@ -269,25 +271,26 @@ def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = 
 
 
 def stability_chart(stability: Stability) -> Chart:
-    """Poles of the loop."""
+    """Plot the poles of the loop."""
     return poles_chart(stability.model)
 
 
 def placement_chart(placement: Placement) -> Chart:
-    """Poles of the sampled loop."""
+    """Plot the poles of the sampled loop."""
     return poles_chart(placement.stability.model)
 
 
-_MOST = 6  # rows of one picture
-_DECADES = 3.0  # below the smallest reserve, the range that is shown
-_DISCS = 500  # drawn in the complex plane
-_REACH = (-2.4, 1.2, -1.9, 1.7)  # of the discs: left, right, low, high
+_MOST = 6  # largest number of rows of a picture
+_DECADES = 3.0  # decades shown below the frequency of the smallest reserve
+_DISCS = 500  # discs drawn in the complex plane
+_REACH = (-2.4, 1.2, -1.9, 1.7)  # left, right, low, high of the picture of discs
 
 
 def certificate_chart(certificate: Certificate) -> Chart:
-    """|1 + L|/|L| of each plant over the certified radius, the plants with the smallest reserve first.
+    """Plot |1 + L|/|L| of each plant and the certified radius, the plants with the smallest reserve first.
 
-    With two rates 1/Σ|H| instead, over the force at a frequency and its images that a sine of 1 N there adds to.
+    For a multirate control it is 1/Σ|H| instead: the sum covers the responses of the force to a sine of 1 N, at its
+    frequency and the images.
     """
     plants = sorted(certificate.document["plants"], key=lambda plant: plant["reserve"] or np.inf)[:_MOST]
     nyquist = 0.5 / certificate.sample_time
@@ -300,7 +303,9 @@ certificate = figure_of(certificate_chart)
 
 
 def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
-    """The panel of one plant: its distance from -1, the part of it that the discs take, and the measured bands."""
+    """Return the panel of one plant: its distance from -1, the part of it that the discs cover, and the measured
+    bands.
+    """
     loop = certificate.loops[plant["name"]]
     f = loop.lines()
     f = f[f >= low]
@@ -332,12 +337,12 @@ def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, firs
 
 
 def _measured(plant: Any) -> list[tuple[float, float]]:
-    """The bands in which a plant was measured."""
+    """Return the bands in which a plant was measured."""
     return [(lines[0][0], lines[-1][0]) for lines in plant["lines"] if lines]
 
 
 def certificate_discs_chart(certificate: Certificate) -> Chart:
-    """L of the plant with the smallest reserve near -1, with the disc in which it may lie at each frequency."""
+    """Plot L of the plant with the smallest reserve near -1, with its uncertainty disc at each frequency."""
     plant = min(certificate.document["plants"], key=lambda candidate: candidate["reserve"] or np.inf)
     loop: LoopResponse = certificate.loops[plant["name"]]
     f = loop.lines()

@@ -1,4 +1,4 @@
-"""Plots of plain curves, distributions and surfaces."""
+"""Charts of general curves, distributions and surfaces."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """Curves by name over the common abscissa, under one ordinate; `logarithmic` is its scale."""
+    """A panel of curves by name with a common ordinate; `logarithmic` selects its scale."""
 
     ordinate: str
     curves: Mapping[str, np.ndarray]
@@ -58,9 +58,10 @@ def curves_chart(
     frequency: bool = False,
     levels: Mapping[str, float] | None = None,
 ) -> Chart:
-    """Rows of curves over x; a name keeps its color in all rows.  `frequency`: x in Hz, logarithmic.
+    """Plot rows of curves over x, with the same color for a name in all rows.
 
-    levels  horizontal lines in the first row, by name
+    frequency  True if x is in Hz, on a logarithmic scale
+    levels     horizontal lines in the first row, by name
     """
     names = list(dict.fromkeys(name for row in rows for name in row.curves))
     panels = list[Panel]()
@@ -76,7 +77,9 @@ curves = figure_of(curves_chart)
 
 
 def pole_sweep_chart(sweeps: Mapping[str, Sequence[np.ndarray]], caption: str = "") -> Chart:
-    """Poles in the s plane (rad/s) of several systems along a sweep: the marks grow from point to point."""
+    """Plot the poles of several systems along a parameter sweep in the s plane (rad/s); the marks grow along the
+    sweep.
+    """
     marks = tuple(
         Curve(np.real(poles), np.imag(poles), "" if k else name, i, HOLLOW, size=0.7 + 0.3 * k)
         for i, (name, points) in enumerate(sweeps.items())
@@ -93,7 +96,7 @@ pole_sweep = figure_of(pole_sweep_chart)
 
 
 def turn_chart(angle: np.ndarray, forces: Mapping[str, np.ndarray]) -> Chart:
-    """Forces in N by name over the angle of the spindle in rad, with the mean of each as a thin line."""
+    """Plot forces in N by name versus the spindle angle in rad, with the mean of each as a thin line."""
     lines, means = list[Curve](), list[Level]()
     for i, (name, force) in enumerate(forces.items()):
         mean = float(np.mean(force))
@@ -108,7 +111,7 @@ turn = figure_of(turn_chart)
 
 
 def by_axis_chart(time: np.ndarray, rows: Mapping[str, Mapping[str, np.ndarray]], quantity: str) -> Chart:
-    """One row for each axis, with its curves by name, over time in s; quantity with its unit."""
+    """Plot curves by name versus time in s, with one row per axis; `quantity` includes its unit."""
     several = any(len(curves) > 1 for curves in rows.values())
     panels = tuple(
         Panel(
@@ -131,7 +134,8 @@ def left_over_chart(
     place: tuple[float, str],
     one: bool = True,
 ) -> Chart:
-    """Magnitudes over frequency in Hz on a logarithmic scale, measured ones as marks, one frequency as a line.
+    """Plot magnitudes versus frequency in Hz on logarithmic scales, measured ones as marks, with one frequency as a
+    line.
 
     `one` draws the line at 1, above which a compensation amplifies.
     """
@@ -152,7 +156,7 @@ left_over = figure_of(left_over_chart)
 
 
 def batch_chart(batch: Batch) -> Chart:
-    """Histogram of the RMS over the variants, for each signal, without variants that left their bounds."""
+    """Plot a histogram of the RMS over the variants for each signal, without variants that exceeded their bounds."""
     inside = batch.left < 0
     panels = [_variants(name, rms[inside], i) for i, (name, rms) in enumerate(batch.rms.items())]
     across = min(2, len(panels))
@@ -178,7 +182,7 @@ def _variants(name: str, rms: np.ndarray, number: int) -> Panel:
 
 
 def histogram(values: np.ndarray, abscissa: str, ordinate: str, more: int, number: int = 0) -> Panel:
-    """How many of some values lie in each of 5 + `more` stretches of their range, at most 40."""
+    """Return a histogram of some values with 5 + `more` bins over their range, at most 40."""
     low, high = float(values.min()), float(values.max())
     if high <= low:
         low, high = style.padded(low, high)
@@ -194,7 +198,9 @@ def histogram(values: np.ndarray, abscissa: str, ordinate: str, more: int, numbe
 
 
 def gradient_chart(gradient: Gradient) -> Chart:
-    """By how many percent the cost changes for +1 % of each parameter: falls to the left, rises to the right."""
+    """Plot the relative change of the cost in percent for +1 % of each parameter: decreases to the left, increases to
+    the right.
+    """
     names = list(gradient.gradient)
     scale = gradient.cost or 1.0
     share = {name: gradient.gradient[name] * gradient.values[name] / scale for name in names}
@@ -216,7 +222,7 @@ gradient = figure_of(gradient_chart)
 
 
 def effort_chart(effort: Effort) -> Chart:
-    """Operations of one sample by kind."""
+    """Plot the number of operations per sample by kind."""
     names = sorted(effort.operations, key=lambda name: -effort.operations[name])
     sizes = [float(effort.operations[name]) for name in names]
     panel = bars(names, sizes, [f"{size:g}" for size in sizes])
@@ -234,7 +240,7 @@ def bars(
     numbers: Sequence[int] | None = None,
     base: float = 0.0,
 ) -> Panel:
-    """A row for each name, from the top: a bar from `base` to its size, with a text beside."""
+    """Return a panel with one bar per name, from the top, each from `base` to its size with a text next to it."""
     boxes = tuple(
         Box(
             min(base, size),
@@ -251,7 +257,9 @@ def bars(
 
 
 def surface_chart(surface: Surface) -> Chart:
-    """Height map in µm, and below it the profile at the tip beside the closed form of the feed mark."""
+    """Plot the height map of a surface in µm, and below it the profile at the tool tip with the analytical feed
+    mark.
+    """
     along = 1e3 * (surface.along - surface.along[0])
     off = 1e6 * surface.map
     mark = Level(float(np.min(off[0])) + 1e6 * surface.mark, dashed=True, number=ALERT, caption="feed mark alone")

@@ -1,4 +1,4 @@
-"""A chart drawn by matplotlib, in the common style: nothing else in feeddrive draws with it."""
+"""Drawing of charts with matplotlib in the common style; no other module of feeddrive draws with it."""
 
 from __future__ import annotations
 
@@ -30,12 +30,14 @@ _SPOTS = tuple(
     (reach * dx, reach * dy)
     for reach in (1.0, 1.9, 2.9, 4.0)
     for dx, dy in ((1, 0), (-1, 0), (0.7, 0.8), (-0.7, 0.8), (0.7, -0.8), (-0.7, -0.8), (0, 1), (0, -1))
-)  # where a name may stand, in steps of 9 points right and up
-_STEP, _WIDE, _TALL = 9.0, 4.2, 10.5  # points: of a spot; width of a letter; height of a line
+)  # possible label positions, in steps of 9 points right and up
+_STEP, _WIDE, _TALL = 9.0, 4.2, 10.5  # points: step of a position; width of a letter; height of a line
 
 
 def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> None:
-    """Write the names of marks; marks at one place share a text. The axes must have their final size and ranges."""
+    """Write the labels of marks; marks at the same point share a label. The axes must have their final size and
+    ranges.
+    """
     at: dict[tuple[float, float], list[Mark]] = {}
     scale = 72.0 / ax.figure.dpi
     for mark in (mark for mark in marks if mark.name):
@@ -72,7 +74,9 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
 
 
 def _free(px: float, py: float, wide: float, taken: Sequence[Extent], edge: np.ndarray) -> Extent:
-    """Return the spot around a place that overlaps least with the taken boxes and the outside, the nearest first."""
+    """Return the position near a point with the least overlap with other boxes and the edge, the closest position
+    first.
+    """
     best: tuple[float, Extent] | None = None
     for i, (dx, dy) in enumerate(_SPOTS):
         left = px + _STEP * dx - wide * (0.0 if dx > 0 else 1.0 if dx < 0 else 0.5)
@@ -89,20 +93,20 @@ def _free(px: float, py: float, wide: float, taken: Sequence[Extent], edge: np.n
 
 
 def _shared(a: Extent, b: Extent) -> float:
-    """The area that two boxes share."""
+    """Return the area of the overlap of two boxes."""
     return max(min(a[2], b[2]) - max(a[0], b[0]), 0.0) * max(min(a[3], b[3]) - max(a[1], b[1]), 0.0)
 
 
 P = ParamSpec("P")
 _DASHED: Dashes = (0, (4, 3))
-# of limits that the legend tells apart
+# dashes of limits that the legend distinguishes
 _LIMITS: tuple[Dashes, ...] = (_DASHED, (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
-_MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, not all decades have a number; below, 2 and 5 have one, too
-_COLD, _HOT = 1.1, 2.6  # width of the smallest and the largest value
+_MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, only some decades are labeled; below, 2 and 5 are labeled too
+_COLD, _HOT = 1.1, 2.6  # line width of the smallest and the largest value
 
 
 def figure_of(chart: Callable[P, Chart]) -> Callable[P, Picture]:
-    """Return the function that draws what a function `..._chart` shows, as a matplotlib figure."""
+    """Return a function that draws the chart of a function `..._chart` as a matplotlib figure."""
 
     @wraps(chart)
     def draw(*args: P.args, **options: P.kwargs) -> Any:
@@ -113,7 +117,7 @@ def figure_of(chart: Callable[P, Chart]) -> Callable[P, Picture]:
 
 
 def drawn(chart: Chart, units: Units | None = None) -> Picture:
-    """The picture of a chart, a matplotlib figure, with its texts in the units of a reader; None: of `READER`."""
+    """Draw a chart as a matplotlib figure, with its texts in the reader's units; None: the units of `READER`."""
     from feeddrive.plot.picture import Picture
 
     chart = chart.shown(units or READER.get())
@@ -138,7 +142,9 @@ def _has_names(panel: Panel) -> bool:
 
 
 def _axes(figure: Picture, chart: Chart) -> list[Axes]:
-    """Axes of the panels, in rows; those without an own abscissa share theirs, with numbers at the lowest only."""
+    """Return the axes of the panels, in rows; panels without their own abscissa share one, with numbers at the bottom
+    only.
+    """
     places, row, column = list[tuple[int, int]](), 0, 0
     for panel in chart.panels:
         if column and (panel.whole or column == chart.across):
@@ -165,7 +171,7 @@ def _axes(figure: Picture, chart: Chart) -> list[Axes]:
 
 
 def _abscissas(axes: Sequence[Axes], chart: Chart) -> None:
-    """The axes of x, after the curves: the shared one, with its numbers below the lowest panel of each column."""
+    """Set up the x axes after the curves; the shared one has its numbers below the lowest panel of each column."""
     shared: list[Axes] = []
     for ax, panel in zip(axes, chart.panels, strict=True):
         if panel.abscissa is None:
@@ -211,7 +217,7 @@ def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel, across: int) -> None:
 
 
 def _square(ax: Axes, abscissa: Abscissa) -> None:
-    """One scale for x and y: the panel takes its shape from the ranges, or widens them if there are none."""
+    """Set equal scales for x and y: adapt the panel shape to the ranges, or widen the ranges if they are not fixed."""
     ax.set_aspect("equal", adjustable="box" if abscissa.low is not None else "datalim")
     if abscissa.low is None:
         ax.margins(0.04)
@@ -228,7 +234,7 @@ def _ticks(axis: Axis, ticks: Sequence[Tick]) -> None:
 
 
 def _table(ax: Axes) -> None:
-    """Cells under names on both axes: those of the columns stand slanted above them; no lines of axes and grid."""
+    """Set up the axes of a table: slanted column names above the cells, no axis lines and no grid."""
     ax.xaxis.tick_top()
     ax.tick_params(axis="x", labelrotation=40)
     for label in ax.get_xticklabels():
@@ -433,12 +439,12 @@ def _note(ax: Axes, note: Note) -> None:
 
 
 def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
-    """Draw a curve in steps of color and width, and its color bar."""
+    """Draw a curve in steps of color and width, with its color bar."""
     from matplotlib.colors import LinearSegmentedColormap
 
     n = style.HEAT_STEPS
     colors = LinearSegmentedColormap.from_list("heat", style.HEAT, n)
-    larger = np.maximum(heat[:-1], heat[1:])  # of the line from each point to the next
+    larger = np.maximum(heat[:-1], heat[1:])  # values of the line from each point to the next
     step = np.clip(np.floor(n * (larger - scale.low) / (scale.high - scale.low)), 0, n - 1)  # NaN stays: no line
     for k in range(n):
         rows = np.flatnonzero(step == k)
@@ -449,7 +455,7 @@ def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
 
 
 def _scale(ax: Axes, scale: Heat, colors: Any) -> None:
-    """Draw the color bar."""
+    """Draw the color bar of a color scale."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -460,7 +466,7 @@ def _scale(ax: Axes, scale: Heat, colors: Any) -> None:
 
 
 def _stretches(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Line segments from the chosen points to their successors, with NaN between the runs."""
+    """Return line segments from the chosen points to their successors, with NaN between consecutive runs."""
     ends = np.append(np.diff(rows) > 1, True)
     count = np.where(ends, 3, 1)
     last = np.cumsum(count)[ends] - 1
@@ -508,7 +514,7 @@ def _curve(ax: Axes, curve: Curve) -> None:
 
 
 def _shapes(curve: Curve) -> list[np.ndarray]:
-    """x and y of each shape, which NaN separates."""
+    """Return x and y of each polygon; NaN separates the polygons."""
     ends = np.flatnonzero(np.isnan(curve.x))
     pieces = zip(np.split(curve.x, ends), np.split(curve.y, ends), strict=True)
     return [row[np.isfinite(x)] for x, y in pieces for row in (x, y)]
@@ -547,7 +553,7 @@ def _look(curve: Curve, tint: str) -> dict[str, Any]:
 
 
 def _discs(ax: Axes, curve: Curve, reach: np.ndarray) -> None:
-    """Draw discs in one pale opaque color: an overlap must not look like a higher probability."""
+    """Draw discs in one pale opaque color, so that an overlap does not look like a higher probability."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
 
@@ -563,7 +569,7 @@ def _color(number: int, neutral: str = style.INK) -> str:
 
 
 def _beside(ax: Axes, x: float, y: float, text: str) -> None:
-    """Write next to a bar, on the side with more room."""
+    """Write a text next to a bar, on the side with more room."""
     low, high = ax.get_xlim()
     right = np.log(x / low) < 0.85 * np.log(high / low)
     ax.annotate(

@@ -1,6 +1,7 @@
-"""Results as pandas frames, one function for each type of result; pandas is an extra and loaded when asked for.
+"""Conversion of results to pandas data frames, with one function per result type.
 
-Columns are in SI but where their name says another unit; `Result.to_pandas()` calls these functions.
+Columns are in SI unless their name states another unit. `Result.to_pandas()` calls these functions. Pandas is an
+optional dependency and is imported only when needed.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ if TYPE_CHECKING:
 
 
 def frame(index: Sequence[Any] | np.ndarray, columns: Mapping[str, Any], index_name: str) -> Any:
-    """A DataFrame over a named index. Raises MissingExtraError without pandas."""
+    """Return a data frame with a named index. Raises MissingExtraError without pandas."""
     try:
         import pandas
     except ImportError as error:
@@ -68,36 +69,36 @@ def frame(index: Sequence[Any] | np.ndarray, columns: Mapping[str, Any], index_n
 
 
 def run(run: Run) -> Any:
-    """One column a signal, over time in s."""
+    """Return a data frame with one column per signal, versus time in s."""
     return frame(run.time, run.signals, "time")
 
 
 def batch(batch: Batch) -> Any:
-    """One row a variant."""
+    """Return a data frame with one row per variant."""
     columns = {f"rms_{name}": values for name, values in batch.rms.items()}
     columns |= {f"peak_{name}": values for name, values in batch.peak.items()}
     return frame(np.arange(batch.left.size), {**columns, "left": batch.left}, "variant")
 
 
 def state_space(model: StateSpace) -> Any:
-    """One row a pole."""
+    """Return a data frame with one row per pole."""
     poles = model.poles()
     return frame(np.arange(poles.size), {"real": np.real(poles), "imaginary": np.imag(poles)}, "pole")
 
 
 def step_response(response: StepResponse) -> Any:
-    """The position over time in s."""
+    """Return a data frame with the position versus time in s."""
     return frame(response.time, {"position": response.position}, "time")
 
 
 def gradient(gradient: Gradient) -> Any:
-    """One row a parameter."""
+    """Return a data frame with one row per parameter."""
     columns = {"value": np.array(list(gradient.values.values())), "slope": np.array(list(gradient.gradient.values()))}
     return frame(np.array(list(gradient.gradient)), columns, "parameter")
 
 
 def frf(frf: FRF) -> Any:
-    """Real and imaginary part, and coherence and variance if known, over frequency in Hz."""
+    """Return a data frame with real and imaginary part, and coherence and variance if known, versus frequency in Hz."""
     columns = {"real": np.real(frf.response), "imaginary": np.imag(frf.response)}
     measured = {"coherence": frf.coherence, "variance": frf.variance}
     columns |= {name: values for name, values in measured.items() if values is not None}
@@ -105,18 +106,18 @@ def frf(frf: FRF) -> Any:
 
 
 def effort(effort: Effort) -> Any:
-    """One row a kind of operation."""
+    """Return a data frame with one row per kind of operation."""
     return frame(list(effort.operations), {"number": list(effort.operations.values())}, "operation")
 
 
 def friction_map(friction_map: FrictionMap) -> Any:
-    """One row a velocity."""
+    """Return a data frame with one row per velocity."""
     columns = {"force": friction_map.force, "deviation": friction_map.deviation, "count": friction_map.count}
     return frame(friction_map.velocity, columns, "velocity")
 
 
 def margins(margins: Margins) -> Any:
-    """One row a crossover; columns of the other kind of crossover are missing."""
+    """Return a data frame with one row per crossover; values of the other crossover type are missing."""
     gain, phase = margins.gain_crossovers, margins.phase_crossovers
     gap = [None] * len(phase)
     columns = {
@@ -129,19 +130,19 @@ def margins(margins: Margins) -> Any:
 
 
 def margin_intervals(intervals: MarginIntervals) -> Any:
-    """One row a figure."""
+    """Return a data frame with one row per figure."""
     every = list(intervals.intervals.values())
     columns = {"value": [e.value for e in every], "low": [e.low for e in every], "high": [e.high for e in every]}
     return frame(list(intervals.intervals), columns, "figure")
 
 
 def loop_gain(loop: Encirclement | MeasuredLoop) -> Any:
-    """Real and imaginary part of L over frequency in Hz."""
+    """Return a data frame with the real and imaginary part of L versus frequency in Hz."""
     return loop.loop_gain.to_pandas()
 
 
 def observation(observation: Observation) -> Any:
-    """Position, velocity and disturbance over time in s."""
+    """Return a data frame with position, velocity and disturbance versus time in s."""
     columns = {
         "position": observation.position,
         "velocity": observation.velocity,
@@ -151,47 +152,50 @@ def observation(observation: Observation) -> Any:
 
 
 def replay(replay: Replay) -> Any:
-    """Predicted and measured columns over time in s."""
+    """Return a data frame with predicted and measured columns versus time in s."""
     columns = {f"predicted_{name}": replay.run[name] for name in replay.measured}
     columns |= {f"measured_{name}": values for name, values in replay.measured.items()}
     return frame(replay.run.time, columns, "time")
 
 
 def spectrum(spectrum: Spectrum) -> Any:
-    """Amplitude and cumulative RMS over frequency in Hz."""
+    """Return a data frame with amplitude and cumulative RMS versus frequency in Hz."""
     columns = {"amplitude": spectrum.amplitude, "cumulative_rms": spectrum.cumulative_rms}
     return frame(spectrum.frequency, columns, "frequency")
 
 
 def stability(stability: Stability) -> Any:
-    """One row a pole."""
+    """Return a data frame with one row per pole."""
     return stability.model.to_pandas()
 
 
 def stiffness(stiffness: Stiffness) -> Any:
-    """The stiffness in N/m over frequency in Hz."""
+    """Return a data frame with the stiffness in N/m versus frequency in Hz."""
     return frame(stiffness.frequency, {"stiffness": stiffness.magnitude}, "frequency")
 
 
 def lobes(lobes: Lobes) -> Any:
-    """Limit in m, chatter frequency in Hz, and True where the limit is a flip, over the spindle speed in rpm."""
+    """Return a data frame with depth limit in m, chatter frequency in Hz and a flip flag versus spindle speed in rpm.
+
+    `flip` is True where the stability limit is a flip (period-doubling) bifurcation.
+    """
     columns = {"depth": lobes.depth, "chatter_frequency": lobes.frequency, "flip": lobes.flip}
     return frame(lobes.spindle_speed, columns, "spindle_speed")
 
 
 def log(log: Log) -> Any:
-    """One column a channel, over time in s."""
+    """Return a data frame with one column per channel, versus time in s."""
     return frame(log.time, log.channels, "time")
 
 
 def cutting_forces(forces: CuttingForces) -> Any:
-    """Forces, torque, power and angle of the spindle over time in s."""
+    """Return a data frame with spindle angle, forces, torque and power versus time in s."""
     names = ("angle", "spindle_speed", "feed", "normal", "axial", "torque", "power")
     return frame(forces.time, {name: getattr(forces, name) for name in names}, "time")
 
 
 def agreement(agreement: Agreement) -> Any:
-    """Measured and fitted response over frequency in Hz, one response below the other."""
+    """Return a data frame with measured and fitted responses versus frequency in Hz, one response after the other."""
     columns = {
         "response": np.concatenate([np.full(m.frequency.size, i) for i, m in enumerate(agreement.measured)]),
         "measured_real": np.concatenate([np.real(m.response) for m in agreement.measured]),
@@ -203,7 +207,7 @@ def agreement(agreement: Agreement) -> Any:
 
 
 def cogging(fit: CoggingFit) -> Any:
-    """One row an order."""
+    """Return a data frame with one row per order."""
     rows = sorted(fit.orders, key=lambda order: order.order)
     pick = {"forward": "forward", "backward": "backward", "cogging": "even", "friction_like": "odd"}
     columns = {
@@ -214,7 +218,7 @@ def cogging(fit: CoggingFit) -> Any:
 
 
 def control_fit(fit: ControlFit) -> Any:
-    """One row for each law that was tried."""
+    """Return a data frame with one row per tested law."""
     columns = {
         "velocity_samples": np.array([n for n, _ in fit.tried]),
         "delay": np.array([d for _, d in fit.tried]),
@@ -224,102 +228,102 @@ def control_fit(fit: ControlFit) -> Any:
 
 
 def delay_fit(fit: DelayFit) -> Any:
-    """One row a delay."""
+    """Return a data frame with one row per delay."""
     return frame(fit.delays, {"residual": fit.residual}, "samples")
 
 
 def excitation(excitation: Excitation) -> Any:
-    """The first realization over time in s."""
+    """Return a data frame with the first realization versus time in s."""
     drawn = excitation.drawings[0]
     return frame(drawn.time, {"excitation": drawn.excitation, **drawn.signals}, "time")
 
 
 def axis_fits(fits: AxisFits) -> Any:
-    """The parameters of the chosen fit."""
+    """Return a data frame with the parameters of the chosen fit."""
     return fits.fit.to_pandas()
 
 
 def frequency_estimate(estimate: FrequencyEstimate) -> Any:
-    """Response, coherence, variance and noise variance over frequency in Hz."""
+    """Return a data frame with response, coherence, variance and noise variance versus frequency in Hz."""
     return estimate.frf.to_pandas().assign(noise_variance=estimate.noise, freedom=estimate.freedom)
 
 
 def friction_curve(curve: FrictionCurve) -> Any:
-    """Measured and fitted force by velocity."""
+    """Return a data frame with measured and fitted force versus velocity."""
     columns = {"force": curve.runs.force, "fitted": curve.runs.force - curve.residual}
     return frame(curve.runs.velocity, columns, "velocity")
 
 
 def identified(identified: Identified) -> Any:
-    """Measured and fitted force over time in s."""
+    """Return a data frame with measured and fitted force versus time in s."""
     return identified.rigid.to_pandas()
 
 
 def modal_fit(fit: ModalFit) -> Any:
-    """One row a parameter."""
+    """Return a data frame with one row per parameter."""
     columns = {"value": [e.value for e in fit.estimates], "error": [e.error for e in fit.estimates]}
     return frame([e.name for e in fit.estimates], columns, "parameter")
 
 
 def plant_fit(fit: PlantFit) -> Any:
-    """One row a parameter, fitted ones first, then those that follow from them."""
+    """Return a data frame with one row per parameter, fitted parameters first, then derived ones."""
     every = (*fit.estimates, *fit.derived)
     columns = {"value": [e.value for e in every], "error": [e.error for e in every], "unit": [e.unit for e in every]}
     return frame([e.name for e in every], columns, "parameter")
 
 
 def refinement(refinement: Refinement) -> Any:
-    """Predicted and measured columns over time in s."""
+    """Return a data frame with predicted and measured columns versus time in s."""
     return refinement.replay.to_pandas()
 
 
 def residuals(residuals: Residuals) -> Any:
-    """Measured value and residual by row."""
+    """Return a data frame with measured value and residual, one row per data row."""
     return frame(
         np.arange(residuals.values.size), {"measured": residuals.measured, "residual": residuals.values}, "row"
     )
 
 
 def rigid_fit(fit: RigidFit) -> Any:
-    """Measured and fitted force over time in s."""
+    """Return a data frame with measured and fitted force versus time in s."""
     measured = fit.residuals.measured
     return frame(fit.time, {"measured": measured, "fitted": measured - fit.residuals.values}, "time")
 
 
 def steady_runs(runs: SteadyRuns) -> Any:
-    """One row a run."""
+    """Return a data frame with one row per run."""
     return frame(runs.velocity, {"force": runs.force, "error": runs.error, "rows": runs.rows}, "velocity")
 
 
 def validation(validation: Validation) -> Any:
-    """One row a stretch."""
+    """Return a data frame with one row per validation segment."""
     return frame(np.arange(1, validation.errors.size + 1), {"error": validation.errors}, "stretch")
 
 
 def delay_map(delay_map: DelayMap) -> Any:
-    """Both factors over the dead time in s."""
+    """Return a data frame with both factors versus dead time in s."""
     return frame(delay_map.dead_time, {"edge": delay_map.edge, "robust": delay_map.robust}, "dead_time")
 
 
 def iteration(iteration: Iteration) -> Any:
-    """The error and the predicted one over time in s."""
+    """Return a data frame with the actual and the predicted error versus time in s."""
     columns = {"following_error": iteration.trial.following_error, "predicted": iteration.predicted}
     return frame(iteration.trial.time, columns, "time")
 
 
 def placement(placement: Placement) -> Any:
-    """One row a pole of the sampled loop."""
+    """Return a data frame with one row per pole of the sampled loop."""
     return placement.stability.to_pandas()
 
 
 def recipe(recipe: Recipe) -> Any:
-    """One row a gain."""
+    """Return a data frame with one row per gain."""
     law = recipe.law
     return frame(["Kv", "Kp", "Tn"], {"value": np.array([law.Kv, law.Kp, law.Tn or np.nan])}, "gain")
 
 
 def tuned(tuned: Tuned) -> Any:
-    """One row a tunable."""
+    """Return a data frame with one row per tunable."""
     names = list(tuned.tunables)
     columns = {
         "today": np.array([tuned.started[name] for name in names]),
@@ -329,24 +333,24 @@ def tuned(tuned: Tuned) -> Any:
 
 
 def prefilter_fit(fit: PrefilterFit) -> Any:
-    """Error, explained part and prediction in m over time in s."""
+    """Return a data frame with error, explained part and prediction in m versus time in s."""
     return frame(fit.time, {"error": fit.error, "explained": fit.explained, "predicted": fit.predicted}, "time")
 
 
 def trial(trial: Trial) -> Any:
-    """Setpoint and error over time in s."""
+    """Return a data frame with setpoint and error versus time in s."""
     columns = {f"set_{name}": np.asarray(row) for name, row in zip(Setpoint._fields, trial.setpoint, strict=True)}
     return frame(trial.time, {**columns, "following_error": trial.following_error}, "time")
 
 
 def trials(trials: Trials) -> Any:
-    """One row a trial."""
+    """Return a data frame with one row per trial."""
     errors = {f"error_{name}": values for name, values in trials.errors().items()}
     return frame(np.arange(1, len(trials.trials) + 1), {"rms": trials.rms, **trials.parameters(), **errors}, "trial")
 
 
 def certificate(certificate: Certificate) -> Any:
-    """One row a plant: reserve, its frequency, largest pole."""
+    """Return a data frame with one row per plant: reserve, its frequency, and largest pole."""
     plants = certificate.document["plants"]
     columns = {
         "reserve": [np.nan if plant["reserve"] is None else plant["reserve"] for plant in plants],
@@ -357,14 +361,14 @@ def certificate(certificate: Certificate) -> Any:
 
 
 def cosimulation(cosimulation: Cosimulation) -> Any:
-    """One row a law."""
+    """Return a data frame with one row per law."""
     figures = [row.figures() for row in cosimulation.rows]
     names = np.array([row.name for row in cosimulation.rows])
     return frame(names, {key: np.array([row[key] for row in figures]) for key in figures[0]}, "law")
 
 
 def contour(contour: ContourError) -> Any:
-    """A row for each sample: path length, error, lag, and the actual position of each axis."""
+    """Return a data frame with one row per sample: path length, error, lag, and the actual position of each axis."""
     columns = {"along_m": contour.along, "error_m": contour.error, "lag_m": contour.lag, "at_corner": contour.at_corner}
     columns |= {f"{axis}_m": contour.position[:, i] for i, axis in enumerate(contour.axes)}
     lines = {} if contour.line is None else {"line": contour.line}
@@ -372,7 +376,7 @@ def contour(contour: ContourError) -> Any:
 
 
 def circle_causes(causes: CircleCauses) -> Any:
-    """A row for each cause; the unit of the value stands beside it."""
+    """Return a data frame with one row per cause; one column gives the unit of the value."""
     rows = causes.causes
     columns = {
         name: [getattr(cause, name) for cause in rows] for name in ("value", "error", "unit", "effect", "share", "note")

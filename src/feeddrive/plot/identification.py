@@ -1,4 +1,4 @@
-"""Pictures of identified drives: friction over velocity, fits over measurements, residuals and cogging."""
+"""Pictures of identified drives: friction curves, fits compared with measurements, residuals and cogging."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ if TYPE_CHECKING:
     from feeddrive.loop.simulate import Run
 
 
-CELLS = 160  # size of the picture in points: of points that coincide one is drawn
+CELLS = 160  # raster of the picture: of the points in a cell only one is drawn
 _MET, _ALL = 5, "model with the viscous friction of the plant"
-_SLOWEST = 1e-5  # of the largest velocity: where curves begin on both sides of standstill
+_SLOWEST = 1e-5  # of the largest velocity: lowest speed of the curves on both sides of standstill
 _ZERO = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
 
 
@@ -59,9 +59,9 @@ def friction_chart(
     measured: FrictionMap | None = None,
     units: Units = DRAWN,
 ) -> Chart:
-    """Friction force over velocity in both directions, with a measured map and the residual of the model.
+    """Plot the friction force versus velocity in both directions, with a measured map and the residual of the model.
 
-    Loops with equal friction share one curve.  `run` adds the friction in a run of the first loop.
+    Loops with equal friction share one curve. `run` adds the friction during a run of the first loop.
     """
     chosen = style.named(loops)
     reach, newton = _reach(run, measured), units.of("N")[1]
@@ -98,7 +98,7 @@ def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
 
 
 def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities of both directions with a gap at standstill, and the force at each of them."""
+    """Return velocities in both directions with a gap at standstill, and the force at each velocity."""
     ahead = reach * np.concatenate([[1e-4 * _SLOWEST], np.geomspace(_SLOWEST, 1.0, 400)])
     return (
         np.concatenate([-ahead[::-1], [np.nan], ahead]),
@@ -107,7 +107,9 @@ def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _of(loop: Loop, velocity: np.ndarray) -> np.ndarray:
-    """All friction of an axis that moves as one body, in N: of its blocks, and the viscous one of its plant."""
+    """Return the total friction of an axis in rigid-body motion, in N: that of its friction blocks plus the viscous
+    friction of its plant.
+    """
     from feeddrive.tuning.candidates import axis_model
 
     model = axis_model(loop)
@@ -115,7 +117,7 @@ def _of(loop: Loop, velocity: np.ndarray) -> np.ndarray:
 
 
 def _whole(loop: Loop, reach: float, newton: float, number: int) -> list[Curve]:
-    """The curve of the total friction, if it differs from that of a single block."""
+    """Return the curve of the total friction, if it differs from that of a single block."""
     blocks = [block for block in (loop.axis.friction_motor, loop.axis.friction_load) if block is not None]
     v, force = _both(lambda v: _of(loop, v), reach)
     alone = _both(lambda v: _steady(blocks, v), reach)[1] if len(blocks) == 1 else None
@@ -127,7 +129,7 @@ def _whole(loop: Loop, reach: float, newton: float, number: int) -> list[Curve]:
 def _measured(
     velocity: np.ndarray, force: np.ndarray, deviation: np.ndarray | None, newton: float, name: str = ""
 ) -> list[Curve]:
-    """Points, and a bar of one deviation on both sides of each."""
+    """Return points with error bars of ±`deviation`."""
     points = Curve(1e3 * velocity, newton * force, name, NEUTRAL, DOTS)
     if deviation is None:
         return [points]
@@ -151,7 +153,7 @@ def _reach(run: Run | None, measured: FrictionMap | None) -> float:
 
 
 def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
-    """The distinct friction models of the loops, by label."""
+    """Return the distinct friction models of the loops, by label."""
     frictions: dict[str, Friction] = {}
     seen: set[str] = set()
     places = {"friction_load": "guideway", "friction_motor": "screw and bearings"}
@@ -168,7 +170,7 @@ def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
 
 
 def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
-    """Friction in the run: the force of a row belongs to the velocity at the end of its sample."""
+    """Return the friction during a run; the force of a row belongs to the velocity at the end of its sample."""
     curves = list[Curve]()
     for place in ("load", "motor"):
         block = getattr(loop.axis, f"friction_{place}")
@@ -184,12 +186,12 @@ def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
 
 
 def friction_map_chart(friction_map: FrictionMap) -> Chart:
-    """Measured friction over velocity."""
+    """Plot the measured friction versus velocity."""
     return friction_chart({}, measured=friction_map)
 
 
 def steady_runs_chart(runs: SteadyRuns) -> Chart:
-    """Force over velocity."""
+    """Plot the force versus velocity."""
     unit, _, force_unit, newton = _scales(runs)
     panel = Panel(f"force ({unit_name(force_unit, 'SI')})", tuple(_points(runs, newton)), levels=_ZERO)
     return Chart(f"velocity ({unit_name(unit, 'SI')})", (panel,), height=3.2)
@@ -199,7 +201,7 @@ steady_runs = figure_of(steady_runs_chart)
 
 
 def identified_friction_chart(curve: FrictionCurve) -> Chart:
-    """The runs, the curve with its 95 % band, and the residuals."""
+    """Plot the runs, the fitted friction curve with its 95 % confidence band, and the residuals."""
     runs = curve.runs
     unit, factor, force_unit, newton = _scales(runs)
     v, force = _both(curve.at, float(np.max(np.abs(runs.velocity))))
@@ -227,7 +229,7 @@ identified_friction = figure_of(identified_friction_chart)
 
 
 def _scales(runs: SteadyRuns) -> tuple[str, float, str, float]:
-    """Unit and factor of the velocity, and of the force, from those of the runs."""
+    """Return the display units and conversion factors of velocity and force for steady-velocity runs."""
     small = runs.frame.force == "N m" and float(np.max(np.abs(runs.force))) < 0.1
     velocity, factor = ("mm/s", 1e3) if runs.frame.velocity == "m/s" else (runs.frame.velocity, 1.0)
     force, newton = ("mN m", 1e3) if small else (runs.frame.force, 1.0)
@@ -235,18 +237,18 @@ def _scales(runs: SteadyRuns) -> tuple[str, float, str, float]:
 
 
 def _points(runs: SteadyRuns, newton: float) -> list[Curve]:
-    """The mean of each run, with two standard errors on both sides where they are known."""
+    """Return the mean of each run, with error bars of ±2 standard errors if known."""
     factor = _scales(runs)[1]
     errors = None if np.any(np.isnan(runs.error)) else 2.0 * runs.error
     return _measured(1e-3 * factor * runs.velocity, runs.force, errors, newton, "measured")
 
 
-_LAGS = 40  # of an autocorrelation
-_CUT = 0.3  # of an amplitude: a bar of errors that reaches below is cut off there on the logarithmic scale
+_LAGS = 40  # lags of an autocorrelation
+_CUT = 0.3  # of an amplitude: lower end of error bars on the logarithmic scale
 
 
 def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
-    """Measured and fitted force over time, and the residual."""
+    """Plot measured and fitted force versus time, and the residual."""
     unit, newton = unit_name(fit.frame.force), units.of(fit.frame.force)[1]
     measured, off = newton * fit.residuals.measured, newton * fit.residuals.values
     forces = (
@@ -263,7 +265,9 @@ rigid_fit = figure_of(rigid_fit_chart)
 
 
 def identified_chart(identified: Identified, units: Units = DRAWN) -> Chart:
-    """The model over the log: the loop in a simulation of the same reference if its law is known, else the force."""
+    """Plot the model and the log: a closed-loop simulation of the same reference if the law is known, else the
+    force.
+    """
     if identified.refinement is None:
         return rigid_fit_chart(identified.rigid, units)
     replay = identified.refinement.replay
@@ -286,7 +290,7 @@ def identified_chart(identified: Identified, units: Units = DRAWN) -> Chart:
 
 
 def residuals_chart(residuals: Residuals) -> Chart:
-    """Residual by row, and its autocorrelation with the bounds of a white one."""
+    """Plot the residual by row, and its autocorrelation with the bounds for white noise."""
     off = Curve(*envelope(np.arange(residuals.values.size, dtype=np.float64), residuals.values), number=1, look=PLAIN)
     lags = np.arange(1, min(_LAGS, residuals.values.size // 4) + 1)
     rho = [residuals.autocorrelation(int(lag)) for lag in lags]
@@ -311,7 +315,7 @@ residuals = figure_of(residuals_chart)
 
 
 def validation_chart(validation: Validation) -> Chart:
-    """Error of each stretch with a fit to the others."""
+    """Plot the error of each segment for a fit to the other segments."""
     numbers = range(1, validation.errors.size + 1)
     boxes = tuple(
         Box(n - 0.25, n + 0.25, 0.0, 100.0 * float(e)) for n, e in zip(numbers, validation.errors, strict=True)
@@ -331,7 +335,7 @@ validation = figure_of(validation_chart)
 
 
 def delay_fit_chart(fit: DelayFit) -> Chart:
-    """Residual over the delay that was tried."""
+    """Plot the residual versus the tested delay."""
     near = np.abs(fit.delays - fit.nearest) <= 6
     delays = fit.delays[near]
     panel = Panel(
@@ -348,7 +352,7 @@ delay_fit = figure_of(delay_fit_chart)
 
 
 def control_fit_chart(fit: ControlFit) -> Chart:
-    """Unexplained share of the force, for each law that was tried, by its delay."""
+    """Plot the unexplained share of the force for each tested law, grouped by delay."""
     curves = list[Curve]()
     for i, delay in enumerate(sorted({d for _, d in fit.tried})):
         samples = [n for n, d in fit.tried if d == delay]
@@ -362,7 +366,9 @@ control_fit = figure_of(control_fit_chart)
 
 
 def cogging_chart(fit: CoggingFit) -> Chart:
-    """Amplitudes by order, with twice their standard errors: cogging, and the part that changes sign with direction."""
+    """Plot amplitudes by order with twice their standard errors: cogging, and the part that changes sign with
+    direction.
+    """
     kinds = {"cogging": "even", "changes sign with the direction": "odd"}
     if fit.orders and fit.orders[0].even is None:
         kinds = {"as measured": "forward" if fit.orders[0].forward is not None else "backward"}
@@ -390,7 +396,7 @@ cogging = figure_of(cogging_chart)
 
 
 def cogging_over_turn_chart(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Chart:
-    """Measured force over one period by direction, and the cogging in it."""
+    """Plot the measured force over one period for each direction, and the fitted cogging."""
     curves = list[Curve]()
     for i, (sign, label) in enumerate(((1, "forward"), (-1, "backward"))):
         for run in (run for run in runs if run.direction == sign):

@@ -1,4 +1,4 @@
-"""Pictures of chatter: the lobes over the spindle speed; its signs in a signal."""
+"""Pictures of chatter: stability lobes versus spindle speed, and indicators of chatter in a signal."""
 
 from __future__ import annotations
 
@@ -33,11 +33,15 @@ if TYPE_CHECKING:
     from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import ChatterSigns, CutStability, Lobes
 
-_CROWDED = 12  # tooth-passing lines that are labeled; of more of them only the upper ones are
+_CROWDED = 12  # largest number of labeled tooth-passing lines; of more lines, only the upper ones have labels
 
 
 def lobes_chart(lobes: Lobes) -> Chart:
-    """Limits over the spindle speed, the stable side shaded, Hopf and flip apart; below it the chatter frequency."""
+    """Plot the depth limits versus spindle speed, Hopf and flip limits in different colors and the stable region
+    shaded.
+
+    The chatter frequency is plotted below.
+    """
     speed, there = lobes.spindle_speed, np.isfinite(lobes.depth)
     top = 1e3 * (1.15 * np.max(lobes.depth[there]) if np.any(there) else lobes.deepest)
     if lobes.own is not None:
@@ -92,7 +96,9 @@ lobes = figure_of(lobes_chart)
 def _border(
     speed: np.ndarray, depth: np.ndarray, there: np.ndarray, kind: np.ndarray, number: int, name: str
 ) -> list[Curve]:
-    """The border of one kind, carried on to the next speed so that no gap remains where the kind changes."""
+    """Return the stability limit of one type, extended to the next speed so that there is no gap where the type
+    changes.
+    """
     chosen = there & kind
     if not np.any(chosen):
         return []
@@ -112,7 +118,9 @@ def _own(own: CutStability, speed: np.ndarray) -> tuple[tuple[Mark, ...], tuple[
 
 
 def cutting_forces_chart(cutting: CuttingForces) -> Chart:
-    """Forces over the angle of the spindle in the last turn that cuts; force across the spindle and power over time."""
+    """Plot forces versus spindle angle in the last cutting revolution, and radial spindle force and power versus
+    time.
+    """
     turns = cutting.angle / (2.0 * np.pi)
     cuts = np.flatnonzero(cutting.torque != 0.0)
     forces, caption = tuple[Curve, ...](), ""
@@ -141,7 +149,9 @@ cutting_forces = figure_of(cutting_forces_chart)
 
 
 def chatter_signs_chart(signs: ChatterSigns) -> Chart:
-    """Spectrum with the harmonics of the teeth apart from the rest; each sample once per tooth over the one before."""
+    """Plot the spectrum with tooth-passing harmonics separate, and each once-per-tooth sample versus the previous
+    one.
+    """
     lines = signs.spectrum
     unit, factor = USUAL.of(lines.unit, signal_unit(lines.unit))
     name = unit_name(style.written(unit))

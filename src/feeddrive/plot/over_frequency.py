@@ -1,4 +1,6 @@
-"""Pictures over frequency: Bode with all margins, closed loop, sensitivity, dynamic stiffness, amplitude spectrum."""
+"""Pictures over frequency: Bode plots with all margins, closed loop, sensitivity, dynamic stiffness, amplitude
+spectra.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +30,11 @@ if TYPE_CHECKING:
     from feeddrive.tuning.recipes import Recipe
     from feeddrive.tuning.tune import CascadeLoops, Tuned
 
-BANDS = 500  # over the whole axis: a line shows the largest amplitude in its band
+BANDS = 500  # frequency bands over the whole axis; the curve shows the largest amplitude in each band
 
 
 def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
-    """Magnitude in dB and phase in degrees over Hz; with a third row if a response has a coherence."""
+    """Plot magnitude in dB and phase in degrees versus Hz, and the coherence in a third row if a response has one."""
     chosen = style.named(responses)
     numbered = list(enumerate(chosen.items()))
     unit = next((response.unit for response in chosen.values() if response.unit), "")
@@ -59,7 +61,7 @@ bode = figure_of(bode_chart)
 
 
 def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
-    """Magnitude of the response to the setpoint in dB, with the -3 dB line, bandwidths and peaks."""
+    """Plot the magnitude of the response to the setpoint in dB, with the -3 dB line, bandwidths and peaks."""
     chosen = style.named(responses)
     curves, marks = list[Curve](), list[Mark]()
     for i, (name, response) in enumerate(chosen.items()):
@@ -84,7 +86,7 @@ _MINUS_3_DB = float(20.0 * np.log10(np.sqrt(0.5)))
 
 
 def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
-    """|S| and |T| in dB of loops that were opened at the drive, with the peak Ms marked."""
+    """Plot |S| and |T| in dB of loops opened at the drive, with the peak Ms marked."""
     chosen = style.named(loops)
     hertz, rows = units.of("Hz")[1], list[tuple[Curve, Curve]]()
     marks, least = list[Mark](), [0.0, 0.0]
@@ -118,17 +120,17 @@ def _decibel(ratio: float) -> float:
 
 
 def _floor(least: float, units: Units) -> float | None:
-    """Return the lower end of a panel of gains: -60 dB if the curves fall below it, else None."""
+    """Return the lower limit of a gain panel: -60 dB if the curves fall below it, else None."""
     return float(units.from_decibel(-60.0)) if least < -60.0 else None
 
 
 def _scale(units: Units) -> str:
-    """Return the scale of a panel of gains."""
+    """Return the scale of a gain panel."""
     return LINEAR if units.decibel else LOG
 
 
 def _ratio(what: str, units: Units) -> str:
-    """Return the label of a panel of gains."""
+    """Return the label of a gain panel."""
     return f"{what} (dB)" if units.decibel else what
 
 
@@ -137,7 +139,7 @@ def _hertz() -> str:
 
 
 def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Units = DRAWN) -> Chart:
-    """Dynamic stiffness in N/µm over Hz, log-log, with the minimum marked."""
+    """Plot the dynamic stiffness in N/µm versus Hz on logarithmic scales, with the minimum marked."""
     chosen = style.named(stiffnesses)
     hertz, factor = (units.of(unit)[1] for unit in ("Hz", "N/m"))
     curves, marks, tops = list[Curve](), list[Mark](), list[float]()
@@ -146,7 +148,7 @@ def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Uni
         caption = Text(f"least {Quantity(stiffness.minimum, 'N/m'):3} at {Quantity(where, 'Hz'):3}")
         curves.append(Curve(hertz * stiffness.frequency, factor * stiffness.magnitude, name, i, caption=caption))
         marks.append(Mark(hertz * where, least, i))
-        # a sampled axis is infinitely stiff at Nyquist, where the sampled position cannot show the motion
+        # a sampled axis appears infinitely stiff at Nyquist, where the sampled position cannot show the motion
         tops.append(
             factor
             * float(np.max(stiffness.magnitude[stiffness.frequency <= 0.8 * stiffness.frequency[-1]], initial=0.0))
@@ -168,7 +170,9 @@ stiffness = figure_of(stiffness_chart)
 
 
 def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
-    """Amplitude and cumulative RMS over Hz, log-log; dense lines show the largest amplitude of each band."""
+    """Plot amplitude and cumulative RMS versus Hz on logarithmic scales; dense lines are reduced to the largest of each
+    band.
+    """
     chosen = style.named(spectra)
     first = next(iter(chosen.values()))
     unit, factor = USUAL.of(first.unit, signal_unit(first.unit))
@@ -198,7 +202,9 @@ spectrum = figure_of(spectrum_chart)
 
 
 def _banded(spectrum: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frequency, largest amplitude and last cumulative RMS of each band that has lines, without the line at 0."""
+    """Return center frequency, largest amplitude and last cumulative RMS of each band with lines, without the line at
+    0.
+    """
     frequency = spectrum.frequency[1:]
     bands = np.floor(BANDS * np.log(frequency / low) / np.log(high / low)).astype(int)
     begins = np.flatnonzero(np.diff(bands, prepend=-1))
@@ -209,13 +215,13 @@ def _banded(spectrum: Spectrum, low: float, high: float) -> tuple[np.ndarray, np
 
 
 def _span(frequencies: Any, units: Units = DRAWN) -> tuple[float, float]:
-    """First and last of all frequencies in Hz, in the unit that is shown."""
+    """Return the lowest and highest of all frequencies in Hz, in the displayed unit."""
     ends, hertz = [(float(f[0]), float(f[-1])) for f in frequencies], units.of("Hz")[1]
     return hertz * min(low for low, _ in ends), hertz * max(high for _, high in ends)
 
 
 def tuned_chart(tuned: Tuned) -> Chart:
-    """Dynamic stiffness before and after at each point."""
+    """Plot the dynamic stiffness before and after tuning at each operating point."""
     many = len(tuned.after) > 1
     curves = {
         f"{name}, {proof.point}" if many else name: proof.stiffness
@@ -227,14 +233,14 @@ def tuned_chart(tuned: Tuned) -> Chart:
 
 
 FAR = 60.0  # dB: a larger margin is not drawn
-WRITTEN = 3  # crossovers of a kind with their number, in a picture of one loop
+WRITTEN = 3  # largest number of labeled crossovers of each type, in a picture of one loop
 
 
 def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
-    """Magnitude in dB and phase in degrees of loop gains, with every gain and phase crossover.
+    """Plot magnitude in dB and phase in degrees of loop gains, with every gain and phase crossover.
 
-    A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.  A measured loop gain also
-    has its 95 % bands, its coherence in a third row, and shading where the coherence is 0.9 or less.
+    A bar on the phase shows a phase margin, a bar on the magnitude a gain margin. A measured loop gain also has its 95
+    % confidence bands, its coherence in a third row, and shading where the coherence is 0.9 or less.
     """
     chosen = style.named(loops)
     hertz, gains = units.of("Hz")[1], [margins.loop_gain for margins in chosen.values()]
@@ -299,7 +305,7 @@ def _caption(margins: Margins, units: Units) -> str:
 
 
 def _phase(margins: Margins) -> np.ndarray:
-    """Continuous phase, in the turn that shows the first crossover between -360° and 0°."""
+    """Return the continuous phase, shifted by whole turns so that the first crossover lies between -360° and 0°."""
     L = margins.loop_gain
     phase = L.phase_deg
     at = L.frequency[0] if margins.crossover is None else margins.crossover
@@ -315,7 +321,7 @@ def _margins(
     marks: tuple[list[Mark], list[Mark]],
     units: Units,
 ) -> None:
-    """Points at the crossovers, and bars from the curve to 0 dB or to the nearest -180°, for both panels."""
+    """Add points at the crossovers, and bars from the curve to 0 dB or to the nearest -180°, for both panels."""
     x, hertz = np.log(margins.loop_gain.frequency), units.of("Hz")[1]
     one = float(units.from_decibel(0.0))
     for k, gain in enumerate(margins.gain_crossovers):
@@ -340,12 +346,12 @@ def _bar(x: float, low: float, high: float, i: int, text: str) -> Curve:
 
 
 def measured_loop_chart(loop: MarginIntervals | MeasuredLoop) -> Chart:
-    """Loop gain with its crossovers."""
+    """Plot the loop gain with its crossovers."""
     return open_loop_chart(loop.margins)
 
 
 def cascade_loops_chart(loops: CascadeLoops) -> Chart:
-    """Loop gains of both loops of a cascade."""
+    """Plot the loop gains of both loops of a cascade."""
     return open_loop_chart({"velocity loop": loops.velocity, "position loop": loops.position})
 
 

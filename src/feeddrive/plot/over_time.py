@@ -1,4 +1,4 @@
-"""Pictures over time: runs, logs, moves, steps, and a prediction over its measurement."""
+"""Pictures over time: runs, logs, moves, step responses, and predictions compared with measurements."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Runs = Run | Mapping[str, Run] | Sequence[Run]
 
 
 def run_chart(run: Run) -> Chart:
-    """Following error, force and velocity of one run."""
+    """Plot following error, force and velocity of a run."""
     velocities = [Curve(*envelope(run.time, 1e3 * set_velocity(run)), "set", NEUTRAL, DASHED, size=0.7)]
     if "velocity_load" in run.signals:  # optional in an FMU
         velocities.insert(0, Curve(*envelope(run.time, 1e3 * run["velocity_load"]), "actual", 2, PLAIN))
@@ -52,7 +52,7 @@ run = figure_of(run_chart)
 
 
 def following_error_chart(runs: Runs, window: Window | None = None, points: int = POINTS) -> Chart:
-    """Following error of each run in its own row, whole or in a window of time."""
+    """Plot the following error of each run in its own row, whole or in a time window."""
     chosen = style.named(runs)
     values = {name: run["following_error"] for name, run in chosen.items()}
     notes = {name: _sizes(v, "m") for name, v in values.items()}
@@ -72,7 +72,7 @@ following_error = figure_of(following_error_chart)
 
 
 def force_chart(runs: Runs, limits: Mapping[str, float] | None = None, points: int = POINTS) -> Chart:
-    """Force of each run in its own row, with the limits in N by name as lines on both sides."""
+    """Plot the force of each run in its own row, with the limits in N by name as lines on both sides of zero."""
     chosen = style.named(runs)
     values = {name: run["force"] for name, run in chosen.items()}
     notes = {name: _sizes(v, "N") for name, v in values.items()}
@@ -100,7 +100,7 @@ force = figure_of(force_chart)
 
 
 def comparison_chart(chosen: Mapping[str, Run]) -> Chart:
-    """Following error of each run in its own row, and the forces of all in the last."""
+    """Plot the following error of each run in its own row, and the forces of all runs in the last row."""
     errors = {name: 1e6 * run["following_error"] for name, run in chosen.items()}
     notes = {name: _sizes(run["following_error"], "m") for name, run in chosen.items()}
     above = _rows(chosen, errors, notes, "", None, POINTS).panels
@@ -116,7 +116,7 @@ comparison = figure_of(comparison_chart)
 
 
 def motion_chart(runs: Runs, points: int = POINTS) -> Chart:
-    """Velocity and acceleration of the table, actual and set."""
+    """Plot velocity and acceleration of the table, actual and set."""
     chosen = style.named(runs)
     first = next(iter(chosen.values()))
     velocities, accelerations = list[Curve](), list[Curve]()
@@ -152,7 +152,7 @@ def _rows(
     points: int,
     one_scale: bool = False,
 ) -> Chart:
-    """One row a run, over the same time; with one scale for all if their peaks are alike."""
+    """Return a chart with one row per run over the same time, with a common scale if the peaks are similar."""
     panels, ends = list[Panel](), list[np.ndarray]()
     for i, (name, run) in enumerate(chosen.items()):
         inside = slice(None) if window is None else _inside(run, window)
@@ -174,7 +174,7 @@ def _rows(
 
 
 def alike(curves: Iterable[np.ndarray]) -> bool:
-    """Return True if the peaks of the curves are close enough for one common scale."""
+    """Return True if the peaks of the curves are similar enough for a common scale."""
     peaks = [_peak(curve) for curve in curves]
     return max(peaks) <= style.WIDE * min(peaks)
 
@@ -197,15 +197,15 @@ def _peak(values: np.ndarray) -> float:
 
 
 def cosimulation_chart(cosimulation: Cosimulation) -> Chart:
-    """Following error of each law."""
+    """Plot the following error of each law."""
     return following_error_chart({row.name: row.run for row in cosimulation.rows})
 
 
-MOST = 12  # rows; a log with more channels shows the first ones
+MOST = 12  # largest number of rows; of a log with more channels the first ones are shown
 
 
 def log_chart(log: Log) -> Chart:
-    """The channels of a log over time, each in the usual unit."""
+    """Plot the channels of a log versus time, each in its usual unit."""
     panels = list[Panel]()
     for name, values in list(log.channels.items())[:MOST]:
         si = log.units.get(name, "")
@@ -220,7 +220,7 @@ log = figure_of(log_chart)
 
 
 def guess_chart(guess: Guess) -> Chart:
-    """Raise ParameterError: a guess has no picture."""
+    """Raise ParameterError: a guess of roles has no picture."""
     raise ParameterError(f"{guess.name}: a guess of roles has no picture; plot the log itself")
 
 
@@ -233,7 +233,7 @@ _SHOWN = {
 
 
 def replay_chart(replay: Replay, points: int = POINTS) -> Chart:
-    """Measured over predicted for position, following error and force, each with its residual below."""
+    """Plot measured and predicted position, following error and force, with the residuals below."""
     signals = [name for name in _SHOWN if name in replay.measured and name in replay.run.signals]
     residuals = [name for name in signals if name != "following_error"]
     rows = [(name, False) for name in signals] + [(name, True) for name in residuals]
@@ -262,19 +262,19 @@ replay = figure_of(replay_chart)
 
 
 def refinement_chart(refinement: Refinement) -> Chart:
-    """Predicted and measured columns."""
+    """Plot predicted and measured columns."""
     return replay_chart(refinement.replay)
 
 
-_AFTER = 1.6  # settling times that are shown
-_LEAST = 0.01  # s that are shown at least
-_BEFORE = 0.04  # of what is shown after the cut, that is shown before it
-_SEEN = 1e-3  # of the step: an overshoot that is marked
+_AFTER = 1.6  # range shown after the cut, in settling times
+_LEAST = 0.01  # s: shortest range shown
+_BEFORE = 0.04  # range shown before the cut, as a share of that after it
+_SEEN = 1e-3  # of the step: smallest overshoot that is marked
 _MS = 1e3
 
 
 def moves_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
-    """Following error and force over the same time."""
+    """Plot following error and force over a common time axis."""
     micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     errors, forces = list[Curve](), list[Curve]()
     for i, (name, run) in enumerate(runs.items()):
@@ -291,7 +291,7 @@ def moves_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
 
 
 def step_response_chart(responses: StepResponse | Mapping[str, StepResponse]) -> Chart:
-    """Position after a step of the set position, with overshoot and settling time."""
+    """Plot the position after a step of the set position, with overshoot and settling time."""
     chosen = style.named(responses)
     curves, marks = list[Curve](), list[Mark]()
     end = max(_LEAST, *(_AFTER * response.settling_time for response in chosen.values()))
@@ -316,9 +316,9 @@ def _at(response: StepResponse) -> float:
 
 
 def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units = DRAWN) -> Chart:
-    """Error of the table after a rope that pulled at it was cut at `begin` (s), and the force.
+    """Plot the table error and the force after a rope under tension on the table is cut at `begin` (s).
 
-    near  m: within it the table counts as settled
+    near  m: settling tolerance of the table
     """
     micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     known = dict[str, tuple[float, float]]()

@@ -1,4 +1,4 @@
-"""Pictures of a part program: its plan, its run on a machine, and its contour error."""
+"""Pictures of a part program: its plan, its run on a machine, and the contour error."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ if TYPE_CHECKING:
     from feeddrive.machining.part_run import PartRun
 
 
-_ENLARGED = 0.08  # of the larger extent: the largest deviation as it is drawn
+_ENLARGED = 0.08  # of the larger extent: size of the largest deviation as drawn
 _STEPS = (1.0, 2.0, 5.0)
-_POINTS = 20_000  # of a path that is drawn
+_POINTS = 20_000  # largest number of points of a path
 _MARKED = 5
-_AROUND = 0.12  # of the extent of a path: half of what is shown around a place
-_REACH = 3.0  # times the error of a place: half of the width of its 1:1 view
+_AROUND = 0.12  # of the extent of a path: half width of the view around a place
+_REACH = 3.0  # multiple of the error of a place: half width of its 1:1 view
 
 
 def contour_chart(contour: ContourError) -> Chart:
-    """The error over path length with its worst places, and the distribution of the error over the path."""
+    """Plot the contour error versus path length with its largest values marked, and its distribution over the path."""
     along, error = 1e3 * contour.along, 1e6 * contour.error
     places = contour.worst(_MARKED)
     worst = np.array([(1e3 * place.along, 1e6 * place.error) for place in places]).reshape(-1, 2)
@@ -97,13 +97,13 @@ def contour_on_path_chart(
     enlarged: float | None = None,
     places: Sequence[Worst] = (),
 ) -> Chart:
-    """The counted part of the path, colored by the size of the error, and the deviation, enlarged by a round factor.
+    """Plot the path, colored by the size of the contour error, and the enlarged deviation.
 
-    Places in mm, the size of the error in µm.
+    Positions are in mm, the size of the error is in µm. Parts of the path that are not evaluated are left out.
 
-    axes      columns of the contour error that span the picture
-    enlarged  the factor; default: the largest deviation is a twelfth of the extent
-    places    that are marked; the key of a mark is the index of its place
+    axes      the two columns of the contour error that span the picture
+    enlarged  enlargement factor; default: a round factor with which the largest deviation is about 1/12 of the extent
+    places    places to mark; the key of a mark is the index of its place
     """
     i, j = axes
     size = np.where(contour.counted, np.abs(contour.error), 0.0)
@@ -149,7 +149,7 @@ contour_on_path = figure_of(contour_on_path_chart)
 
 
 def _factor(contour: ContourError, axes: tuple[int, int]) -> float:
-    """Return the round factor by which deviations are enlarged: the largest is about a twelfth of the path's extent."""
+    """Return the round enlargement factor with which the largest deviation is about 1/12 of the path's extent."""
     foot = (contour.position - contour.vector)[contour.counted]
     extent = max((float(np.ptp(foot[:, column])) if len(foot) else 0.0 for column in axes), default=0.0)
     return _round(_ENLARGED * max(extent, 1e-12) / max(contour.largest, 1e-15))
@@ -163,7 +163,7 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
 def place_view(
     contour: ContourError, place: Worst, axes: tuple[int, int] = (0, 1)
 ) -> tuple[float, float, float, float]:
-    """The part of `contour_on_path_chart` around a place: left, right, low, high in mm."""
+    """Return the part of `contour_on_path_chart` around a place: left, right, low, high in mm."""
     ends = [_ends(1e3 * contour.position[contour.counted, k]) for k in axes]
     reach = _AROUND * max(high - low for low, high in ends)
     x, y = (1e3 * float(place.position[k]) for k in axes)
@@ -171,7 +171,9 @@ def place_view(
 
 
 def place_chart(contour: ContourError, place: Worst) -> Chart:
-    """Commanded path and tool around a place, in µm from the tool and 1:1, in the plane of the axes that move most."""
+    """Plot commanded path and tool around a place, in µm from the tool and 1:1, in the plane of the axes with most
+    motion.
+    """
     row = int(np.argmin(np.abs(contour.time - place.time)))
     reach = 1e6 * max(_REACH * abs(place.error), 1e-9)
     at, tool = (1e6 * (points - contour.position[row]) for points in (contour.set_position, contour.position))
@@ -193,7 +195,7 @@ def place_chart(contour: ContourError, place: Worst) -> Chart:
 
 
 def _together(near: np.ndarray, row: int) -> tuple[int, int]:
-    """Return the first and the last row of the unbroken run of rows that holds `row`."""
+    """Return the first and the last row of the contiguous block of rows that contains `row`."""
     gaps = np.flatnonzero(np.diff(near) > 1)
     k = int(np.searchsorted(near, row))
     first = gaps[gaps < k]
@@ -204,7 +206,7 @@ def _together(near: np.ndarray, row: int) -> tuple[int, int]:
 def corner_zoom_chart(
     contour: ContourError, corners: Sequence[Corner] | None = None, tolerance: float | None = None
 ) -> Chart:
-    """Corners 1:1, at most four: the path, the tool, and a band of the tolerance (m) around the path.
+    """Plot at most four corners 1:1: the path, the tool, and the tolerance band (m) around the path.
 
     corners  default: the four with the largest error
     """
@@ -238,7 +240,7 @@ def _corner(contour: ContourError, corner: Corner, tolerance: float | None) -> P
 
 
 def _tolerance(path: np.ndarray, half: float) -> Curve:
-    """A band around a path: the lines left and right of each stretch, open at corners."""
+    """Return a band around a path: lines to the left and right of each segment, open at corners."""
     step = np.diff(path, axis=0)
     moved = np.linalg.norm(step, axis=1) > 0.0
     begin, end, step = path[:-1][moved], path[1:][moved], step[moved]
@@ -262,9 +264,9 @@ def _round(factor: float) -> float:
 
 # from slow to fast: warm to cold, and thinner, so that gray print shows it too; number of the color, and width
 _SPEEDS = ((ALERT, 1.85), (1, 1.6), (4, 1.3), (2, 1.1), (5, 0.95), (0, 0.8))
-_COLUMNS = 400  # stretches of time over the width of a picture
-_FLAT = 0.02  # of the largest extent: an axis that moves less gets no view of its own
-_MARKED_STOPS = 300  # stops
+_COLUMNS = 400  # time intervals over the width of a picture
+_FLAT = 0.02  # of the largest extent: an axis that moves less has no separate view
+_MARKED_STOPS = 300  # largest number of marked stops
 _UNITS = {
     "mm": (("mm/s", 1e3), ("m/s²", 1.0), ("m/s³", 1.0), ("m/s⁴", 1.0)),
     "deg": (("deg/s", float(np.degrees(1.0))), ("rad/s²", 1.0), ("rad/s³", 1.0), ("rad/s⁴", 1.0)),
@@ -272,7 +274,7 @@ _UNITS = {
 
 
 def planned_chart(plan: Planned) -> Chart:
-    """The path with its speed as color, and the stops; a second view where a third axis moves."""
+    """Plot the planned path with its speed as color, and the stops; with a second view if a third axis moves."""
     factors, units = (list(row) for row in zip(*plan.limits.shown, strict=True))
     place, letters = np.array(factors) * plan.course.position, plan.limits.letters
     if len(letters) == 1:
@@ -299,7 +301,7 @@ planned = figure_of(planned_chart)
 
 
 def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
-    """One curve for each class of speed, with gaps where others are."""
+    """Return one curve for each speed class, with gaps at other classes."""
     course = plan.course
     traverse = np.isinf(course.feed)
     speed = 1e3 * course.speed
@@ -319,13 +321,13 @@ def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
 
 
 def _stretches(x: np.ndarray, y: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The chosen stretches, each up to the begin of the next one, with gaps between."""
+    """Return the chosen segments, each up to the start of the next one, with gaps between."""
     there = chosen | np.concatenate([[False], chosen[:-1]])
     return np.where(there, x, np.nan), np.where(there, y, np.nan)
 
 
 def plan_causes_chart(plan: Planned) -> Chart:
-    """The most used limit over time: a row for each limit, with its share of the cycle time."""
+    """Plot the active limit versus time, with one row per limit and its share of the cycle time."""
     course = plan.course
     cause = causes(np.maximum(np.abs(course.low), np.abs(course.high)) / plan.limits.array, course.speed, course.feed)
     names = plan.limits.causes
@@ -353,7 +355,7 @@ plan_causes = figure_of(plan_causes_chart)
 
 
 def _cause_number(name: str) -> int:
-    """The number of the curve whose color a cause has."""
+    """Return the number of the curve whose color a cause has."""
     what = name.split(" ")[0]
     if what in DERIVATIVES:
         return (5, 0, 1, 4)[DERIVATIVES.index(what)]
@@ -361,7 +363,7 @@ def _cause_number(name: str) -> int:
 
 
 def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
-    """Velocity to snap of an axis over time, from the least to the most of each stretch, with its limits."""
+    """Plot velocity to snap of an axis versus time, with minimum and maximum of each segment and the limits."""
     course, limits, units = plan.course, plan.limits.array[axis], _UNITS[plan.limits.shown[axis][1]]
     begins = np.unique(np.linspace(0, len(course.time), min(len(course.time), _COLUMNS) + 1).astype(int)[:-1])
     edges = np.append(course.time[begins], plan.cycle_time)
@@ -372,7 +374,7 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
         x = np.repeat(edges, 2)[1:-1]
         low, high = np.repeat(low, 2), np.repeat(high, 2)
         shape = Curve(np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]]), look=SOLID)
-        # a stretch of one value has no area
+        # an interval with a single value has no area
         lines = Curve(x, high, look=PLAIN, size=0.6), Curve(x, low, look=PLAIN, size=0.6)
         top = factor * limits[k]
         used = max(-float(low.min()), float(high.max()))
@@ -389,13 +391,13 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
 plan_profiles = figure_of(plan_profiles_chart)
 
 
-_WINDOW = 0.15  # s of estimates that are shown
-_BEFORE, _AFTER = 0.04, 0.1  # s around a worst place
+_WINDOW = 0.15  # s: window of the estimates
+_BEFORE, _AFTER = 0.04, 0.1  # s: range before and after the worst instant
 _SIZES = ("RMS", "95 % of the path", "largest")
 
 
 def part_run_chart(part: PartRun) -> Chart:
-    """The contour error over time; gray: what does not count."""
+    """Plot the contour error versus time; gray where it is not evaluated."""
     contour = part.contour
     error = 1e6 * np.abs(contour.error)
     curves = (
@@ -410,7 +412,9 @@ part_run = figure_of(part_run_chart)
 
 
 def part_laws_chart(parts: Mapping[str, PartRun]) -> Chart:
-    """RMS, 95 % and the largest contour error of each law, a row each, on a logarithmic scale."""
+    """Plot RMS, 95 % quantile and maximum of the contour error for each law, one row per law, on a logarithmic
+    scale.
+    """
     sizes = np.array([(part.contour.rms, part.contour.within(), part.contour.largest) for part in parts.values()])
     rows, shown = -np.arange(len(parts), dtype=np.float64), 1e6 * np.maximum(sizes, 1e-12)
     spans = tuple(
@@ -433,7 +437,7 @@ part_laws = figure_of(part_laws_chart)
 
 
 def part_cutting_chart(part: PartRun) -> Chart:
-    """The force of the cut on each axis over time."""
+    """Plot the cutting force on each axis versus time."""
     assert part.cutting is not None
     panels = tuple(
         Panel(
@@ -449,7 +453,7 @@ part_cutting = figure_of(part_cutting_chart)
 
 
 def part_estimates_chart(part: PartRun, axis: str) -> Chart:
-    """The disturbance of an axis and its estimates by observers, over the 150 ms with the largest RMS cutting force."""
+    """Plot the disturbance of an axis and its observer estimates in the 150 ms with the largest RMS cutting force."""
     time, true = part.contour.time, part.disturbances[axis]
     middle = _busiest(part, axis)
     shown = (time >= middle - 0.5 * _WINDOW) & (time <= middle + 0.5 * _WINDOW)
@@ -467,7 +471,7 @@ part_estimates = figure_of(part_estimates_chart)
 
 
 def _busiest(part: PartRun, axis: str) -> float:
-    """The middle of the window with the largest RMS force of the cut on an axis, s."""
+    """Return the center of the window with the largest RMS cutting force on an axis, s."""
     assert part.cutting is not None
     time = part.contour.time
     square = part.cutting[:, part.contour.axes.index(axis)] ** 2
@@ -477,7 +481,7 @@ def _busiest(part: PartRun, axis: str) -> float:
 
 
 def part_zoom_chart(parts: Mapping[str, PartRun], time: float) -> Chart:
-    """The contour error of each law around an instant: ms from the instant, µm."""
+    """Plot the contour error of each law in µm around an instant, versus time from it in ms."""
     curves = list[Curve]()
     for k, (name, part) in enumerate(parts.items()):
         at = part.contour.time

@@ -1,4 +1,4 @@
-"""A matplotlib figure that displays itself in notebooks without pyplot. Import it only where a figure is drawn."""
+"""A matplotlib figure that displays itself in notebooks without pyplot; imported only where a figure is drawn."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 
 class Picture(Figure):
-    """A Figure with a picture of itself, at twice the resolution; `savefig` writes it to a file."""
+    """A matplotlib Figure with a notebook display at double resolution; `savefig` writes it to a file."""
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         file = BytesIO()

@@ -1,6 +1,6 @@
-"""Tables from types of results to the functions of their charts and DataFrames, by name: nothing is imported early.
+"""Tables from result types to the functions of their charts and data frames, by name.
 
-The first `chart()` or `plot()` of a type imports the module of its chart, and no other one.
+The first `chart()` or `plot()` of a type imports only the module of its chart.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from importlib import import_module
 
 from feeddrive.language.table import chart_of, frame_of
 
-# module and class of a result -> the function of this package that gives its chart
+# module and class of a result -> chart function of this package
 CHARTS = {
     "analysis.effort:Effort": "curves:effort_chart",
     "analysis.friction_map:FrictionMap": "identification:friction_map_chart",
@@ -124,7 +124,7 @@ FRAMES = {
 
 
 def register(kind: type) -> None:
-    """Import and register the chart and frame functions of a type of result and of its listed bases."""
+    """Import and register the chart and data-frame functions of a result type and of its listed base classes."""
     for base in kind.__mro__:
         name = f"{base.__module__.removeprefix('feeddrive.')}:{base.__qualname__}"
         if name in CHARTS and base not in chart_of.registry:

@@ -1,4 +1,4 @@
-"""Pictures of measured responses over frequency, with their uncertainty."""
+"""Pictures of measured frequency responses with their uncertainty."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ if TYPE_CHECKING:
     from feeddrive.identification.response.plant_fit import PlantFit
 
 
-_LEAST = 0.1  # of a magnitude: a band that reaches below is cut off there
+_LEAST = 0.1  # of a magnitude: lower end of its band
 _FAR = 1e4  # dB or degrees beyond all panels
 
 
 def magnitude_band(
     frf: FRF, number: int, units: Units = DRAWN, name: str = "", *, factor: float = 1.0, model: bool = False
 ) -> tuple[Band, ...]:
-    """|G| - r to |G| + r with the radius r of the 95 % disc; none without a variance.
+    """Return the band from |G| - r to |G| + r, with r the radius of the 95 % disc; empty without a variance.
 
-    factor  from the unit of the response to the one that is shown
-    model   the error comes from few real parameters and may lie along one direction: r is then 1.96 √variance
+    factor  from the unit of the response to the displayed unit
+    model   True if the error comes from a few real parameters and may be one-directional: r is then 1.96 √variance
     """
     radius = _radius(frf, model)
     if radius is None:
@@ -72,7 +72,7 @@ def _radius(frf: FRF, model: bool) -> np.ndarray | None:
 def phase_band(
     frf: FRF, phase: np.ndarray, number: int, units: Units = DRAWN, *, model: bool = False
 ) -> tuple[Band, ...]:
-    """The band ± arcsin(r/|G|) around a phase in degrees, r as in `magnitude_band`; none without a variance."""
+    """Return the band ± arcsin(r/|G|) around a phase in degrees, r as in `magnitude_band`; empty without a variance."""
     radius = _radius(frf, model)
     if radius is None:
         return ()
@@ -87,13 +87,13 @@ def _band(frf: FRF, low: object, high: object, number: int, units: Units, name: 
 def doubtful(
     responses: Iterable[FRF], units: Units = DRAWN, *, ratio: bool = False, name: str = ""
 ) -> tuple[Band, ...]:
-    """Stretches of frequency in which a coherence is 0.9 or less, over the whole height of a panel.
+    """Return shading over the whole height of a panel where a coherence is 0.9 or less.
 
-    ratio  the panel has a logarithmic scale, as of gains that are not in dB
+    ratio  True if the panel has a logarithmic scale, such as that of gains not in dB
     """
     parts = list[tuple[float, float]]()
     for low, high in sorted(stretch for frf in responses for stretch in _stretches(frf)):
-        if parts and low <= parts[-1][1]:  # what two of them share is shaded once
+        if parts and low <= parts[-1][1]:  # overlaps are shaded once
             low, high = parts[-1][0], max(high, parts.pop()[1])
         parts.append((low, high))
     if not parts:
@@ -105,7 +105,9 @@ def doubtful(
 
 
 def _stretches(frf: FRF) -> list[tuple[float, float]]:
-    """First and last frequency in Hz of each row of lines that are not trusted, up to half way to the next line."""
+    """Return the first and last frequency in Hz of each interval of untrusted lines, extended halfway to the next
+    line.
+    """
     if frf.coherence is None:
         return []
     low = frf.coherence <= TRUSTED
@@ -117,7 +119,7 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
 
 
 def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN) -> tuple[Panel, ...]:
-    """A panel with the coherences, and the least one with which a tuning uses a line; none without a coherence."""
+    """Return a panel with the coherences and the lowest one that a tuning accepts; empty without a coherence."""
     known = [(i, frf) for i, frf in responses if frf.coherence is not None]
     if not known:
         return ()
@@ -131,7 +133,9 @@ _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd di
 
 
 def frequency_estimate_chart(estimate: FrequencyEstimate, model: FRF | None = None) -> Chart:
-    """Magnitude with the 95 % band, noise and distortion; phase with its band; coherence. `model` is a line."""
+    """Plot magnitude with the 95 % band, noise and distortion, phase with its band, and coherence; `model` is a
+    line.
+    """
     return estimates_chart([estimate], model=model)
 
 
@@ -139,9 +143,10 @@ frequency_estimate = figure_of(frequency_estimate_chart)
 
 
 def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN, model: FRF | None = None) -> Chart:
-    """Estimated responses with their 95 % bands and coherences; those in another unit than the first are left out.
+    """Plot estimated responses with their 95 % bands and coherences, without those in a unit other than the first
+    one's.
 
-    A single response is shown with its levels of noise and distortion.  The radius includes the uncertainty of the
+    A single response is shown with its noise and distortion levels. The radius includes the uncertainty of the
     estimated variance (`FrequencyEstimate.radius`).
     """
     alike = [estimate for estimate in estimates if estimate.frf.unit == estimates[0].frf.unit]
@@ -157,7 +162,7 @@ def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN
 
 
 def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
-    """Noise and distortion over frequency, as far as the excitation shows them."""
+    """Return noise and distortion levels versus frequency, as far as the excitation reveals them."""
     factor, curves = _magnitudes(estimate.frf.unit, units)[0], list[Curve]()
     for i, (name, text) in enumerate(_LEVELS.items(), start=2):
         level = estimate.levels.get(name)
@@ -169,13 +174,13 @@ def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
 
 
 def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
-    """Shift a phase (degrees, over Hz) by whole turns next to that of a response."""
+    """Shift a phase (degrees, over Hz) by whole turns to be closest to that of a response."""
     at = float(np.interp(frf.frequency[0], frequency, phase))
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
 
 def excitation_chart(excitation: Excitation) -> Chart:
-    """The excitation of the first realization, and the simulated speed and force, over time."""
+    """Plot the excitation of the first realization, and the simulated speed and force, versus time."""
     first = excitation.drawings[0]
     unit, factor = ("N", 1.0) if excitation.where == "force" else ("um", 1e6)
     rows = (
@@ -194,7 +199,7 @@ excitation = figure_of(excitation_chart)
 
 
 class Overlay(NamedTuple):
-    """A response: measured, the model on the measured lines, and the model as a curve; absent ones are None."""
+    """A measured response, its model on the measured lines, and its model as a curve; None if absent."""
 
     name: str
     measured: FRF | None
@@ -203,9 +208,10 @@ class Overlay(NamedTuple):
 
 
 def response_fit_chart(agreement: Agreement, units: Units = DRAWN) -> Chart:
-    """Magnitude and phase: the measurement as dots, the model as a line, each in its 95 % band; distance; coherence.
+    """Plot magnitude and phase with the measurement as dots and the model as a line, both in 95 % bands; distance;
+    coherence.
 
-    The distance is |model/measured - 1| in dB; the thin line is the radius of the 95 % disc of the measurement.
+    The distance is |model/measured - 1| in dB; the thin line is the radius of the measurement's 95 % disc.
     """
     rows = zip(agreement.measured, agreement.fitted, agreement.drawn, strict=True)
     several = len(agreement.measured) > 1
@@ -218,9 +224,9 @@ response_fit = figure_of(response_fit_chart)
 
 
 def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[Curve] = ()) -> Chart:
-    """Measured responses and those of a model over each other: magnitude, phase, distance, and coherence.
+    """Plot measured and modelled responses together: magnitude, phase, distance, and coherence.
 
-    more  curves beside the magnitudes, as shown
+    more  additional curves in the magnitude panel, in displayed units
     """
     known = [frf for row in rows for frf in (row.drawn, row.measured) if frf is not None]
     factor, label = _magnitudes(known[0].unit, units)
@@ -282,12 +288,12 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
     )
 
 
-_ROOM = 1.3  # a factor above and below the gains of a panel
-_OTHER = 4  # number of the band of a model, to be told from that of the measurement
+_ROOM = 1.3  # margin of a gain panel as a factor, above and below
+_OTHER = 4  # number of the band of a model, different from that of the measurement
 
 
 def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
-    """The phase of a measurement in degrees, in the turn of its model on each line."""
+    """Return the phase of a measurement in degrees, in the same turn as its model on each line."""
     if fitted is None:
         return _beside(measured.phase_deg, measured.frequency, curve)
     on_lines = np.degrees(np.angle(fitted.response))
@@ -296,14 +302,14 @@ def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
 
 
 def _magnitudes(unit: str, units: Units) -> tuple[float, str]:
-    """Return the factor to the shown unit of a response, and the label of its magnitude."""
+    """Return the factor to the displayed unit of a response, and the label of its magnitude."""
     if units.decibel:
         return 1.0, f"magnitude (dB re 1 {unit_name(unit, 'SI')})" if unit else "magnitude (dB)"
     return units.of(unit)[1], f"magnitude ({unit_name(unit)})" if unit else "magnitude"
 
 
 def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: str, share: float) -> Panel:
-    """A panel whose range follows from its curves alone: shading over the full height does not widen it."""
+    """Return a panel whose range follows from its curves only: shading over the full height does not widen it."""
     values = np.concatenate([curve.y for curve in curves])
     values = values[np.isfinite(values) & ((values > 0.0) | (scale != LOG))]
     low, high = float(np.min(values)), float(np.max(values))
@@ -312,7 +318,7 @@ def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: st
 
 
 def response_residuals_chart(agreement: Agreement) -> Chart:
-    """Weighted residuals over frequency, real and imaginary part, and their autocorrelation from line to line."""
+    """Plot weighted residuals versus frequency, real and imaginary part, and their autocorrelation across lines."""
     lags = np.arange(1, max(2, min(40, min(r.size for r in agreement.residuals) // 4)))
     spread, curves = max(agreement.spread, 1e-300), list[Curve]()
     for i, (measured, residual) in enumerate(zip(agreement.measured, agreement.residuals, strict=True)):
@@ -320,7 +326,7 @@ def response_residuals_chart(agreement: Agreement) -> Chart:
         f, scaled = measured.frequency, residual / spread
         curves.append(Curve(f, np.real(scaled), name, i, MARKERS, "real", size=0.45))
         curves.append(Curve(f, np.imag(scaled), name, i, CROSS, "imaginary", size=0.45))
-    # a few lines far off must not hide the others
+    # outliers must not compress the other lines
     reach = 1.15 * float(np.percentile(np.abs(np.concatenate(agreement.residuals)), 99.0)) / spread
     reach = max(reach, 3.0)
     ends = [float(measured.frequency[k]) for measured in agreement.measured for k in (0, -1)]
@@ -349,9 +355,10 @@ response_residuals = figure_of(response_residuals_chart)
 
 
 def response_nyquist_chart(agreement: Agreement) -> Chart:
-    """Responses in the complex plane, as velocity over force: each mode is a circle; dots measured, curves the model.
+    """Plot the responses from force to velocity in the complex plane: each mode is a circle; dots measured, curves the
+    model.
 
-    Velocity, since the rigid motion hides the circles of the position.
+    Velocity is used because rigid-body motion hides the circles in the position response.
     """
     order, unit = 1 - agreement.order, agreement.measured[0].unit
     curves, dots = list[Curve](), list[Curve]()
@@ -370,16 +377,16 @@ response_nyquist = figure_of(response_nyquist_chart)
 
 
 def _velocity(unit: str) -> str:
-    """A unit of position over force as one of velocity: m/N -> (m/s)/N."""
+    """Convert a unit of position per force to one of velocity per force: m/N -> (m/s)/N."""
     above, _, below = unit.partition("/")
     return f"({above}/s)/{below}" if below and "(" not in unit else "velocity over force"
 
 
 def fitted_chart(fit: PlantFit | ModalFit) -> Chart:
-    """Measured and fitted response."""
+    """Plot measured and fitted responses."""
     return response_fit_chart(fit.agreement)
 
 
 def axis_fits_chart(fits: AxisFits) -> Chart:
-    """Measured response and the chosen fit."""
+    """Plot the measured response and the chosen fit."""
     return response_fit_chart(fits.fit.agreement)

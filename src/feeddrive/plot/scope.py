@@ -1,4 +1,4 @@
-"""The picture of signals that are followed: a panel for each unit, the trigger, and two cursors."""
+"""The picture of live signals: a panel for each unit, the trigger, and two cursors."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from feeddrive.language.text import Text
 from feeddrive.plot.chart import Chart, Curve, Level, Panel
 from feeddrive.plot.style import written
 
-POINTS = 960  # of a curve, two for each stretch of the window; one more in a stretch with a gap
-_PANEL = 1.7  # inches of a panel
-_SPACE = 0.05  # of the range of a panel, above and below its curves
-_LEAST_USED = 0.4  # of a panel: a range is kept while its curves need that much of it
-_NAME = 14  # letters of a channel at the axis; the legend has all of them
+POINTS = 960  # points of a curve, two per interval of the window, and one more in an interval with a gap
+_PANEL = 1.7  # inches: height of a panel
+_SPACE = 0.05  # of the range of a panel: margin above and below its curves
+_LEAST_USED = 0.4  # of a panel: a range is kept while its curves use at least this share
+_NAME = 14  # letters of a channel name at the axis; the legend shows the full name
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 Ranges = dict[str, tuple[float, float]]
@@ -26,12 +26,12 @@ Ranges = dict[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel that is drawn.
+    """A displayed channel.
 
-    name    by which the source calls it
+    name    its name in the source
     place   index of its column among the values
-    unit    in which it is shown; empty where none is known
-    factor  from the unit of the source to it
+    unit    displayed unit; empty if unknown
+    factor  from the unit of the source to the displayed unit
     """
 
     name: str
@@ -49,11 +49,12 @@ def scope_chart(
     cursors: Readout | None = None,
     before: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Chart, Ranges]:
-    """The chart of a window, and the ranges of its panels, which the next one may be given as `before`.
+    """Return the chart of a window, and the ranges of its panels for use as `before` in the next call.
 
-    level  channel of the trigger, and its level in the unit of the source
-    A range stays while its curves fit into it and need a good part of it, so that the axes of a picture that is
-    redrawn many times a second do not jump.
+    level  trigger channel and its level in the unit of the source
+
+    A range is kept while its curves fit into it and use a good part of it, so that the axes do not jump in a picture
+    that is redrawn many times a second.
     """
     grouped: dict[str, list[Channel]] = {}
     for channel in channels:
@@ -114,10 +115,10 @@ def _caption(y: np.ndarray, unit: str) -> str:
 
 
 def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
-    """The rows of a curve that are drawn: of each stretch of `width` s its lowest and its highest, in their order.
+    """Return the rows of a curve to draw: the minimum and the maximum of each interval of `width` s, in time order.
 
-    Stretches begin at whole multiples of the width, so that a scrolling curve keeps its points.  The first and the
-    last row stay, and one of each gap (NaN).  A short curve has all its rows.
+    Intervals begin at whole multiples of the width, so that a scrolling curve keeps its points. The first and the last
+    row are kept, and one row of each gap (NaN). A short curve keeps all its rows.
     """
     if time.size <= POINTS:
         return np.arange(time.size)
@@ -127,24 +128,26 @@ def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
     low = _first_of_stretch(np.where(gap, np.inf, y), edges, np.minimum)
     high = _first_of_stretch(np.where(gap, -np.inf, y), edges, np.maximum)
     gaps = np.flatnonzero(gap)
-    if gaps.size:  # one of each stretch
+    if gaps.size:  # one row per interval
         gaps = gaps[np.diff(stretch[gaps], prepend=-np.inf) > 0.0]
     return np.unique(np.concatenate([[0], low, high, gaps, [time.size - 1]]))
 
 
 def _first_of_stretch(y: np.ndarray, edges: np.ndarray, extreme: np.ufunc) -> np.ndarray:
-    """Index of the first row in each stretch that has the stretch's extreme value."""
+    """Return the index of the first row in each interval at which its extreme value occurs."""
     values = extreme.reduceat(y, edges[:-1])
     met = np.flatnonzero(y == np.repeat(values, np.diff(edges)))
     return met[np.searchsorted(met, edges[:-1])]
 
 
 def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tuple[float, float]:
-    """A range with round ends around some values; the one before, if they fit into it and need a good part of it."""
+    """Return a range with round ends around some values; the previous one if they fit into it and use a good part of
+    it.
+    """
     if not y.size:
         return before or (-1.0, 1.0)
     low, high = float(np.min(y)), float(np.max(y))
-    if high == low:  # a constant has half of its size as room on either side
+    if high == low:  # a constant has a margin of half its size on either side
         low, high = low - (0.5 * abs(low) or 1.0), high + (0.5 * abs(high) or 1.0)
     span = high - low
     if before is not None and before[0] <= low and high <= before[1] and span >= _LEAST_USED * (before[1] - before[0]):

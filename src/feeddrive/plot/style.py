@@ -1,6 +1,6 @@
-"""The common style of all plots: colors, lines, units, axes, and the points that a long curve needs.
+"""The common style of all plots: colors, lines, units, axes, and the decimation of long curves.
 
-Nothing here changes a global setting of matplotlib.
+No global matplotlib setting is changed.
 """
 
 from __future__ import annotations
@@ -19,55 +19,55 @@ if TYPE_CHECKING:
 
 Thing = TypeVar("Thing")
 
-# Okabe & Ito 2008, without yellow, which cannot be read on white, and without black, which is the ink
+# Okabe & Ito 2008, without yellow, which is unreadable on white, and without black, which is the text color
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 # dashes for color-blind readers and gray print; the first curve is solid
 DASHES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (2, 1.5)), (0, (7, 2, 2, 2)), (0, (12, 3)), (0, (4, 1.5, 1, 1.5)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
-# from small to large values: the lightness falls evenly, so that color-blind readers and gray print have the order
+# from small to large values: the lightness decreases uniformly, for gray print and color-blind readers
 HEAT = ("#54b0d7", "#4197db", "#5e79d3", "#8554b2", "#98277f", "#8a0c47", "#6c0b1b")
 HEAT_STEPS = 12
 INK, MUTED, GRID, PAPER, ALERT = "#1c2329", "#5a6772", "#d9dfe4", "#ffffff", "#b3261e"
-BETTER, WORSE = COLORS[0], COLORS[1]  # ends of the colors of a comparison; the middle is the paper
+BETTER, WORSE = COLORS[0], COLORS[1]  # end colors of a comparison; the middle is the background
 
 TEXT, SMALL = 9.5, 8.5  # points
 LINE = 1.4
-WIDE = 8.0  # a ratio of curves beyond which they need a logarithmic scale, or one scale each
+WIDE = 8.0  # ratio of peaks above which curves need a logarithmic scale, or separate scales
 
 
 def color(i: int) -> str:
-    """Color of the i-th curve."""
+    """Return the color of the i-th curve."""
     return COLORS[i % len(COLORS)]
 
 
 def pale(tint: str) -> str:
-    """A pale tint of a color, on which curves stay readable."""
+    """Return a pale tint of a color, on which curves stay readable."""
     rgb = (0.22 * int(tint[k : k + 2], 16) + 0.78 * int(PAPER[k : k + 2], 16) for k in (1, 3, 5))
     return "#" + "".join(f"{round(channel):02x}" for channel in rgb)
 
 
 def dashes(i: int) -> Any:
-    """Dashes of the i-th curve; a second round of colors takes other ones."""
+    """Return the dashes of the i-th curve; a second cycle of colors uses different dashes."""
     return DASHES[(i + i // len(COLORS)) % len(DASHES)]
 
 
 def marker(i: int) -> str:
-    """Marker of the i-th curve."""
+    """Return the marker of the i-th curve."""
     return MARKERS[i % len(MARKERS)]
 
 
 def curve(i: int) -> dict[str, Any]:
-    """Color, dashes and width of the i-th curve."""
+    """Return color, dashes and width of the i-th curve."""
     return {"color": color(i), "linestyle": dashes(i), "linewidth": LINE}
 
 
 def written(unit: str) -> str:
-    """A unit in typographic form: um -> µm, m/s2 -> m/s²."""
+    """Return a unit in typographic form: um -> µm, m/s2 -> m/s²."""
     return unit.replace("um", "µm").replace("s2", "s²").replace("s3", "s³").replace("s4", "s⁴")
 
 
 def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Thing]:
-    """A mapping from names: of one thing (empty name), of several by name, or of a list of things with a `name`."""
+    """Return a mapping by name of one object (empty name), of a mapping, or of a list of objects with a `name`."""
     if isinstance(things, Mapping):
         return dict(things)  # type: ignore[arg-type]
     if isinstance(things, Sequence):
@@ -80,15 +80,15 @@ def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Th
 
 
 def shortened(name: str, most: int = 60) -> str:
-    """A user's name without characters that cannot be printed, not too long."""
+    """Return a user-given name without unprintable characters, truncated if too long."""
     shown = "".join(filter(str.isprintable, name))
     return shown if len(shown) <= most else shown[: most - 1] + "…"
 
 
 def caption(name: str, remark: str = "", most: int = 60) -> str | None:
-    """A user's name and a remark on it, for matplotlib: without formulas, not hidden, not too long.
+    """Return a user-given name and a remark for matplotlib, escaped, visible in the legend and truncated.
 
-    None if there is neither.
+    None if both are empty.
     """
     shown = shortened(name, most)
     text = escaped(f"{shown}: {remark}" if shown and remark else shown or remark)
@@ -96,12 +96,12 @@ def caption(name: str, remark: str = "", most: int = 60) -> str | None:
 
 
 def escaped(text: str) -> str:
-    """A text for matplotlib: without formulas."""
+    """Return a text escaped for matplotlib, so that it contains no formulas."""
     return text.replace("$", r"\$")
 
 
 def dressed(ax: Axes) -> Axes:
-    """Apply the common style to axes, and return them."""
+    """Apply the common style to axes, and return the axes."""
     ax.set_facecolor(PAPER)
     for side, spine in ax.spines.items():
         spine.set_visible(side in ("left", "bottom"))
@@ -118,7 +118,7 @@ def dressed(ax: Axes) -> Axes:
 
 
 def narrow(things: Mapping[str, Any]) -> int:
-    """Return the number of columns of a legend with long texts."""
+    """Return the number of legend columns for long texts."""
     return 2 if len(things) <= 2 else 1
 
 
@@ -179,7 +179,9 @@ def note(ax: Axes, text: str) -> None:
 
 
 def frequency_axis(ax: Axes, low: float, high: float) -> None:
-    """Make x logarithmic in Hz with plain numbers: at decades, and at 2 and 5 if fewer than two decades lie inside."""
+    """Set a logarithmic x axis in Hz with plain numbers at decades, and at 2 and 5 if the range is below two
+    decades.
+    """
     from matplotlib.ticker import LogLocator
 
     ax.set_xscale("log")
@@ -191,13 +193,13 @@ def frequency_axis(ax: Axes, low: float, high: float) -> None:
 
 
 def frequency_grid(axes: Sequence[Axes]) -> None:
-    """Draw the fine vertical grid in all rows over one frequency axis."""
+    """Draw the fine vertical grid in all rows with a common frequency axis."""
     for ax in axes:
         ax.grid(True, which="minor", axis="x", color=GRID, linewidth=0.4)
 
 
 def plain_decades(axis: Any, crowded: bool = False, between: bool = False) -> None:
-    """Write numbers such as 0.1, 10, 1000 at the decades of a logarithmic axis; with `between` at 2 and 5, too."""
+    """Write numbers such as 0.1, 10, 1000 at the decades of a logarithmic axis; with `between` also at 2 and 5."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if between else (1,), numticks=6 if crowded else 12))
@@ -212,7 +214,7 @@ def _plain(value: float) -> str:
 
 
 def few_numbers(ax: Axes, most: int) -> None:
-    """Limit the intervals between the numbers of x to `most`, and write the numbers without an offset."""
+    """Limit the number of intervals on the x axis to `most`, and write its numbers without an offset."""
     from matplotlib.ticker import MaxNLocator
 
     ax.xaxis.set_major_locator(MaxNLocator(most))
@@ -220,7 +222,7 @@ def few_numbers(ax: Axes, most: int) -> None:
 
 
 def degrees_axis(ax: Axes, low: float, high: float) -> None:
-    """Set ticks at round multiples of degrees, 15 to 720, and end the axis at such ticks."""
+    """Set ticks at round multiples of degrees, 15 to 720, and end the axis at ticks."""
     from matplotlib.ticker import MultipleLocator
 
     step = next((s for s in (15.0, 30.0, 45.0, 90.0, 180.0, 360.0) if (high - low) / s <= 6.0), 720.0)
@@ -229,12 +231,12 @@ def degrees_axis(ax: Axes, low: float, high: float) -> None:
 
 
 def decibel(magnitude: np.ndarray) -> np.ndarray:
-    """20 log10 |x|, with the least positive number in place of zero."""
+    """Return 20 log10 |x|, with the smallest positive number in place of zero."""
     return 20.0 * np.log10(np.maximum(magnitude, np.finfo(float).tiny))
 
 
 def padded(low: float, high: float, part: float = 0.06) -> tuple[float, float]:
-    """Widen a range by a part of its width on both sides; a single value becomes a range around it."""
+    """Widen a range by a share of its width on both sides; a single value becomes a range around it."""
     room = part * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
 
@@ -243,15 +245,16 @@ POINTS = 2000  # more than twice the width of a picture in pixels
 
 
 def envelope(x: np.ndarray, y: np.ndarray, points: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
-    """At most `points` + 2 of the points (x, y), both of shape (n,): per stretch its lowest and highest, in order.
+    """Return at most `points` + 2 of the points (x, y), both of shape (n,): minimum and maximum of each interval, in
+    order.
 
-    First and last point stay.  A short curve is returned unchanged.  No value is invented or averaged, so
-    peaks and limits are where they were.  `points` is at least 2.
+    The first and the last point are kept. A short curve is returned unchanged. No value is interpolated or averaged, so
+    peaks and limits stay where they are. `points` is at least 2.
     """
     n = x.size
     if n <= points:
         return x, y
-    long = -(-n // (points // 2))  # points of a stretch; the last one may be shorter
+    long = -(-n // (points // 2))  # points per interval; the last one may be shorter
     whole = n - n % long
     first = np.arange(0, whole, long)
     rows = y[:whole].reshape(-1, long)

@@ -1,4 +1,4 @@
-"""Plots of tuning and learning: dead time against gain, trials, a prefilter, the estimate of an observer."""
+"""Charts of tuning and learning: gain limits versus dead time, trials, prefilters, observer estimates."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _WORDS = {
 
 
 def trial_chart(trial: Trial) -> Chart:
-    """Following error over set velocity."""
+    """Plot the following error and, below it, the set velocity."""
     error = Curve(*envelope(trial.time, 1e6 * trial.following_error))
     caption = Text(f"RMS {Quantity(trial.rms, 'm')}, peak {Quantity(trial.peak, 'm')}")
     above = Panel(f"following error\n({unit_name('um')})", (error,), share=2.0, caption=caption)
@@ -65,7 +65,7 @@ trial = figure_of(trial_chart)
 
 
 def iteration_chart(iteration: Iteration) -> Chart:
-    """The error of the trial, and below it the error predicted for the next trial with the same reference."""
+    """Plot the error of the trial and the predicted error of the next trial with the same reference."""
     before, after = (Text(f"RMS {Quantity(rms, 'm')}") for rms in (iteration.trial.rms, iteration.predicted_rms))
     time = iteration.trial.time
     errors = (
@@ -80,7 +80,7 @@ iteration = figure_of(iteration_chart)
 
 
 def trials_chart(trials: Trials) -> Chart:
-    """RMS of the error over the trials on a logarithmic scale, and each parameter with its standard error."""
+    """Plot the RMS error over the trials on a logarithmic scale, and each parameter with its standard error."""
     return errors_and_parameters_chart({"": trials})
 
 
@@ -88,7 +88,7 @@ trials = figure_of(trials_chart)
 
 
 def errors_and_parameters_chart(named: Mapping[str, Trials]) -> Chart:
-    """RMS errors of several sets of trials, a curve each, and the parameters of the last set."""
+    """Plot the RMS errors of several sets of trials, one curve each, and the parameters of the last set."""
     last = list(named.values())[-1]
     values, errors = last.parameters(), last.errors()
     top = rms_panel({name: 1e6 * trials.rms for name, trials in named.items()}, "following error\nRMS")
@@ -113,7 +113,7 @@ errors_and_parameters = figure_of(errors_and_parameters_chart)
 
 
 def rms_panel(rows: Mapping[str, np.ndarray], quantity: str) -> Panel:
-    """RMS in µm over the number of the trial, by name, on a logarithmic scale."""
+    """Return a panel of RMS values in µm versus trial number, by name, on a logarithmic scale."""
     curves = tuple(
         Curve(np.arange(1, rms.size + 1, dtype=np.float64), rms, name, i, MARKED)
         for i, (name, rms) in enumerate(rows.items())
@@ -128,7 +128,7 @@ def _velocity(trial: Trial) -> Panel:
 
 
 def prefilter_fit_chart(fit: PrefilterFit, points: int = POINTS) -> Chart:
-    """Above: the error and the part explained by the derivatives. Below: the predicted error."""
+    """Plot the error with the part explained by the derivatives, and below it the predicted error."""
     error, explained, left = (
         envelope(fit.time, 1e6 * values, points) for values in (fit.error, fit.explained, fit.predicted)
     )
@@ -160,7 +160,7 @@ def disturbance_chart(
     true: np.ndarray | None = None,
     window: tuple[float, float] | None = None,
 ) -> Chart:
-    """Estimated disturbances over time in ms, with the true one in gray; `window` is begin and end in s."""
+    """Plot estimated disturbances versus time in ms, with the true one in gray; `window` is start and end in s."""
     chosen = style.named(observations)
     first = next(iter(chosen.values()))
     low, high = window or (float(first.time[0]), float(first.time[-1]))
@@ -179,7 +179,7 @@ disturbance = figure_of(disturbance_chart)
 
 
 def delay_map_chart(maps: DelayMap | Mapping[str, DelayMap]) -> Chart:
-    """The first tunable at the limit of stability and where Ms reaches its bound, over the dead time in samples."""
+    """Plot the first tunable at the stability limit and where Ms reaches its bound, versus dead time in samples."""
     chosen = style.named(maps)
     curves, bands, tunable = list[Curve](), list[Band](), ""
     for i, (name, delay_map) in enumerate(chosen.items()):
@@ -202,7 +202,7 @@ delay_map = figure_of(delay_map_chart)
 
 
 def in_time_chart(rows: Sequence[tuple[str, str, Mapping[str, tuple[np.ndarray, np.ndarray]]]]) -> Chart:
-    """Rows of named curves, each row over its own time: (abscissa, ordinate, {name: (times, values)})."""
+    """Plot rows of named curves, each row over its own time: (abscissa, ordinate, {name: (times, values)})."""
     panels = list[Panel]()
     for abscissa, ordinate, lines in rows:
         curves = tuple(Curve(*envelope(*line), name, i) for i, (name, line) in enumerate(lines.items()))

@@ -1,4 +1,4 @@
-"""Tuning of controls: optimization within robustness limits, and tuning rules."""
+"""Tuning of controls: optimization within robustness limits, and classical tuning rules."""
 
 # written by `make stubs`
 

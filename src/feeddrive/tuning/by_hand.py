@@ -1,4 +1,4 @@
-"""Tuning by hand: the numbers of a control that a person may move, and the loop at all points for any of them."""
+"""Manual tuning: the adjustable parameters of a control, and its loop at all operating points."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from feeddrive.tuning.filters import HIGHEST
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.proof import ROOM
 
-_LARGEST = 1e30  # of a response: figures have its square, pictures are drawn in single precision
-_WIDE = 30.0  # a range reaches from a thirtieth of the value to thirty times it
-_SAFE = ("guard", "force_limit")  # bounds of the machine, not of the loop
+_LARGEST = 1e30  # largest magnitude of a response: figures contain its square, pictures are drawn in single precision
+_WIDE = 30.0  # the range of a parameter is 1/30 to 30 times its value
+_SAFE = ("guard", "force_limit")  # limits of the machine, not of the loop
 
 
 @dataclass(frozen=True)
 class Knob:
-    """One number of a control.
+    """An adjustable parameter of a control.
 
-    name         below the control, such as law.Kv or filters.0.frequency
+    name         dotted name below the control, such as law.Kv or filters.0.frequency
     block        kind of the block that holds it
-    value        today, SI
-    low, high    range in which it is moved, within its bounds
-    logarithmic  whether equal steps are equal factors
+    value        present value, SI
+    low, high    range of adjustment, within the bounds of the parameter
+    logarithmic  True if equal steps are equal factors
     """
 
     name: str
@@ -50,8 +50,8 @@ class Knob:
 
 
 def knobs(control: Control, sample_time: float) -> tuple[Knob, ...]:
-    """Return all numbers of the law, observers, filters, feedforward and compensation, without those of guard and force
-    limit.
+    """Return all adjustable parameters of law, observers, filters, feedforward and compensation, but not those of guard
+    and force limit.
     """
     return tuple(_knobs(control, sample_time))
 
@@ -76,7 +76,7 @@ def _knobs(control: Control, sample_time: float) -> Iterator[Knob]:
 
 
 def _kind(control: Control, name: str) -> str:
-    """Return the kind of the block that holds a number."""
+    """Return the kind of the block that holds a parameter."""
     kind, held = control.kind, cast("Any", control)
     for part in name.split(".")[:-1]:
         held = held[int(part)] if isinstance(held, tuple) else getattr(held, part)
@@ -86,10 +86,10 @@ def _kind(control: Control, name: str) -> str:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A figure against its limit, at the point and frequency with the least margin.
+    """A figure compared with its limit, at the point and frequency with the smallest margin.
 
-    frequency  Hz; None where the figure has none, as the force noise
-    used       share of the limit that is used up: above 1 it is broken
+    frequency  Hz; None for a figure without a frequency, such as the force noise
+    used       share of the limit that is used up: above 1 the limit is exceeded
     """
 
     judged: Judged
@@ -104,7 +104,7 @@ class Verdict:
 
     @property
     def text(self) -> Text:
-        """The figure and the frequency that decides it, in words."""
+        """The figure and its critical frequency, in words."""
         where = "" if self.frequency is None else f" at {Quantity(self.frequency, 'Hz')}"
         return Text(f"{self.judged.text}{where}")
 
@@ -114,9 +114,9 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Look:
-    """A control at one set of values: its figures at each point, and each limit at its worst point.
+    """The evaluation of a control at one set of values: its figures at each point, and each limit at its worst point.
 
-    judged  that which uses most of its limit first
+    judged  verdicts, the limit with the largest used share first
     """
 
     figures: tuple[Figures, ...]
@@ -129,17 +129,17 @@ class Look:
 
     @cached_property
     def leading(self) -> Figures:
-        """The point that decides: an unstable one, else the one that uses most of a limit, else the one with the
-        largest Ms.
+        """The figures at the critical point: an unstable point, else the one that uses the largest share of a limit,
+        else the one with the largest Ms.
         """
         worst = self.judged[0].point if self.judged and self.stable else ""
         return max(self.figures, key=lambda loop: (not loop.stable, loop.point == worst, loop.margins.sensitivity_peak))
 
 
 class ByHand:
-    """A control at operating points, traced once: an evaluation at other values takes some milliseconds.
+    """A control at operating points, traced once, so that an evaluation at other values takes a few milliseconds.
 
-    limits  that are judged at every look; the point that leaves least room leads
+    limits  limits that are judged in every evaluation; they determine the critical point
     """
 
     def __init__(
@@ -160,13 +160,13 @@ class ByHand:
 
     @property
     def values(self) -> dict[str, float]:
-        """The start values by name."""
+        """The start values of all adjustable parameters, by name."""
         return {knob.name: knob.value for knob in self.knobs}
 
     def control(self, values: Mapping[str, float]) -> Control:
         """Return the control with other values.
 
-        Raises ParameterError for one that is unknown, outside of its bounds, or not to be had at a sample time.
+        Raises ParameterError for a parameter that is unknown, out of bounds, or not allowed at a sample time.
         """
         varied = tree.vary(self.start, dict(values))
         for sample_time in self._responses:
@@ -174,9 +174,9 @@ class ByHand:
         return varied
 
     def at(self, values: Mapping[str, float], limits: Limits | None = None) -> Look:
-        """Return the loop at all points, judged by the stored limits or by others.
+        """Evaluate the loop at all points against the stored limits or the given ones.
 
-        Raises ParameterError for a number outside of its bounds, and for a control without a finite response there.
+        Raises ParameterError for a value out of bounds, and for a control whose response is not finite there.
         """
         self.control(values)
         limits = limits or self.limits
@@ -191,10 +191,9 @@ class ByHand:
         return Look(loops, tuple(sorted(worst, key=lambda verdict: -verdict.used)))
 
     def model(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return [A B; c d] of the control at some values, and its slopes to named numbers; None for a law with two
-        rates.
+        """Return [A B; c d] of the control at given values, and its derivatives with respect to the named parameters.
 
-        At the sample time of the first point.
+        The sample time is that of the first point. Return None for a multirate law.
         """
         response = self._responses[self.points[0].sample_time]
         if response.period > 1:
@@ -216,6 +215,6 @@ def _drawable(frf: FRF) -> bool:
 
 
 def _verdicts(limits: Limits, loop: Figures) -> list[Verdict]:
-    """Return the verdict on each limit at one point."""
+    """Return the verdict on each limit at one operating point."""
     judgments = judged(limits, loop, ROOM)
     return [Verdict(one, loop.point, one.limit.declared.where(loop), one.used) for one in judgments]

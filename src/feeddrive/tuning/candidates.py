@@ -1,7 +1,7 @@
-"""Start values for every law that can control an axis, and the reason for each law that cannot.
+"""Start values for every law that can control an axis, and the reasons why other laws cannot.
 
-The laws are those of the catalogue: each computes its own start values (`Law.begin`), and each compensation declares
-with which laws it can be combined (`goes_beside`).
+The laws are those of the catalogue. Each law computes its own start values (`Law.begin`), and each compensation
+declares with which laws it can be combined (`goes_beside`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from feeddrive.learning.iterative_feedforward import begin_compensation
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
-PLAIN = CascadePPI.title  # the law with which all others are compared
+PLAIN = CascadePPI.title  # the reference law of the comparison
 _MOTION = ("acceleration", "velocity")
 
 
@@ -34,10 +34,10 @@ _MOTION = ("acceleration", "velocity")
 class Candidate:
     """A control that can be tuned for an axis.
 
-    like       the candidate whose tuning it takes over, if it differs in the setpoint's path only
-    then       what follows once the law is tuned: its "prefilter" is fitted to the move, its compensator learns in
-               "trials" of it, or its "stops" are learned from a log of slow swings
-    remark     the model of the axis used for it, and the changes to today's control
+    like       the candidate whose tuning it adopts, if the two differ in the setpoint path only
+    then       the step after tuning: the "prefilter" is fitted to the move, the compensator learns in "trials" of it,
+               or the "stops" are learned from a log of slow oscillations
+    remark     the axis model used for it, and the changes to the present control
     """
 
     name: str
@@ -49,14 +49,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A law that cannot control this axis, and why."""
+    """A law that cannot control this axis, and the reason."""
 
     name: str
     reason: str
 
 
 def axis_model(loop: Loop) -> AxisModel:
-    """Return the model of a loop's axis from which every law computes its start values."""
+    """Return the axis model from which every law computes its start values."""
     axis = loop.axis
     mechanics = axis.mechanics()
     along = mechanics.rigid_motion()
@@ -81,19 +81,19 @@ def axis_model(loop: Loop) -> AxisModel:
 
 
 def _reading_noise(loop: Loop) -> float:
-    """Return the standard deviation in m of the reading behind the velocity: quantization, q/√12, and noise."""
+    """Return the standard deviation in m of the reading used for the velocity: quantization, q/√12, plus noise."""
     motor, load = loop.axis.encoder_motor, loop.axis.encoder_load
     first, other = (motor, load) if getattr(loop.control.law, "velocity_encoder", "motor") == "motor" else (load, motor)
     return reading_deviation(other if first is None else first)
 
 
 def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-    """Return every law of the catalogue and every user-defined law on the axis of a loop, P-PI first: those that can be
-    tuned, and those refused.
+    """Return the candidates for the axis of a loop, P-PI first, and the laws that are refused.
 
-    Filters, limit, guard, friction feedforward and the encoder of the velocity are those of the present control.  Each
-    law has feedforward of acceleration and velocity: its own, that of the present control, or else that of the axis's
-    mass and viscous friction, which every law also gets as its model.
+    Every law of the catalogue and every user-defined law is tried. Filters, limit, guard, friction feedforward and
+    velocity encoder are those of the present control. Each law has acceleration and velocity feedforward: its own, that
+    of the present control, or else one from the axis's mass and viscous friction. Every law also gets these two as its
+    axis model.
     """
     axis = axis_model(loop)
     offered: list[Candidate] = []
@@ -119,9 +119,9 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
 
 
 def control_with(loop: Loop, kind: str) -> Control:
-    """Return the control of a loop with another law, by kind, at the start values of its tuning; of several forms the
-    first.
+    """Return the control of a loop with its law replaced by another kind, at the start values for tuning.
 
+    If the law has several forms, the first one is used.
     Raises ParameterError with the reason if the law cannot control the axis.
     """
     axis, law = axis_model(loop), find(Law, kind)
@@ -137,14 +137,14 @@ def control_with(loop: Loop, kind: str) -> Control:
 
 
 def _companions(law: type[Law]) -> tuple[type[Feedforward] | type[Compensation] | type[Prefilter], ...]:
-    """Return the blocks that are combined with a law, in the order of the report."""
+    """Return the blocks that can be combined with a law, in the order of the report."""
     blocks = (*members(Feedforward).values(), *members(Compensation).values(), *members(Prefilter).values())
     return tuple(block for block in blocks if block.goes_beside(law))
 
 
 def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
-    """Return a loop with another law; filters and friction feedforward are kept, terms that the law feeds itself are
-    removed.
+    """Return a loop with another law; keep filters and friction feedforward, and remove terms that the law feeds
+    forward itself.
     """
     law, own = start.law, start.feedforward
     taken = {*law.feeds} if own is None else {*law.feeds, *_MOTION}
@@ -160,7 +160,7 @@ def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
 def _beside(
     base: Candidate, block: type[Feedforward] | type[Compensation] | type[Prefilter], axis: AxisModel
 ) -> Iterator[Candidate | Refusal]:
-    """Yield a candidate with one more block, in each of its forms, or the reason for a refusal."""
+    """Yield a candidate for each form of one additional block, or the reason why it is refused."""
     control, name = base.loop.control, f"{base.name} + {block.title}"
     try:
         if issubclass(block, Prefilter):
@@ -208,7 +208,7 @@ def _learning(loop: Loop, told: Feedforward) -> Loop:
     """Return the loop with a learning compensator that uses the same basis functions as one given the axis's friction
     model.
 
-    Without a basis function for the breakaway friction, which acts where an acceleration begins, the estimated mass
+    Without a basis function for the breakaway friction, which acts at the start of an acceleration, the estimated mass
     absorbs part of it, a different part in each trial.
     """
     if not isinstance(told, DisturbanceCompensator) or told.stribeck is None:
@@ -229,7 +229,7 @@ def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) ->
 
 
 def _without(block: Feedforward, taken: set[str]) -> Feedforward | None:
-    """Return a feedforward block without the terms that are fed forward already; None if no term is left."""
+    """Return a feedforward block without the terms that are already fed forward; None if no term remains."""
     fed = set(block.fed())
     if not fed & taken:
         return block

@@ -1,4 +1,4 @@
-"""Closed-loop responses of a control at an operating point, with their derivatives and their measurement noise."""
+"""Closed-loop responses of a control at an operating point, with their derivatives and measurement variances."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from feeddrive.loop.linearize import StateSpace
 from feeddrive.tuning.control_response import READINGS, Response
 from feeddrive.tuning.operating_point import OperatingPoint
 
-_DEEPEST, _LINES = 1e-3, 40  # of the first line: lower end of the extension, and its number of lines
+_DEEPEST, _LINES = 1e-3, 40  # lower end of the extension as a share of the first line, and its number of lines
 
 
 class Recovery(NamedTuple):
-    """Frequency, compliance and its slope to the tunables, from which a rope-snap error is computed."""
+    """Frequency, compliance and its derivatives with respect to the tunables, for computing the rope-snap error."""
 
     frequency: np.ndarray
     compliance: np.ndarray
@@ -32,13 +32,13 @@ class Recovery(NamedTuple):
 
 
 class Below:
-    """The axis of a point below its first line f₁, as a free mass.
+    """The axis of an operating point below its first line f₁, extrapolated as a free mass.
 
         X_load(f) = X_load(f₁) (f₁/f)²,    X_motor/X_load = 1 + ρ,  ρ(f) = ρ(f₁) (f/f₁)²
         y = X_d (1 + C_motor X_u (ρ_d - ρ_u)) / (1 + L),    L = -X_u (C_motor (1 + ρ_u) + C_load)
 
-    u is the command, d the force on the table.  With integral action y is nearly 1/C, whatever the mass.  So this only
-    reveals a law that takes long to return the axis, and is not used for anything else.
+    u is the command, d the force on the table. With integral action y is nearly 1/C, whatever the mass. The
+    extrapolation therefore serves only to reveal a law with slow recovery from a disturbance.
     """
 
     def __init__(self, point: OperatingPoint) -> None:
@@ -51,7 +51,7 @@ class Below:
         )
 
     def recovery(self, response: Response) -> Recovery:
-        """Return the closed loop of a control whose `response` on these lines is given."""
+        """Return the closed-loop compliance for a control with this `response` on these lines."""
         (C, D), (dC, dD) = response.value, response.slope
         loop = -self.by_force * (C * (1.0 + self.apart_force) + D)
         dloop = -self.by_force[:, None] * (dC * (1.0 + self.apart_force)[:, None] + dD)
@@ -61,14 +61,14 @@ class Below:
         return Recovery(self.frequency, y, (self.by_load * S * twist)[:, None] * dC - (y * S)[:, None] * dloop)
 
 
-# lines for the count of integrators: up to so many times the first one, at least so many
+# lines for counting integrators: up to this multiple of the first one, and at least this number
 _LOWEST, _FEWEST = 2.5, 5
 _SLOW = 30.0  # times the first line: a pole of the control below it counts as an integrator
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The closed loop of a point on its lines, with derivatives (lines, tunables) and variances (lines,).
+    """The closed loop at an operating point on its lines, with derivatives (lines, tunables) and variances (lines,).
 
     below   the compliance below the first line, with the axis as a free mass; None if not needed
     """
@@ -85,7 +85,7 @@ class Answer:
 
     @property
     def frequency(self) -> np.ndarray:
-        """The lines, Hz."""
+        """The frequency lines, Hz."""
         return self.point.frequency
 
     @property
@@ -95,7 +95,7 @@ class Answer:
 
     @property
     def logarithms(self) -> Logarithms:
-        """The loop gain as logarithms."""
+        """The logarithmic form of the loop gain."""
         return self._logarithms
 
     @cached_property
@@ -103,14 +103,14 @@ class Answer:
         return logarithms(self.point.frequency, self.gain)
 
     def readings(self, noise: tuple[float, float]) -> list[Reading]:
-        """Return the responses from the errors of the readings (m RMS) to the force."""
+        """Return the responses from the encoder errors (m RMS) to the force."""
         C, dC = self.response.value, self.response.slope
-        if self.point.ratio is not None and np.all(self.point.ratio[0] == 1.0):  # one encoder gives both readings
+        if self.point.ratio is not None and np.all(self.point.ratio[0] == 1.0):  # a single encoder gives both readings
             return [Reading(C[0] + C[1], dC[0] + dC[1], max(noise))]
         return [Reading(C[k], dC[k], noise[k]) for k in range(2)]
 
     def recovery(self) -> Recovery:
-        """Return frequency, compliance and slope from far below the first line on."""
+        """Return frequency, compliance and its derivatives, extended far below the first line."""
         own = Recovery(self.point.frequency, self.compliance, self.compliance_slope)
         if self.below is None:
             return own
@@ -118,7 +118,10 @@ class Answer:
 
 
 def answer(point: OperatingPoint, response: Response, below: Recovery | None = None) -> Answer:
-    """Return L = -C·X_u and the compliance y = y_d + y_u (C·X_d)/(1 + L), with slopes, and variances to first order."""
+    """Return the closed loop, with derivatives and first-order variances.
+
+    The loop gain is L = -C·X_u, the compliance y = y_d + y_u (C·X_d)/(1 + L).
+    """
     C, dC = response.value, response.slope
     xu, xd = point.by_force, point.by_load
     yu, yd = point.moved
@@ -134,10 +137,10 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
 
 
 def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
-    """Return the variance of Σ factor · reading of one source (0: the command, 1: a force on the table).
+    """Return the variance of Σ factor · reading for one source (0: the command, 1: a force on the table).
 
-    Where the motor's reading is the load's times a ratio, they have a common error; elsewhere they count as
-    independent.
+    Where the motor reading is the load reading times a ratio, their errors are fully correlated; elsewhere they count
+    as independent.
     """
     variance = (point.variance, point.load_variance)[source]
     assert variance is not None
@@ -150,15 +153,16 @@ def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarr
 
 
 def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return the variance of the compliance, by ∂y/∂X_u = C_k y_u back S² + back S (load), ∂y/∂X_d = y_u S C_k + 1
-    (load).
+    """Return the variance of the compliance.
+
+    The derivatives are ∂y/∂X_u = C_k y_u back S² + back S (load) and ∂y/∂X_d = y_u S C_k + 1 (load).
     """
     variance = np.zeros(S.size)
     if point.variance is None:
         return variance
     table = np.array([[0.0], [1.0]])
     yu = point.moved[0]
-    if point.at_drive:  # y = y_u S: all of it comes from one measurement
+    if point.at_drive:  # y = y_u S: a single measurement determines it
         return through(point, 0, table * S + C * (yu * S * S))
     variance = variance + through(point, 0, C * (yu * back * S * S) + table * (back * S))
     if point.load_variance is not None:
@@ -170,19 +174,20 @@ _EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as
 
 
 def unstable(answer: Answer) -> bool:
-    """True if the closed loop is unstable: by its eigenvalues if the axis is a model, else by encirclement of -1."""
+    """Return True if the closed loop is unstable: by eigenvalues if the axis is a model, else by encirclement of -1."""
     axis, samples = answer.point.model, answer.response.samples
     return encircles(answer) if axis is None or samples is None else grows(axis, samples)
 
 
 def grows(axis: StateSpace, samples: np.ndarray) -> bool:
-    """True if an axis and the samples [A B; c d] of a control form an unstable loop, by eigenvalues over a period.
+    """Return True if an axis and a control, given by [A B; c d] of each sample, form an unstable loop.
 
-    From one period to the next, x of the axis and ξ of the control are moved by the product over its samples k of
+    The criterion is the eigenvalues of the transition over one period. This transition of the axis state x and the
+    control state ξ is the product over the samples k of
 
         x ← A x + B (d_k C x + c_k ξ),    ξ ← A_k ξ + B_k C x
 
-    States of the control that the force does not depend on, as an integral with a gain of 0, do not count.
+    Control states that do not affect the force, such as an integrator with zero gain, are ignored.
     """
     samples = _with_effect(samples)
     n, many = samples.shape[1] - 1, axis.A.shape[0]
@@ -191,7 +196,7 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     C = axis.C[read]
     steps = np.zeros((len(samples), many + n, many + n))
     steps[:, many:, :many], steps[:, many:, many:] = samples[:, :n, n:] @ C, samples[:, :n, :n]
-    by_states = np.concatenate([samples[:, n:, n:] @ C, samples[:, n:, :n]], axis=2)  # the force, by states of both
+    by_states = np.concatenate([samples[:, n:, n:] @ C, samples[:, n:, :n]], axis=2)  # the force, from both states
     steps[:, :many] = axis.B[:, [force]] @ by_states
     steps[:, :many, :many] += axis.A
     moved = steps[0]
@@ -203,7 +208,7 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
 
 
 def _with_effect(samples: np.ndarray) -> np.ndarray:
-    """Return the matrices of the control without the states that do not reach the force, its last row."""
+    """Return the matrices of the control without the states that do not affect the force (the last row)."""
     n = samples.shape[1] - 1
     through = np.any(samples[:, :, :n] != 0.0, axis=0)
     reached = through[n]
@@ -217,17 +222,18 @@ def _with_effect(samples: np.ndarray) -> np.ndarray:
 
 
 def encircles(answer: Answer) -> bool:
-    """True if the encirclement of -1 shows an unstable closed loop.
+    """Return True if the encirclement of -1 shows an unstable closed loop.
 
-    For an axis that is stable except for its free motion, the phase φ of 1 + L, followed from Nyquist, where it lies
-    within ±180°, down to the lowest lines, is that of a stable loop if
+    Assume an axis that is stable except for its free motion. The phase φ of 1 + L is unwrapped from Nyquist, where it
+    lies within ±180°, down to the lowest lines. The loop is stable if
 
         |φ + 90° n + 180° P| < 90°,   n = -d ln|1 + L|/d ln f
 
-    n counts the integrators there, 2 for a free mass and 1 for each integral, and P the poles of the control
-    alone that are unstable and faster than these lines.  Each pair of unstable poles of the closed loop adds 360°, one
-    pole or a response of the wrong sign 180°.  A resonance of the control alone near the lowest lines, of which the
-    slope shows only a part, counts as integrators: its poles p are replaced by 1, with 1 + L times (z - p)/(z - 1).
+    n is the number of integrators at low frequencies: 2 for a free mass, and 1 for each integrator. P is the number of
+    unstable poles of the control alone that are faster than these lines. Each pair of unstable closed-loop poles adds
+    360°, a single pole or a response of the wrong sign 180°. A resonance of the control alone near the lowest lines is
+    only partly visible in the slope, so it counts as integrators: its poles p are replaced by 1, by multiplying 1 + L
+    by (z - p)/(z - 1).
     """
     f, values = answer.point.frequency, 1.0 + answer.gain
     slow = answer.response.slow
@@ -250,7 +256,7 @@ def encircles(answer: Answer) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The figures of one control at one point; infinite or 0 where the loop is unstable.
+    """The figures of a control at an operating point; infinite or 0 where the loop is unstable.
 
     deviation  standard deviation of Ms from the variance of the measurement, 0 for a model
     """
@@ -277,7 +283,7 @@ class Figures:
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness: the inverse of the compliance."""
+        """The dynamic stiffness, which is the inverse of the compliance."""
         return self._stiffness
 
     @cached_property
@@ -289,13 +295,13 @@ class Figures:
         return stiffness(self.compliance)
 
     def stiffness_at(self, frequency: float) -> float | None:
-        """Return the dynamic stiffness at a frequency (Hz) in N/m; None where it is not known."""
+        """Return the dynamic stiffness at a frequency (Hz) in N/m; None outside the frequency range."""
         f = self.compliance.frequency
         return self.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
 
 
 def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
-    """Return the figures of a closed loop on all lines of its point."""
+    """Return the figures of a closed loop at all frequency lines of its operating point."""
     point = answer.point
     f, T = point.frequency, point.sample_time
     variance = None if point.variance is None else answer.gain_variance
@@ -323,6 +329,6 @@ DEVIATION = Figure(
 
 @cache
 def reported() -> tuple[Figure, ...]:
-    """Return the figures that a tuning reports, with the standard deviation of Ms after it."""
+    """Return the figures that a tuning reports; the standard deviation of Ms follows Ms."""
     tuned = [figure for figure in catalogue().values() if figure.tuned]
     return tuple(row for figure in tuned for row in ((figure, DEVIATION) if figure == SENSITIVITY_PEAK else (figure,)))

@@ -1,4 +1,6 @@
-"""The frequency response of a control and its slopes to the tunables, by linearizing one traced sample of its code."""
+"""The frequency response of a control and its derivatives with respect to the tunables, by linearizing one traced
+sample.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,9 @@ READINGS = ("reading_motor", "reading_load")
 
 @dataclass(frozen=True, eq=False)
 class TracedControl:
-    """The linear model of a control as nodes of a graph: its entries that are not plain zeros, by row and column.
+    """The linear model of a control as graph nodes: all entries that are not constant zeros, by row and column.
 
-    Rows are the states after a sample and the force, columns the states before it and the two readings.
+    Rows are the states after a sample and the force; columns are the states before it and the two readings.
     """
 
     graph: Graph
@@ -41,7 +43,7 @@ class TracedControl:
     _walks: dict[tuple[str, ...], Walk] = field(default_factory=dict)
 
     def walk(self, tunables: tuple[str, ...]) -> Walk:
-        """Return the evaluator of entries and slopes for a set of tunables; it is kept, with its machine code."""
+        """Return the evaluator of entries and derivatives for a set of tunables; it is cached with its machine code."""
         return self._walks.setdefault(tunables, Walk(self, tunables))
 
 
@@ -49,12 +51,12 @@ _traced: Recent[TracedControl] = Recent(64)
 
 
 def traced_control(control: Control, begun: Any) -> TracedControl:
-    """Return the linear model of one sample of a control in the state `begun`; kept by structure."""
+    """Return the linear model of one sample of a control in the initial state `begun`; cached by structure."""
     return _traced.get(tree.structure(control), lambda: _trace(control, begun))
 
 
 def _trace(control: Control, begun: Any) -> TracedControl:
-    """Trace one sample of the control on symbols, with its forward slopes to states and readings."""
+    """Trace one sample of the control symbolically, with forward derivatives with respect to states and readings."""
     graph = Graph()
 
     def symbol(name: str) -> Number:
@@ -84,10 +86,10 @@ def _trace(control: Control, begun: Any) -> TracedControl:
 
 
 class Walk:
-    """The evaluator of the entries of a traced control and their slopes to tunables.
+    """The evaluator of the entries of a traced control and their derivatives with respect to the tunables.
 
-    The first points of a structure are computed in Python, later ones by machine code of the same graph and of its
-    slopes on symbols, with the same bits: a hundred to a thousand times quicker.
+    The first evaluations of a structure run in Python. Later ones run as machine code of the same graph and its
+    symbolic derivatives, which is bit-identical and 100 to 1000 times faster.
     """
 
     def __init__(self, traced: TracedControl, tunables: tuple[str, ...]) -> None:
@@ -98,10 +100,10 @@ class Walk:
         self._native: tuple[Native, list[str]] | None = None
 
     def at(self, leaves: Mapping[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the entries (points, entries) and slopes to the tunables (points, entries, tunables); empty slopes if
-        not wanted.
+        """Return the entries (points, entries) and their derivatives (points, entries, tunables); no derivatives if not
+        requested.
 
-        leaves  all inputs of the trace by name: numbers, or a number for each point
+        leaves  all inputs of the trace by name: one value each, or one value per point
         """
         self._seen += points
         if not self._possible or self._seen <= PAYS_AFTER:
@@ -131,7 +133,9 @@ class Walk:
         return values, slopes
 
     def _compiled(self) -> tuple[Native, list[str]]:
-        """Return machine code of the entries and of their slopes to each tunable, and the names of its inputs."""
+        """Return the machine code of the entries and their derivatives with respect to each tunable, and the names of
+        its inputs.
+        """
         graph = self.traced.graph
         values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
         ends = [*self._nodes]
@@ -152,7 +156,7 @@ class Walk:
 
 
 def needed(traced: TracedControl) -> list[int]:
-    """Return the indices of the states that depend on a reading and act on the force."""
+    """Return the indices of the states that depend on a reading and affect the force."""
     n = len(traced.states)
     links = {(i, j) for i, j, _ in traced.entries}
     reached = {i for i, j in links if j >= n and i < n}
@@ -164,37 +168,39 @@ def needed(traced: TracedControl) -> list[int]:
 
 
 _SPEED = 0.05  # m/s of the operating point
-_AT_ONE = 1e-5  # of |z|: a pole this near counts as 1, since a double pole is known only to the square root of rounding
-_NEAR = 3  # images on either side of a line that count where the nearest are enough
-_BLOCK = 2**18  # entries of the matrices of all images that are made at once
-Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> readings of motor and load over the command, m/N
+_AT_ONE = 1e-5  # of |z|: a pole this near 1 counts as 1, since a double pole is inaccurate, by √ of the rounding error
+_NEAR = 3  # images on either side of a line that are used where the nearest ones suffice
+_BLOCK = 2**18  # entries of the matrices of all images that are computed in one block
+Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> responses from command to motor and load readings, m/N
 
 
 class Response(NamedTuple):
-    """Force over the two readings, N/m, of shape (2, lines), and its slopes, of shape (2, lines, tunables)."""
+    """The response from the two readings to the force, N/m, shape (2, lines), with derivatives, shape (2, lines,
+    tunables).
+    """
 
     value: np.ndarray
     slope: np.ndarray
-    unstable: np.ndarray  # |ln z|/T in rad/s of each pole of the control itself that is outside of the unit circle
-    rest: np.ndarray | None = None  # det(1 + L) of the images of each line, of a control with two rates
-    period: int = 1  # samples after which the control repeats itself
+    unstable: np.ndarray  # |ln z|/T in rad/s of each pole of the control itself outside the unit circle
+    rest: np.ndarray | None = None  # det(1 + L) of the images of each line, of a multirate control
+    period: int = 1  # period of the control in samples
     samples: np.ndarray | None = None  # [A B; c d] of each sample of a period
-    slow: np.ndarray = np.zeros(0)  # poles of the control itself that oscillate and decay, of a control with one rate
+    slow: np.ndarray = np.zeros(0)  # decaying oscillatory poles of the control itself, if it is single-rate
 
 
 class ControlResponse:
-    """The response of a control on some lines, at any values of its tunables.
+    """The frequency response of a control on given lines, for any values of its tunables.
 
         u = C1 x1 + C2 x2,   C = c (z - A)⁻¹ B + d,   ∂C = w ∂A x + ∂c x + w ∂B + ∂d
         x = (z - A)⁻¹ B,   w = c (z - A)⁻¹,   z = e^(j2πfT)
 
-    A, B, c, d are the slopes of the step to states and readings, and ∂ their slopes to the tunables, both by the
-    forward rules on the law's own lines.  Guard and force limit are left out, and parts that are blended in count as
-    fully active, as in `linearize`.
+    A, B, c, d are the derivatives of the step with respect to states and readings, and ∂ denotes their derivatives with
+    respect to the tunables. Both follow from forward differentiation of the law's own code. Guard and force limit are
+    left out, and parts that are blended in count as fully active, as in `linearize`.
 
-    For a law with a period of N samples it is the response at f while the images f + k/(NT) run round the loop that the
-    same control closes with the axis. With the harmonics C_mk of the lifted control, X the axis and L = -C X (sums over
-    both readings, index 0 the line itself, i and k its images):
+    For a multirate law with a period of N samples, the response at f includes the feedback of the images f + k/(NT)
+    through the loop of the same control and the axis. C_mk are the harmonics of the lifted control, X is the axis, and
+    L = -C X (sums over both readings; index 0 is the line itself, i and k are its images):
 
         C(f) = C₀₀ + C₀ᵢ X R Cᵢ₀,   R = (1 + Lᵢᵢ)⁻¹,   ∂C(f) = [1, C₀ᵢ X R] ∂C [1; X R Cᵢ₀]
 
@@ -230,8 +236,8 @@ class ControlResponse:
             return control.start(control.prepare(self.T), setpoint, before, before, np.float64(self.velocity))
 
     def images(self, axis: Axis | None, frequency: np.ndarray) -> np.ndarray | None:
-        """Return the axis at the images f + k/(NT) of lines in Hz, shape (2, lines, N - 1); None for a law with one
-        rate.
+        """Return the axis response at the images f + k/(NT) of lines in Hz, shape (2, lines, N - 1); None for a
+        single-rate law.
         """
         if self.period == 1 or axis is None:
             return None
@@ -242,9 +248,10 @@ class ControlResponse:
         return np.where(beyond, np.conj(response), response)
 
     def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return [A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables).
+        """Return [A B; c d] of shape (n + 1, n + 2) at values of the tunables, and its derivatives (n + 1, n + 2,
+        tunables).
 
-        For a law with two rates they are those of the first sample of a period.
+        For a multirate law they are those of the first sample of a period.
         """
         matrices, slopes = self._matrices(self._leaves([*map(np.float64, values)]), 1, with_slopes=True)
         if not self._has_slopes:  # once: the operating point is the same for all values
@@ -253,7 +260,7 @@ class ControlResponse:
         return matrices[0], slopes[0]
 
     def _matrices(self, leaves: dict[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return [A B; c d] of some points, and slopes; empty slopes if not wanted."""
+        """Return [A B; c d] at several points, and its derivatives; no derivatives if not requested."""
         values, changes = self._walk.at(leaves, points, with_slopes=with_slopes)
         n, (rows, columns, _) = len(self._traced.states), zip(*self._traced.entries, strict=True)
         matrices, slopes = np.zeros((points, n + 1, n + 2)), np.zeros((points, n + 1, n + 2, changes.shape[2]))
@@ -262,7 +269,7 @@ class ControlResponse:
         return matrices[:, keep][:, :, wide], slopes[:, keep][:, :, wide]
 
     def _require_slopes(self, values: Sequence[float] | np.ndarray) -> None:
-        """Raise NoSlopeError, with the line of the law, if a missing slope makes the model infinite or NaN."""
+        """Raise NoSlopeError, citing the line of the law, if a missing derivative makes the model infinite or NaN."""
         traced, columns = self._traced, [*(f"state.{name}" for name in self._traced.states), *READINGS]
         ends, eye = [*traced.after, traced.force], np.eye(len(columns))
         numbers = node_values(traced.graph, ends, self._leaves([*map(np.float64, values)]))
@@ -271,12 +278,14 @@ class ControlResponse:
         require_slopes(traced.graph, ends, numbers, seeds, seeds, {self.control.law.kind})
 
     def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return `model` of all samples of a period in one evaluation: (N, n + 1, n + 2), and slopes if wanted."""
+        """Return `model` for all samples of a period in one evaluation: (N, n + 1, n + 2), with derivatives if
+        requested.
+        """
         leaves = self._leaves([*map(np.float64, values)]) | self._followed()
         return self._matrices(leaves, self.period, with_slopes=with_slopes)
 
     def _followed(self) -> dict[str, np.ndarray]:
-        """Return the states before each sample of a period: they differ in their place within the period only."""
+        """Return the states before each sample of a period, which differ only in their position within the period."""
         if self._states is None:
             traced, leaves = (
                 self._traced,
@@ -293,11 +302,13 @@ class ControlResponse:
         return self._states
 
     def models(self, values: np.ndarray) -> np.ndarray:
-        """Return [A B; c d] at many values of the tunables (points, tunables) in one evaluation, without slopes."""
+        """Return [A B; c d] at many values of the tunables (points, tunables) in one evaluation, without
+        derivatives.
+        """
         return self._matrices(self._leaves([*values.T]), len(values), with_slopes=False)[0]
 
     def _leaves(self, values: Sequence[Any]) -> dict[str, Any]:
-        """Return all inputs of the trace, with the tunables as numbers or as arrays of one length."""
+        """Return all inputs of the trace, with the tunables as numbers or as arrays of equal length."""
         return {
             **dict(tree.leaves(self.control)),
             **dict(zip(self.tunables, values, strict=True)),
@@ -310,12 +321,12 @@ class ControlResponse:
         }
 
     def _kept(self) -> tuple[list[int], list[int]]:
-        """Return rows and columns of a model without the states that have no effect."""
+        """Return the rows and columns of a model without the states that have no effect."""
         n = len(self._traced.states)
         return [*self._live, n], [*self._live, n, n + 1]
 
     def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
-        """True if the control has a pole at z = 1: it then compensates a constant force completely."""
+        """Return True if the control has a pole at z = 1 and so rejects a constant force completely."""
         product = np.eye(len(self._live))
         for matrix in self.model(values)[:1] if self.period == 1 else self._samples(values, with_slopes=False)[0]:
             product = matrix[:-1, :-2] @ product
@@ -331,19 +342,22 @@ class ControlResponse:
         near: bool = False,
         slopes: bool = True,
     ) -> Response:
-        """Return the response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite.
+        """Return the response and its derivatives on lines in Hz up to Nyquist. Raises ParameterError if it is not
+        finite.
 
-        images  of the axis on these lines (`images`), for a law with two rates; without them its images are not closed
-                by an axis, which makes no difference far below its own rate
-        near    with the nearest images alone, for a law with two rates
-        slopes  False: without them, for a law with two rates
+        images  axis response at the images of these lines (`images`), for a multirate law; without it the image loops
+                are open, which makes no difference far below the law's slow rate
+        near    True to use the nearest images only, for a multirate law
+        slopes  False to omit the derivatives, for a multirate law
         """
         if self.period > 1:
             return self._over_a_period(values, frequency, images, near, slopes)
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
-        """Return the response of one of `models` on lines in Hz, without slopes. Raises ParameterError as `at` does."""
+        """Return the response of one of `models` on lines in Hz, without derivatives. Raises ParameterError as `at`
+        does.
+        """
         return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def _over_a_period(
@@ -354,7 +368,7 @@ class ControlResponse:
         near: bool,
         with_slopes: bool,
     ) -> Response:
-        """Compute `at` for a law with two rates, in blocks of lines."""
+        """Compute `at` for a multirate law, in blocks of lines."""
         big, slopes, samples = self._kept_lifted(values, with_slopes)
         N, n = self.period, big.shape[0] - self.period
         if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
@@ -384,7 +398,7 @@ class ControlResponse:
     def _kept_lifted(
         self, values: Sequence[float] | np.ndarray, with_slopes: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return `_lifted`, cached: the lines of the goal and those below them ask for it in turn."""
+        """Return the cached result of `_lifted`: the lines of the goal and those below them request it in turn."""
         key = (np.asarray(values, float).tobytes(), with_slopes)
         if self._last is None or self._last[0] != key:
             self._last = key, self._lifted(values, with_slopes)
@@ -393,10 +407,10 @@ class ControlResponse:
     def _lifted(
         self, values: Sequence[float] | np.ndarray, with_slopes: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return [A B; C D] from period to period: states and forces of all samples over states and readings of all
-        samples.
+        """Return the lifted model [A B; C D] over one period.
 
-        Its slopes follow by the product rule, sample by sample.  The third result is the model of each sample.
+        Its outputs are the states and the forces of all samples, its inputs the states and the readings of all samples.
+        The derivatives follow by the product rule, sample by sample. The third result is the model of each sample.
         """
         N, n, count = self.period, len(self._live), len(self.tunables) if with_slopes else 0
         through, moved = np.eye(n, n + 2 * N), np.zeros((n, n + 2 * N, count))
@@ -417,7 +431,9 @@ class ControlResponse:
 
 
 def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
-    """Return the response of a linear model [A B; c d] of a control, and its slopes, on lines z."""
+    """Return the response of a linear model [A B; c d] of a control, and its derivatives, at points z of the unit
+    circle.
+    """
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
         raise ParameterError("the linear model of the control holds numbers that are not finite")
     n = matrix.shape[0] - 1
@@ -440,8 +456,9 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
 def _closed_by(
     big: np.ndarray, slopes: np.ndarray, turns: np.ndarray, cycles: np.ndarray, axis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return C(f) and its slopes, with the axis closed at the images, and det(1 + L) of the images; `cycles` is f T of
-    the lines.
+    """Return C(f) and its derivatives with the image loops closed by the axis, and det(1 + L) of the images.
+
+    `cycles` is f T of the lines.
     """
     lines, N, many = *turns.shape[:2], slopes.shape[2]
     n, K = big.shape[0] - N, axis.shape[2]

@@ -1,4 +1,4 @@
-"""Goal and limits of a tuning: values, slopes and uncertainties at every operating point."""
+"""Goal and limits of a tuning: values, derivatives and uncertainties at every operating point."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ class Limits:
     """Limits of a tuned loop, at every operating point: `Limits(sensitivity_peak=1.7, gain_margin_dB=6.0)`.
 
     limits         in the order of the catalogue of figures
-    reading_noise  errors of the two readings, white, m RMS, from which the force noise follows
-    snap_force     N: a step of this force on the table must not drive the command to its limit, in the proof's run
+    reading_noise  white noise of the two readings, m RMS, from which the force noise is computed
+    snap_force     N: in the simulation run of the proof, a force step of this size on the table must not saturate the
+                   command
 
-    The bounds are given by the keys of figures (`figures.limitable`), in SI, or as `Limit`s. A figure with a usual
-    limit has it unless another one or None is given: `sensitivity_peak=None`.
-    Raises ParameterError for a figure that no tuning can limit, and for a bound out of its range.
+    The bounds are given by the keys of figures (`figures.limitable`), in SI, or as `Limit`s. A figure with a default
+    limit keeps it unless it is replaced or removed: `sensitivity_peak=None`.
+    Raises ParameterError for a figure that no tuning can limit, and for a bound out of range.
     """
 
     limits: tuple[Limit, ...]
@@ -65,7 +66,7 @@ class Limits:
         object.__setattr__(self, "snap_force", snap_force)
 
     def limit(self, figure: Figure) -> Limit | None:
-        """Return the limit of a figure; None if it has none."""
+        """Return the limit of a figure; None if there is none."""
         return next((limit for limit in self.limits if limit.figure == figure), None)
 
     def bound(self, figure: Figure) -> float | None:
@@ -74,14 +75,14 @@ class Limits:
         return None if limit is None else limit.bound
 
     def having(self, *limits: Limit, reading_noise: tuple[float, float] | None = None) -> Limits:
-        """Return these limits, with others replacing those of the same figures."""
+        """Return these limits, with the given ones replacing those of the same figures."""
         bounds: dict[str, float | None] = {figure.key: self.bound(figure) for figure in limitable()}
         bounds |= {limit.figure.key: limit.bound for limit in limits}
         noise = self.reading_noise if reading_noise is None else reading_noise
         return Limits((), reading_noise=noise, snap_force=self.snap_force, **bounds)
 
     def eased(self, figure: Figure, factor: float) -> Limits:
-        """Return the same limits, with that of one figure relaxed by a factor."""
+        """Return these limits with the limit of one figure relaxed by a factor."""
         limit = self.limit(figure)
         return self if limit is None else self.having(limit.eased(factor))
 
@@ -99,9 +100,9 @@ class Limits:
 
 
 class Judged(NamedTuple):
-    """A figure of a loop against its limit.
+    """A figure of a loop compared with its limit.
 
-    value  in SI; None if it does not occur, such as a margin without a crossover: it then keeps every limit
+    value  in SI; None if the figure does not exist, such as a margin without a crossover: every limit is then kept
     """
 
     limit: Limit
@@ -110,12 +111,12 @@ class Judged(NamedTuple):
 
     @property
     def figure(self) -> Figure:
-        """The figure that is limited."""
+        """The limited figure."""
         return self.limit.figure
 
     @property
     def used(self) -> float:
-        """The share of its limit that the figure uses: above 1 it exceeds the limit; 0 if the figure does not occur."""
+        """The share of its limit that the figure uses: above 1 it exceeds the limit; 0 if the figure does not exist."""
         return self.limit.used(self.value)
 
     @property
@@ -130,10 +131,10 @@ class Judged(NamedTuple):
 
 
 def judged(limits: Limits, loop: JudgedLoop, room: float) -> tuple[Judged, ...]:
-    """Return the figures of a stable loop against each limit, with `room` as tolerance, a share of the limit.
+    """Compare the figures of a stable loop with each limit; `room` is the tolerance as a share of the limit.
 
-    A force noise that is not known is not checked.  A phase margin counts by its size: in a stable loop a negative one
-    says that L passes -1 on its other side, as near as a positive one.
+    An unknown force noise is not checked. A phase margin counts by its absolute value: in a stable loop a negative one
+    means that L passes -1 on the other side, equally close.
     """
     values = ((limit, limit.figure.read(loop)) for limit in limits.limits)
     return tuple(
@@ -147,9 +148,10 @@ NOTCH = "notch"  # the bound that prevents a notch from amplifying
 
 
 class Bound(NamedTuple):
-    """One bound at one frequency of one point: its slack, slope, and standard deviation from the measurement.
+    """A bound at one frequency of one operating point: its slack, derivatives, and standard deviation from the
+    measurement.
 
-    figure  what is limited; None for the bound that a notch attenuates
+    figure  the limited figure; None for the bound that keeps a notch attenuating
     """
 
     figure: Figure | None
@@ -167,7 +169,9 @@ class Bound(NamedTuple):
 
 
 def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
-    """Return all bounds of a point that are close to violation; without slopes only the closest along the lines."""
+    """Return all bounds of a point that are close to violation; without derivatives, only the closest along the
+    lines.
+    """
     bounds: list[tuple[tuple[int, int], Bound]] = []
     for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
         assert figure.limit is not None
@@ -180,8 +184,9 @@ def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
-    """Return the bounds that keep a notch attenuating: damping_zero <= damping_pole, at the logarithms x of the
-    tunables.
+    """Return the bounds that keep a notch attenuating: damping_zero <= damping_pole.
+
+    x holds the logarithms of the tunables.
     """
     bounds: list[Bound] = []
     for i, block in enumerate(control.filters):
@@ -200,16 +205,16 @@ def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarra
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
-_FEWEST = 50  # lines that are left at least where every so many are taken
+_FEWEST = 50  # least number of lines that remain after decimation
 
 
 def some(lines: np.ndarray, every: int) -> np.ndarray:
-    """Return every `every`-th line and the last one, if enough are left; else all."""
+    """Return every `every`-th line and the last one if enough lines remain, else all lines."""
     return np.union1d(lines[::every], lines[-1:]) if lines.size >= every * _FEWEST else lines
 
 
 class Evaluation(NamedTuple):
-    """Stability, the goal of each point (lower is better) with its slope, and the bounds."""
+    """Stability, the goal at each point (lower is better) with its derivatives, and the bounds."""
 
     stable: bool
     goal: np.ndarray  # (points,)
@@ -219,11 +224,10 @@ class Evaluation(NamedTuple):
 
 
 class Criteria:
-    """Evaluates goal and limits of a control at all operating points.
+    """The evaluation of goal and limits of a control at all operating points.
 
     goal  a figure with a `Goal`
-
-    near  for a control with two rates: only the nearest images count, for a search that is not the last one
+    near  for a multirate control: use the nearest images only, in all searches but the last
     """
 
     def __init__(
@@ -253,14 +257,14 @@ class Criteria:
         return len(self._known)
 
     def answers(self, x: np.ndarray) -> list[Answer]:
-        """Return the closed loops at logarithms of the tunables; slopes are to the logarithms."""
+        """Return the closed loops at logarithms of the tunables; derivatives are with respect to the logarithms."""
         values = np.exp(x)
         if self.control.period > 1:
             return self._of_two_rates(values)
         return self._answers(self.control.at(values, self._lines), values)
 
     def _of_two_rates(self, values: np.ndarray, *, look: bool = False) -> list[Answer]:
-        """Return the closed loops of a control with two rates, whose response depends on the axis as well."""
+        """Return the closed loops of a multirate control, whose response depends on the axis as well."""
 
         def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
             over_a_period = self.control.at(values, frequency, images, near=self.near, slopes=not look)
@@ -272,7 +276,7 @@ class Criteria:
         ]
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
-        """Return the closed loops of a control whose response on all lines is given."""
+        """Return the closed loops for a given response of the control on all lines."""
         parts = [
             whole._replace(value=whole.value[:, place], slope=whole.slope[:, place] * values) for place in self._places
         ]
@@ -282,10 +286,10 @@ class Criteria:
         ]
 
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
-        """Yield the figures at many points (points, tunables), without slopes; None where there are none.
+        """Yield the evaluation at many points (points, tunables) without derivatives; None where it fails.
 
-        The control is evaluated once for all of them, so that a point costs a fraction of a step of the search.  With
-        two rates each point is evaluated separately, on every fourth line and with the nearest images.
+        A single-rate control is evaluated once for all of them, so that a point costs a fraction of a search step. A
+        multirate control is evaluated separately at each point, on every fourth line and with the nearest images.
         """
         if self.control.period > 1:
             every = 2 if self.near else 4
@@ -312,14 +316,14 @@ class Criteria:
                 yield None
 
     def __call__(self, x: np.ndarray) -> Evaluation:
-        """Return the figures at a point; repeated calls are answered from memory."""
+        """Return the evaluation at a point; results are cached."""
         key = np.asarray(x, float).tobytes()
         if key not in self._known:
             self._known[key] = self.judged(x, self.answers(x))
         return self._known[key]
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
-        """Return goal and bounds of closed loops."""
+        """Return goal and bounds of the given closed loops."""
         stable = not any(unstable(loop) for loop in answers)
         goals = [self._goal(loop) for loop in answers]
         bounds: list[Bound] = []
@@ -336,10 +340,10 @@ class Criteria:
         )
 
     def _goal(self, loop: Answer) -> Slope:
-        """Return the logarithm of the quantity to minimize, its slope, and the Gauss-Newton part of its curvature.
+        """Return the logarithm of the quantity to minimize, its derivatives, and the Gauss-Newton part of its Hessian.
 
-        A goal that does not measure how long the axis takes to return would sacrifice the position gain for a
-        negligible benefit. So a fiftieth of the rope-snap error is added to it.
+        A goal that does not measure the recovery time of the axis would sacrifice the position gain for a negligible
+        benefit. Therefore the rope-snap error is added with a weight of 1/50.
         """
         own = self._declared.slope(loop, self.band)
         if self._declared.returns:
@@ -351,21 +355,21 @@ class Criteria:
 
 
 def _to_logarithms(response: Response, values: np.ndarray) -> Response:
-    """Return the response with slopes to the logarithms of the tunables."""
+    """Return the response with derivatives with respect to the logarithms of the tunables."""
     return response._replace(slope=response.slope * values)
 
 
 _TOGETHER = 0.15  # of ln f: bounds nearer than this at one point share their noise and count once
-_POOR = 0.5  # of the distance to -1: largest part that the noise may take
-_BEYOND = 3.0  # times the crossover: up to this frequency the measurement must be accurate
+_POOR = 0.5  # largest share of the distance to -1 that the noise may take up
+_BEYOND = 3.0  # multiple of the crossover up to which the measurement must be accurate
 _LOW = 0.3  # largest |L| at the last line
-_BEFORE = 2.0  # times the first line: lower limit of the lowest crossover
+_BEFORE = 2.0  # multiple of the first line: lower limit of the lowest crossover
 _GAP = 1.6  # ratio of two neighboring lines around a crossover
 
 
 def distances(bounds: Sequence[Bound]) -> np.ndarray:
-    """Return slack over standard deviation of each independent bound: of neighboring frequencies only the closest
-    bound.
+    """Return the ratio of slack to standard deviation of each independent bound; of neighboring frequencies, only the
+    closest bound counts.
     """
     left = sorted((b for b in bounds if b.deviation > 0.0), key=lambda b: b.slack / b.deviation)
     kept: list[Bound] = []
@@ -383,14 +387,16 @@ def chance(bounds: Sequence[Bound]) -> float:
 
 
 def _all_below(deviations: np.ndarray) -> float:
-    """Return the probability that independent standard normal numbers are each below the given ones."""
+    """Return the probability that independent standard normal variables are each below the given values."""
     from scipy.special import ndtr
 
     return float(np.prod(ndtr(deviations)))
 
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
-    """Return the number of standard deviations, instead of `sure`, with which all bounds hold at the confidence."""
+    """Return the number of standard deviations, in place of `sure`, at which all bounds hold with the given
+    confidence.
+    """
     separate = distances(bounds)
     if not separate.size:
         return sure
@@ -410,9 +416,9 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
 def require_covered(answers: Sequence[Answer]) -> None:
     """Raise NotIdentifiableError, naming the band, if lines that a tuning needs are missing.
 
-    Below: the lowest crossover must lie above twice the first line.  Around it, from half to twice, two lines
-    may not be further apart than a factor 1.6.  Above: the loop gain must have fallen to 0.3 at the last line, unless
-    the lines go up to three times the highest crossover, or nearly to half the sample rate.
+    Below: the lowest crossover must lie above twice the first line. Around it: between half and twice its frequency,
+    neighboring lines may not be further apart than a factor of 1.6. Above: the loop gain must have fallen to 0.3 at the
+    last line, unless the lines extend to three times the highest crossover, or nearly to half the sample rate.
     """
     for loop in answers:
         f, size, point = loop.point.frequency, np.abs(loop.gain), loop.point
@@ -445,7 +451,7 @@ def require_covered(answers: Sequence[Answer]) -> None:
 def require_good(answers: Sequence[Answer], sure: float) -> None:
     """Raise NotIdentifiableError, naming the band, if the noise is too large for a tuning.
 
-    Evaluation up to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
+    The check extends to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
     """
     for loop in answers:
         f, L, point = loop.point.frequency, loop.gain, loop.point

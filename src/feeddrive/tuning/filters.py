@@ -1,4 +1,6 @@
-"""Filters by hand: start values for the loop, response, differences of two packs, and grips on the loop gain."""
+"""Manual filter design: start values for the loop, frequency response, differences of two filter lists, and drag
+handles.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +27,13 @@ from feeddrive.loop.control import Control
 
 B = TypeVar("B", bound=Block)
 HIGHEST_FILTER = 0.45  # of the sample rate: upper limit of filter frequencies that are chosen or searched
-HIGHEST = 0.49  # of the sample rate: of any frequency that is moved
-_RISE = 3.0  # dB by which a resonance stands out of the loop gain below it
-_AROUND = 1.1  # factor of the frequency of a resonance within which it counts
-_BEYOND = 3.0  # times the crossover: where a filter begins if nothing stands out
-_COSTS = 10.0  # degrees of phase at the crossover that a filter may take to begin with
+HIGHEST = 0.49  # of the sample rate: upper limit of a dragged frequency
+_RISE = 3.0  # dB by which a resonance must rise above the loop gain below it
+_AROUND = 1.1  # half width of a resonance, as a factor of its frequency
+_BEYOND = 3.0  # multiple of the crossover at which a filter starts if there is no resonance
+_COSTS = 10.0  # largest phase lag in degrees of a new filter at the crossover
 _PASSES = 0.5  # gain near half the sample rate below which a filter is a low-pass
-_MOST_NARROWED = 10.0  # times narrower than by default
+_MOST_NARROWED = 10.0  # largest factor by which a filter is narrowed from its default
 _HALVINGS = 20
 
 
@@ -41,22 +43,24 @@ def filter_kinds() -> tuple[str, ...]:
 
 
 def written_filter(block: Filter) -> str:
-    """Return a filter in the syntax of the command line: notch:frequency=164.0,damping_zero=0.05,damping_pole=0.5."""
+    """Return a filter in command-line syntax: notch:frequency=164.0,damping_zero=0.05,damping_pole=0.5."""
     return f"{block.kind}:{','.join(f'{name}={value!r}' for name, value in tree.leaves(block))}"
 
 
 def read_filter(text: str) -> Filter:
-    """Return the filter of a text in the syntax of `written_filter`, in SI; omitted fields have their defaults.
+    """Parse a filter in the syntax of `written_filter`, in SI; omitted fields take their defaults.
 
-    Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
+    Raises ParameterError for an unknown kind or field, a missing field, a value that is not a number, and a value out
+    of bounds.
     """
     return read_block(Filter, text)  # type: ignore[type-abstract]
 
 
 def read_block(family: type[B], text: str) -> B:
-    """Return a block of a family from the syntax of the command line, its numbers in SI: cascade_ppi:Kv=38,Kp=9e4.
+    """Parse a block of a family in command-line syntax, with values in SI: cascade_ppi:Kv=38,Kp=9e4.
 
-    Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
+    Raises ParameterError for an unknown kind or field, a missing field, a value that is not a number, and a value out
+    of bounds.
     """
     kind, _, rest = text.partition(":")
     block_type: type[Any] = find(family, kind.strip())
@@ -84,7 +88,7 @@ def read_block(family: type[B], text: str) -> B:
 
 
 def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) -> np.ndarray:
-    """Return the gain of a filter on lines in Hz, from its own step: H = c (z - A)⁻¹ b + d, z = e^(j2πfT)."""
+    """Return the complex gain of a filter on lines in Hz, from its own step: H = c (z - A)⁻¹ b + d, z = e^(j2πfT)."""
     prepared = block.prepare(sample_time)
     rest = block.start(prepared, 0.0)
     count = sum(1 for _ in tree.leaves(rest))
@@ -102,15 +106,15 @@ def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) ->
 
 
 def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None = None) -> Filter:
-    """Return a filter with start values for a loop gain: at a frequency in Hz, or where it is likely to be needed.
+    """Return a filter with start values for a loop gain, at a frequency in Hz or where it is likely to be needed.
 
-    A filter that passes high frequencies begins at the resonance beyond the crossover that brings the loop nearest to
-    -1, of those that stand out of the loop gain by 3 dB; without one at three times the crossover.  Where it would take
-    more than 10° of the phase at the crossover it begins narrower: all its damping ratios smaller by a common factor.
-    A low-pass begins at the lowest frequency at which it takes no more than 10°.  Never above 0.45 times the sample
-    rate.
+    A filter that passes high frequencies starts at a resonance beyond the crossover: of the resonances that rise at
+    least 3 dB above the loop gain around them, the one that comes closest to -1. Without such a resonance it starts at
+    three times the crossover. If its phase lag at the crossover exceeds 10°, it starts narrower: all its damping ratios
+    are reduced by a common factor. A low-pass starts at the lowest frequency at which its phase lag is at most 10°. No
+    filter starts above 0.45 times the sample rate.
 
-    Raises ParameterError for a filter with a number that is neither a frequency nor has a default.
+    Raises ParameterError for a filter with a parameter that is neither a frequency nor has a default.
     """
     filter_type: type[Any] = find(Filter, kind)  # type: ignore[type-abstract]
     highest = HIGHEST_FILTER / sample_time
@@ -148,8 +152,8 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
 
 
 def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the smallest admissible value from low to high, if admissibility rises with the value; the highest if none
-    is.
+    """Return the smallest admissible value from low to high, where all values above an admissible one are admissible;
+    high if none is.
     """
     if admits(low):
         return low
@@ -161,7 +165,7 @@ def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
 
 def _resonance(loop: Margins, crossover: float) -> float:
     """Return the frequency in Hz of the peak of |L| beyond its crossover that comes closest to -1."""
-    from scipy.signal import find_peaks  # not with every command
+    from scipy.signal import find_peaks  # slow to import and not needed by every command
 
     beyond = loop.loop_gain.frequency > crossover
     f, L = loop.loop_gain.frequency[beyond], loop.loop_gain.response[beyond]
@@ -175,11 +179,11 @@ def _resonance(loop: Margins, crossover: float) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """The edits from one control to another: filters removed by index, others appended, then numbers set.
+    """The edits from one control to another: filters removed by index, others appended, then parameters set.
 
-    removed  places in the old pack
-    added    behind those that are left
-    values   below the control with the new pack: numbers that are others now
+    removed  indices in the old filter list
+    added    filters appended to the remaining ones
+    values   changed parameters, by dotted name below the control with the new filter list
     """
 
     removed: tuple[int, ...]
@@ -188,14 +192,14 @@ class Difference:
 
     @property
     def nothing(self) -> bool:
-        """True if the controls are equal."""
+        """True if the two controls are identical."""
         return not (self.removed or self.added or self.values)
 
 
 def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filter]) -> Control:
-    """Return the control without the filters at some indices of its pack, and with others appended.
+    """Return the control without the filters at some indices of its list, and with others appended.
 
-    Raises ParameterError for a place that there is not.
+    Raises ParameterError for an index that does not exist.
     """
     for place in removed:
         if not 0 <= place < len(control.filters):
@@ -206,9 +210,9 @@ def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filte
 
 
 def difference(before: Control, after: Control) -> Difference | None:
-    """Return the edits from one control to another; None if they differ in more than filters and numbers.
+    """Return the edits from one control to another; None if they differ in more than filters and parameters.
 
-    Which filters stay is that of `aligned`.
+    `aligned` decides which filters are kept.
     """
     kept = aligned(before.filters, after.filters)
     removed = tuple(i for i in range(len(before.filters)) if i not in kept)
@@ -226,8 +230,9 @@ def _same_tables(one: Any, other: Any) -> bool:
 
 
 def aligned(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...]:
-    """Return the indices of the old blocks that stay, in order, and become the first of the new ones: as many as
-    possible, and among these the choice with the fewest changed numbers.
+    """Return the indices of the old blocks to keep, in order; they become the first of the new blocks.
+
+    As many as possible are kept, with the fewest changed parameters.
     """
     ways = (_kept(before, after[:count]) for count in range(len(after), 0, -1))
     return next((way for way in ways if way is not None), ())
@@ -235,7 +240,7 @@ def aligned(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...]:
 
 def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | None:
     """Return the indices of the old blocks that become all the new ones, in order; None if that is impossible."""
-    best: dict[int, tuple[int, tuple[int, ...]]] = {0: (0, ())}  # numbers that differ and places, by how many are done
+    best: dict[int, tuple[int, tuple[int, ...]]] = {0: (0, ())}  # cost and indices, by count of matched blocks
     for i, old in enumerate(before):
         for done in sorted(best, reverse=True):
             if done < len(after) and tree.structure(old) == tree.structure(after[done]):
@@ -248,14 +253,16 @@ def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | 
 
 
 WIDTH = "width"
-_LEAST_DAMPING, _MOST_DAMPING = 1e-3, 10.0  # of a damping ratio that is dragged
-_NARROWEST, _WIDEST = 0.005, 1.5  # of the damping ratio of a notch's poles
-_LOWEST_DRAWN = -60.0  # dB: no place is drawn below it
-_ACROSS, _UP = 1.02, 0.5  # a step of a key: a factor of the frequency, dB
+_LEAST_DAMPING, _MOST_DAMPING = 1e-3, 10.0  # range of a dragged damping ratio
+_NARROWEST, _WIDEST = 0.005, 1.5  # range of the damping ratio of a notch's poles
+_LOWEST_DRAWN = -60.0  # dB: nothing is drawn below it
+_ACROSS, _UP = 1.02, 0.5  # step of an arrow key: a factor of the frequency, and dB
 
 
 class _Height(NamedTuple):
-    """A damping ratio that sets the gain of its filter at one of its frequencies, in proportion or inversely."""
+    """A damping ratio that determines the gain of its filter at a characteristic frequency, proportionally or
+    inversely.
+    """
 
     damping: str
     rising: bool
@@ -271,12 +278,12 @@ _HEIGHTS: Mapping[tuple[type[Filter], str], _Height] = {
 
 @dataclass(frozen=True)
 class Grip:
-    """A draggable point of a filter on the open loop gain.
+    """A drag handle of a filter on the open-loop gain.
 
     name   filters.0.frequency, or filters.0.width for the edge of a notch
-    x, y   Hz, and dB on |L|; of a width on |L| at the middle of the notch
-    low, high  between which x may lie, Hz
-    label  what it moves
+    x, y   Hz, and dB on |L|; for a width, on |L| at the center of the notch
+    low, high  range of x, Hz
+    label  what the handle changes
     text   its value in words
     """
 
@@ -290,9 +297,10 @@ class Grip:
 
 
 def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[Grip, ...]:
-    """Return all grips of the filter pack on a loop gain: each frequency of a filter, and the upper edge of a notch.
+    """Return all drag handles of the filters on a loop gain: one for each filter frequency, and one for the upper edge
+    of a notch.
 
-    The edge lies where a notch that is deep attenuates by 3 dB, at f (ζ + √(1 + ζ²)) with ζ its damping_pole.
+    The edge lies where a deep notch attenuates by 3 dB, at f (ζ + √(1 + ζ²)) with ζ its damping_pole.
     """
     grips, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time)
     for i, block in enumerate(control.filters):
@@ -325,12 +333,12 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
 def filter_dragged(
     control: Control, name: str, x: float, y: float | None, loop: Margins, sample_time: float
 ) -> dict[str, float]:
-    """Return the numbers of a filter whose grip is dragged to a frequency in Hz and a height on |L| in dB; None keeps
-    the depth.
+    """Return the parameters of a filter whose handle is dragged to a frequency in Hz and a height on |L| in dB; None
+    keeps the depth.
 
-    loop is that of the control.  The loop gain at the grip is y afterwards, as far as the damping ratios go: a notch
-    attenuates, from 0 to 60 dB.  The width of a notch changes both of its damping ratios, and not its depth.
-    Raises ParameterError for a grip that there is not.
+    loop is that of the control. Afterwards the loop gain at the handle is y, as far as the damping ratios allow: a
+    notch attenuates by 0 to 60 dB. The width of a notch changes both of its damping ratios, but not its depth.
+    Raises ParameterError for an unknown handle.
     """
     i, part, block = _held(control, name)
     low, high = float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time
@@ -357,7 +365,7 @@ def filter_dragged(
 def filter_stepped(
     control: Control, name: str, across: float, up: float, loop: Margins, sample_time: float
 ) -> dict[str, float]:
-    """Return the numbers after steps of the arrow keys: 2 % of the frequency or the width across, 0.5 dB upwards."""
+    """Return the parameters after arrow-key steps: 2 % of the frequency or width across, 0.5 dB upwards."""
     _, part, block = _held(control, name)
     if part == WIDTH:
         ratio = float(block.damping_pole) * _ACROSS ** (across + up)  # type: ignore[attr-defined]
@@ -387,7 +395,7 @@ def _frequencies(block: Filter) -> list[str]:
 
 
 def _edge(block: Notch, sample_time: float) -> float:
-    """Return the upper edge in Hz; the lower one if the upper lies too near half the sample rate."""
+    """Return the upper edge of a notch in Hz; the lower edge if the upper one is too close to half the sample rate."""
     f, ratio = float(block.frequency), float(block.damping_pole)
     apart = ratio + float(np.sqrt(1.0 + ratio * ratio))
     return f * apart if f * apart <= HIGHEST_FILTER / sample_time else f / apart
@@ -399,7 +407,7 @@ def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:
 
 
 def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
-    """Return both damping ratios of a notch for another damping ratio of its poles; the depth stays."""
+    """Return both damping ratios of a notch for a new damping ratio of its poles at the same depth."""
     assert isinstance(block, Notch)
     wanted = _digits(min(max(ratio, _NARROWEST), _WIDEST))
     depth = float(block.damping_zero) / float(block.damping_pole)
@@ -407,7 +415,7 @@ def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
 
 
 def _on(loop: Margins, frequency: float, *, cut: bool = True) -> float:
-    """Return |L| in dB at a frequency in Hz; `cut` bounds it below, for drawing."""
+    """Return |L| in dB at a frequency in Hz, clipped from below for drawing if `cut`."""
     f, L = loop.loop_gain.frequency, loop.loop_gain.response
     k = min(max(int(np.searchsorted(f, frequency)), 1), f.size - 1)
     x, low, high = np.log(np.array([frequency, f[k - 1], f[k]]))
@@ -420,7 +428,9 @@ _gains: Recent[complex] = Recent(256)
 
 
 def _gain(block: Filter, frequency: float, sample_time: float) -> complex:
-    """Return the gain of a filter at a frequency in Hz; cached, since only one of many filters moves at a time."""
+    """Return the complex gain of a filter at a frequency in Hz; cached, since only one of many filters moves at a
+    time.
+    """
     key = tree.structure(block), tuple(value for _, value in tree.leaves(block)), frequency, sample_time
     return _gains.get(key, lambda: complex(filter_response(block, np.array([frequency]), sample_time)[0]))
 

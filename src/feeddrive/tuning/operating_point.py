@@ -1,4 +1,4 @@
-"""An operating point: one axis at one position and load, as frequency responses, measured or of a model."""
+"""Operating point: the frequency responses of an axis at one position and load, measured or from a model."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ _VARIANCE = 4  # lines on both sides over which the measured variance is average
 def smoothed(
     frequency: np.ndarray, response: np.ndarray, variance: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the response and its remaining variance after smoothing, on the `wanted` lines, by index.
+    """Return the response and its remaining variance after smoothing, on the `wanted` lines, given by index.
 
     Around each line a function with one resonance is fitted, by least squares weighted with the variance:
 
         f² G = (a0 + a1 u + a2 u²)/(1 + b u),   u = ln f - ln f0,   complex a, b
 
-    The window grows while the residuals look like noise, by χ² on 99 %; the width before the last good one is taken, so
-    that what the function cannot follow stays well below the noise that is left.  A line whose neighbors do not help
-    keeps its measured value.  The variance itself is first averaged over nine lines, as it is an estimate too.
+    The window grows as long as the residuals pass a χ² test for noise at 99 %, and the width before the last accepted
+    one is used. The approximation error then stays well below the remaining noise. A line that its neighbors do not
+    improve keeps its measured value. The variance is first averaged over nine lines, because it is itself an estimate.
 
     Source: McKelvey & Guérin 2012 (local rational models); Goldenshluger & Nemirovski 1997 (windows as wide as the data
     allow), with the rule above.
@@ -69,14 +69,14 @@ def smoothed(
         good = excess <= chdtri(2 * (width - UNKNOWNS), 1.0 - _SURE)
         fits[place[~good]] = False
         place, value, kept = place[good], value[good], kept[good]
-        # the width before: it becomes the answer only once the next one has also been found good
+        # the previous width: it is used only once the next one is accepted too
         out[place], left[place] = before[0][place], before[1][place]
         before[0][place], before[1][place] = value / flat[place], kept / flat[place] ** 2
     return out[wanted], left[wanted]
 
 
 def _averaged(variance: np.ndarray) -> np.ndarray:
-    """Return the mean over a few neighbors."""
+    """Return the moving average of the variance over a few neighbors."""
     summed = np.cumsum(np.concatenate([[0.0], variance]))
     place = np.arange(variance.size)
     low, high = np.maximum(place - _VARIANCE, 0), np.minimum(place + _VARIANCE + 1, variance.size)
@@ -86,16 +86,16 @@ def _averaged(variance: np.ndarray) -> np.ndarray:
 def stiff_ratio(
     frequency: np.ndarray, motor: np.ndarray, load: np.ndarray, variances: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return motor over load reading at the lines where both ends still move nearly as one, NaN beyond, and its
-    variance.
+    """Return the ratio of motor to load reading, and its variance, at the lines where both ends move nearly together;
+    NaN beyond.
 
         r = 1 + a1 s + a2 s² + a3 s³ + a4 s⁴,   s = jω,   real coefficients
 
-    At low frequencies both ends of any guided axis move as one. The stiffness follows from their small difference,
-    which noise would hide where the responses are large and the spring hardly deflects. Fitted to raw lines from the
-    lowest one up to the highest below the antiresonance at which the residuals still look like noise, by χ² on 99.9 %;
-    used where |r - 1| is at most a quarter, which is up to half of the first antiresonance, and on at most half of the
-    lines of the fit, which bends away first at its end.
+    At low frequencies both ends of any guided axis move together. The stiffness follows from their small difference,
+    which noise would hide where the responses are large and the spring hardly deflects. The polynomial is fitted to raw
+    lines, from the lowest one up to the highest below the antiresonance at which the residuals still pass a χ² test for
+    noise at 99.9 %. It is used where |r - 1| is at most 1/4, which is up to half of the first antiresonance, and on at
+    most half of the fitted lines, because a fit deviates first at its end.
     """
     from scipy.special import chdtri
 
@@ -125,7 +125,7 @@ def stiff_ratio(
 
 
 def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weighted fit of 1 + a1 s + ... + a4 s⁴ to complex values, and its variance."""
+    """Return a weighted least-squares fit of 1 + a1 s + ... + a4 s⁴ to complex values, and its variance."""
     s = 1j * f / f[-1]
     powers = np.stack([s**k for k in (1, 2, 3, 4)], axis=1)
     columns = powers / np.sqrt(0.5 * spread)[:, None]
@@ -137,34 +137,34 @@ def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[
     return 1.0 + powers @ coefficients, np.sum(np.abs(spanned) ** 2, axis=1)
 
 
-_LOWEST = 3e-5  # of Nyquist: where the lines of a model begin
+_LOWEST = 3e-5  # of Nyquist: lowest line of a model
 _PER_DECADE = 250
 _BESIDE = np.linspace(-4.0, 4.0, 65)  # half widths of a resonance at which lines are added
 _STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: largest difference of two lines of a search
 _FINEST = 0.003  # of ln f: lines of a measurement with variance keep this distance after smoothing
-_CLOSEST = 3e-4  # the same for lines without variance; only a measurement with very many lines is thinned by it
-_LEAST, _MOST = 1e-30, 1e6  # m/N, range of the responses of real axes
+_CLOSEST = 3e-4  # the same for lines without variance; it thins only measurements with very many lines
+_LEAST, _MOST = 1e-30, 1e6  # m/N, plausible range of the response of an axis
 _WIDTH = 5  # lines over which a noisy curve is averaged before its curvature is used
 
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """An axis at one position and load: responses in m/N on lines in Hz, of the readings of motor and load.
+    """The frequency responses of an axis at one position and load, in m/N on lines in Hz, of the motor and load
+    readings.
 
     by_force     from the command, shape (2, lines)
     by_load      from a force on the table, shape (2, lines)
     moved        of the table itself from both, shape (2, lines)
     variance     of by_force, shape (2, lines), after smoothing; None for a model
     load_variance  of by_load likewise
-    coherence    of by_force as measured, shape (lines,), the smaller of both readings; None where none is known
-    at_drive     True if no response to a force on the table is known: stiffness is then that against a force at the
-                 drive
-    ratio        motor over load reading, by_force and by_load, shape (2, lines), where they have a common error: 1 with
-                 one encoder; NaN where both were measured separately. With a ratio the motor's row of a variance is the
-                 uncertainty of the ratio
-    loop, model  the loop of a model, and its axis by states
-    known_as     a loop that agrees with the measurement (`with_table_force`), on which the tuned control is run
-    by_force_at  by_force at any frequency, for the images of a control with two rates
+    coherence    of by_force as measured, shape (lines,), the smaller of both readings; None if unknown
+    at_drive     True if no response to a force on the table is known: the stiffness then refers to a force at the drive
+    ratio        ratio of motor to load reading, for by_force and by_load, shape (2, lines), where their errors are
+                 correlated: 1 with one encoder; NaN where both were measured separately. With a ratio the motor's row
+                 of a variance is the uncertainty of the ratio
+    loop, model  the loop of a model, and the state-space model of its axis
+    known_as     a loop that agrees with the measurement (`with_table_force`), in which the tuned control is simulated
+    by_force_at  by_force at any frequency, for the images of a multirate control
     """
 
     name: str
@@ -184,7 +184,7 @@ class OperatingPoint:
     coherence: np.ndarray | None = None
 
     def chosen(self, keep: np.ndarray) -> OperatingPoint:
-        """Return the point on some of its lines, by index."""
+        """Return the operating point restricted to some of its lines, given by index."""
         return replace(
             self,
             frequency=self.frequency[keep],
@@ -198,7 +198,9 @@ class OperatingPoint:
         )
 
     def sparse(self) -> np.ndarray:
-        """Return the indices of the lines that a search needs: dense where the response bends, sparse elsewhere."""
+        """Return the indices of the lines that a search needs: dense where the curvature of the response is large,
+        sparse elsewhere.
+        """
         x = np.log(self.frequency)
         shape = np.log(np.abs(self.by_force[1]) * self.frequency**2) + 1j * np.unwrap(np.angle(self.by_force[1]))
         if self.variance is not None and x.size > _WIDTH:  # the remaining noise must not count as curvature
@@ -211,18 +213,20 @@ class OperatingPoint:
 
 
 def response_on(point: OperatingPoint, control: Control, velocity: float = 0.05) -> Response:
-    """Return the response of a control on all lines of a point."""
+    """Return the response of a control at all frequency lines of an operating point."""
     response = ControlResponse(control, point.sample_time, (), velocity)
     return response.at((), point.frequency, response.images(point.by_force_at, point.frequency))
 
 
 def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FRF:
-    """Return the position loop of a cascade, opened at its velocity command, around the closed velocity loop.
+    """Return the loop gain of the position loop of a cascade, opened at its velocity command, with the velocity loop
+    closed.
 
     whole, inner  the responses of the control with and without position loop, on the lines of the point
 
-    With one rate (L - Lv)/(1 + Lv).  If the position loop runs every N-th sample it is a loop with one rate, NT, and
-    exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own Nyquist.
+    For a single-rate control it is (L - Lv)/(1 + Lv). A position loop that runs every N-th sample is a single-rate loop
+    with sample time NT; its gain is exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own
+    Nyquist frequency.
     """
     f, step = point.frequency, point.sample_time
     L, Lv = (-np.einsum("kl,kl->l", response.value, point.by_force) for response in (whole, inner))
@@ -235,7 +239,9 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
 
 
 def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:
-    """Return the axis of a loop that moves with `velocity` (m/s), with its dead time, current loop and encoders."""
+    """Return the operating point of a loop's axis that slides at `velocity` (m/s), with dead time, current loop and
+    encoders.
+    """
     model = linearize(
         loop, ["cut", "load_force"], ["reading_motor", "reading_load", "position_load"], velocity=velocity
     )
@@ -282,18 +288,18 @@ def measured_point(
     name: str = "measured",
     averages: int = AVERAGES,
 ) -> OperatingPoint:
-    """Return the operating point of measured responses, in m/N on the same lines.
+    """Return the operating point of measured responses, which are in m/N on the same lines.
 
     load, motor   from the commanded force to the readings; with one encoder leave `motor` out
-    disturbance   from a force on the table (a hammer's) to the readings of load and motor; without it stiffness and
-                  rope-snap error are those against a force at the drive
-    sample_time   s, of the control that is to be tuned
-    delay         s, of computation, if the responses were measured from the force that acts and not from its command
-    averages      behind a coherence that comes without variance: var = |G|² (1 - γ²)/(γ² averages)
+    disturbance   from a force on the table (impact hammer) to the readings of load and motor; without it stiffness and
+                  rope-snap error refer to a force at the drive
+    sample_time   s, of the control to be tuned
+    delay         s, of computation, if the responses were measured from the actual force and not from its command
+    averages      number of averages of a coherence without variance: var = |G|² (1 - γ²)/(γ² averages)
 
-    Responses with a variance are smoothed as far as it allows; where motor and table still move nearly as one, their
-    ratio is fitted (`stiff_ratio`).
-    Raises ParameterError for lines that differ, for fewer than ten, and for a unit that is not m/N.
+    Responses with a variance are smoothed as far as it allows; where motor and table move nearly together, their ratio
+    is fitted (`stiff_ratio`).
+    Raises ParameterError for differing lines, for fewer than ten lines, and for a unit other than m/N.
     """
     both = (load if motor is None else motor, load)
     hit: Sequence[FRF] = () if disturbance is None else (disturbance[1] or disturbance[0], disturbance[0])
@@ -359,14 +365,14 @@ def measured_point(
 
 
 def _coherence(both: Sequence[FRF], inside: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
-    """Return the smallest of the measured coherences; None if there is none."""
+    """Return the minimum of the measured coherences on each line; None if there is none."""
     known = [frf.coherence[inside][wanted] for frf in both if frf.coherence is not None]
     return np.minimum.reduce(known) if known else None
 
 
 def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
-    """Return a function that gives a measured response at any frequency: ln |X| and phase interpolated linearly in ln
-    f, extrapolated as a free mass (1/f²).
+    """Return an interpolator of a measured response over frequency: ln |X| and phase linear in ln f, extrapolated as a
+    free mass (1/f²).
     """
     x = np.log(lines)
     level, phase = np.log(np.abs(by_force)), np.unwrap(np.angle(by_force), axis=1)
@@ -381,52 +387,53 @@ def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
 
 
 def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
-    """Return the indices of lines that keep a small distance in ln f."""
+    """Return the indices of lines that keep a minimum distance in ln f."""
     x = np.log(frequency)
     keep = np.unique(np.searchsorted(x, np.arange(x[0], x[-1], apart)).clip(0, x.size - 1))
     return np.union1d(keep, [x.size - 1])
 
 
 class _Lines(NamedTuple):
-    """A response and the variance of each line, if it is known."""
+    """A response and the variance of each line, if known."""
 
     response: np.ndarray
     variance: np.ndarray | None
 
 
 def _cleaned(frequency: np.ndarray, raw: _Lines, wanted: np.ndarray) -> _Lines:
-    """Return the lines smoothed, if their variance is known."""
+    """Return the smoothed lines; without a variance, the selected lines unchanged."""
     if raw.variance is None:
         return _Lines(raw.response[wanted], None)
     return _Lines(*smoothed(frequency, raw.response, raw.variance, wanted))
 
 
 def _variances(readings: Sequence[_Lines]) -> np.ndarray | None:
-    """Return the variances of both readings; None if one is not known."""
+    """Return the variances of both readings; None if either is unknown."""
     known = [lines.variance for lines in readings if lines.variance is not None]
     return np.array(known) if len(known) == len(readings) else None
 
 
 def _without(lines: _Lines) -> _Lines:
-    """Return the lines with a variance of zero."""
+    """Return the lines with zero variance, or unchanged if they have none."""
     return lines if lines.variance is None else lines._replace(variance=np.zeros(lines.variance.size))
 
 
 def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
-    """Return a response on the selected lines, with its variance from the coherence if there is no other."""
+    """Return a response on the selected lines, with its variance computed from the coherence if none is known."""
     variance = frf.known_variance(averages)
     return _Lines(frf.response[inside], None if variance is None else variance[inside])
 
 
 _WORST = 0.2  # of the response: a plant with a larger deviation does not belong to the measurement
-_COUNTS = 0.1  # |L| above which lines count
+_COUNTS = 0.1  # |L| above which lines are compared
 _FEWEST = 10
 
 
 def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> float:
-    """Return the median of |measured/model - 1| without the noise contribution, for the worse of both readings.
+    """Return the median of |measured/model - 1| without the noise contribution, for the worse of the two readings.
 
-    On the lines on which the loop gain of the loop's own control is 0.1 or more.
+    It covers the lines at which the loop gain with the loop's own control is at least 0.1, or all lines if these are
+    fewer than ten.
     """
     model = linearize(loop, ["cut"], READINGS, velocity=velocity)
     C = response_on(point, loop.control, velocity).value
@@ -448,13 +455,15 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
 def with_table_force(
     point: OperatingPoint, loop: Loop, source: str, velocity: float = 0.05, *, run: bool = True
 ) -> tuple[OperatingPoint, str]:
-    """Return the point with a plant's responses to a force on the table, and a sentence on their accuracy.
+    """Return the operating point with a plant's responses to a force on the table added, and a sentence on their
+    accuracy.
 
-    The plant must agree with the measured responses to 20 % (`disagreement`); its deviation is taken as the standard
-    deviation of the added response, if the measurement has variances. A point that the plant does not fit is returned
-    unchanged. A point with a measured force on the table keeps its responses.
+    The plant must agree with the measured responses to within 20 % (`disagreement`). If the measurement has variances,
+    this deviation is taken as the standard deviation of the added response. A point that does not agree with the plant
+    is returned unchanged. A point with a measured response to a force on the table keeps its responses.
 
-    run  the tuned control is also run on the loop, with its friction, counts and limits (`OperatingPoint.known_as`)
+    run  the tuned control is also simulated in the loop, with its friction, counts and limits
+         (`OperatingPoint.known_as`)
     """
     off = disagreement(point, loop, velocity)
     if off > _WORST:
@@ -494,5 +503,5 @@ def with_table_force(
 
 
 def one_encoder(point: OperatingPoint) -> bool:
-    """True if one encoder gives both readings."""
+    """Return True if a single encoder gives both readings."""
     return point.ratio is not None and bool(np.all(point.ratio[0] == 1.0))

@@ -1,4 +1,4 @@
-"""Poles: of a pole placement on its axis, those that a law places by its numbers, and those that gains move."""
+"""Poles: gains by pole placement, the poles that a law places by its parameters, and the poles that gains can move."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _HALVINGS = 20
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement(Result):
-    """The gains of a pole placement in SI, its five poles in rad/s, and the poles reached in the sampled loop.
+    """The result of a pole placement: gains in SI, the five placed poles in rad/s, and the poles of the sampled loop.
 
-    poles    as placed, of the model in continuous time, slowest first
+    poles    as placed, of the continuous-time model, slowest first
     reached  of the loop with its axis, delay, filters and sampling, as s = ln z / T, slowest first
     """
 
@@ -46,7 +46,7 @@ class Placement(Result):
     stability: Stability
 
     def table(self) -> Table:
-        """The gains, the placed poles, and the same number of the slowest poles reached."""
+        """Return the gains, the placed poles, and the same number of the slowest poles of the loop."""
         units = ("N/m", "N/m", "N s/m", "N s/m", "N/(m s)")
         rows = [
             [name, Quantity(value, unit, form="6 SI")]
@@ -68,9 +68,10 @@ def _words(pole: complex) -> str:
 def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
     """Return gains and poles of a loop under pole placement.
 
-    Raises ParameterError for another law, and UnstableError, with |z|, its bound and the nearest stable value of each
-    tunable, if the poles cannot be reached on this axis because of delay, filters and modes that the model leaves out.
-    Poles that no gain could place are refused by the law itself: see `blocks/plant/two_bodies.py`.
+    Raises ParameterError for any other law.
+    Raises UnstableError, with |z|, its bound and the nearest stable value of each tunable, if delay, filters and
+    unmodelled modes of the axis prevent these poles. The law itself rejects poles that no gain can place: see
+    `blocks/plant/two_bodies.py`.
     """
     law = loop.control.law
     if not isinstance(law, PolePlacement):
@@ -91,7 +92,9 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
 
 
 def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
-    """Yield, for each tunable alone, the largest value below the present one at which the loop is stable, in words."""
+    """Yield a phrase for each tunable: the largest value below the present one at which the loop is stable, the others
+    unchanged.
+    """
     for tunable in loop.control.law.tunables:
         present = float(tree.get(loop.control.law, tunable))
 
@@ -113,12 +116,14 @@ def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
         yield Text(f"{tunable} = {least} instead of {now}")
 
 
-_LEAST, _MOST = 0.01, 1.0  # of a damping ratio that is dragged
+_LEAST, _MOST = 0.01, 1.0  # range of a dragged damping ratio
 _BUTTERWORTH = float(np.sqrt(0.5))
 
 
 class _Placed(NamedTuple):
-    """A pair or a real pole: the fields of its frequency and of its damping ratio, and the ratio if it has no field."""
+    """A complex pair or a real pole: the fields of its frequency and damping ratio, and the ratio if it has no
+    field.
+    """
 
     label: str
     frequency: str
@@ -150,11 +155,12 @@ _PLACED: Mapping[type[Block], tuple[_Placed, ...]] = {
 
 @dataclass(frozen=True)
 class PlacedPole:
-    """A pole that a law or an observer places by its numbers, without delay and sampling.
+    """A pole that a law or an observer places by its parameters, without delay and sampling.
 
-    name       of its frequency below the control, as law.axial_frequency, whether it has a number or follows a rule
-    s          1/s, of a pair the one in the upper half plane
-    frequency, damping  names of the numbers that are moved with it; empty where there is none
+    name       dotted name of its frequency below the control, such as law.axial_frequency, whether set or derived by a
+               rule
+    s          1/s; of a complex pair, the pole in the upper half plane
+    frequency, damping  names of the parameters that change with it; empty if there is none
     """
 
     name: str
@@ -165,7 +171,7 @@ class PlacedPole:
 
 
 def placed_poles(control: Control) -> tuple[PlacedPole, ...]:
-    """Return all poles that the law and its observers place; empty for a law whose gains are not given by poles."""
+    """Return all poles that the law and its observers place; empty for a law that is not designed by pole placement."""
     return tuple(_placed(control))
 
 
@@ -191,13 +197,15 @@ def _placed(control: Control) -> Iterator[PlacedPole]:
 
 
 def _rate(block: Block, field: str) -> float:
-    """Return a frequency in rad/s."""
+    """Return a frequency field of a block in rad/s."""
     value = float(getattr(block, field))
     return 2.0 * np.pi * value if declarations(type(block))[field].unit == "Hz" else value
 
 
 def _by_rule(block: Block, field: str) -> float | None:
-    """Return an omitted frequency, which follows from others, in rad/s; None for a pole that then does not exist."""
+    """Return the value in rad/s of an omitted frequency, which follows from the others; None if the pole then does not
+    exist.
+    """
     if not isinstance(block, PolePlacement):
         return None
     real = _rate(block, "bandwidth")
@@ -208,17 +216,17 @@ def _by_rule(block: Block, field: str) -> float | None:
 
 
 def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
-    """Return the numbers that place a pole as near to s (1/s) as possible: its distance from 0 is the frequency, its
-    angle the damping ratio, from 0.01 to 1.
+    """Return the parameters that place a pole as close to s (1/s) as possible.
 
-    Raises ParameterError for a pole that there is not.
+    The distance of s from 0 is the frequency, its angle the damping ratio, limited to 0.01 to 1.
+    Raises ParameterError for an unknown pole.
     """
     known = {pole.name: pole for pole in placed_poles(control)}
     if name not in known:
         raise ParameterError(f"the law places no pole '{name:.60}'{nearest(name, known)}")
     values, pole, size = dict[str, float](), known[name], abs(s)
     if pole.frequency:
-        along = size if pole.damping else max((s * np.conj(pole.s)).real / abs(pole.s), 0.0)  # on its own ray
+        along = size if pole.damping else max((s * np.conj(pole.s)).real / abs(pole.s), 0.0)  # along its ray: ζ fixed
         scale = 2.0 * np.pi if tree.declaration(control, pole.frequency).unit == "Hz" else 1.0
         values[pole.frequency] = _digits(max(along, 1e-3 * abs(pole.s)) / scale)
     if pole.damping and size > 0.0:
@@ -230,12 +238,12 @@ def _digits(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-_MOVES = 0.2  # |d ln s/d ln p| from which a pole counts as moved by the gains
+_MOVES = 0.2  # least |d ln s/d ln p| of a pole that gains can move
 _SLOWEST, _FASTEST = 1e-4, 0.9  # of half the sample rate, of the poles that can be moved
-_SINGLE = 1e-6  # |wᴴ v| of unit eigenvectors below which a pole is not alone, and has no slope
+_SINGLE = 1e-6  # |wᴴ v| of unit eigenvectors below which a pole counts as multiple, without derivatives
 _STEP = 0.25  # of a logarithm: largest change of a gain in one step
 _STEPS, _SHORTENINGS = 6, 3
-_NEAR = 1e-3  # of |s|: near enough
+_NEAR = 1e-3  # of |s|: tolerance of the location
 _WEAK = 0.05  # of the strongest direction of the gains: weaker ones are not used
 
 Model = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -243,16 +251,17 @@ Model = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class LoopPole(NamedTuple):
-    """A pole of the closed loop in 1/s, and its slopes to the logarithms of the gains."""
+    """A pole of the closed loop in 1/s, and its derivatives with respect to the logarithms of the gains."""
 
     s: complex
     slope: np.ndarray
 
 
 def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return Φ of the closed loop of an axis, from `cut` to both readings, and a control [A B; c d]; and its slopes.
+    """Return the transition matrix Φ of an axis, from `cut` to both readings, closed by a control [A B; c d], with its
+    derivatives.
 
-    x ← A_x x + b (d C x + c ξ),    ξ ← A ξ + B C x
+        x ← A_x x + b (d C x + c ξ),    ξ ← A ξ + B C x
     """
     n, many = matrix.shape[0] - 1, axis.A.shape[0]
     b = axis.B[:, axis.inputs.index("cut")]
@@ -271,18 +280,18 @@ def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np
 
 
 def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPole]:
-    """Return the poles s = ln z/T of the closed loop in the upper half plane that its gains > 0 move, slowest first.
+    """Return the closed-loop poles s = ln z/T in the upper half plane that the gains > 0 can move, slowest first.
 
         d z/d p = wᴴ (∂Φ/∂p) v / (wᴴ v),   v and w the right and the left eigenvector
 
-    Left out are those that are not single or faster than 0.9 of half the sample rate, and those that no gain moves by
-    a fifth of its own change.
+    Omitted are multiple poles, poles faster than 0.9 of half the sample rate, and poles whose relative sensitivity to
+    every gain is below 1/5.
     """
     from scipy.linalg import eig, matrix_balance
 
     T = axis.sample_time
     loop, changes = closed(axis, *model(gains))
-    loop, (scale, _) = matrix_balance(loop, permute=False, separate=True)  # states are in m and in N
+    loop, (scale, _) = matrix_balance(loop, permute=False, separate=True)  # the states have different units, m and N
     changes = changes * (scale / scale[:, None])[:, :, None]
     solved: Any = eig(loop, left=True, right=True)
     z, left, right = solved
@@ -301,18 +310,18 @@ def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPo
 
 
 def nearest_pole(poles: list[LoopPole], s: complex) -> LoopPole | None:
-    """Return the pole nearest to a place; None if there is none."""
+    """Return the pole nearest to s; None if there is none."""
     return min(poles, key=lambda pole: abs(pole.s - s), default=None)
 
 
 def pole_moved(
     axis: StateSpace, model: Model, gains: np.ndarray, s: complex, wanted: complex
 ) -> tuple[np.ndarray, complex]:
-    """Return the gains that move the pole at s (1/s) as near to a wanted place as possible, and where it then is.
+    """Return the gains that move the pole at s (1/s) as close to a wanted location as possible, and the resulting pole.
 
-    Newton's method over the logarithms of the gains, with the smallest change of them all: no step changes one by more
-    than a quarter of itself, and none is taken that does not bring the pole nearer.  A real pole moves along the real
-    axis until it meets another one.
+    Newton's method in the logarithms of the gains, with minimum-norm steps. No step changes a gain by more than a
+    quarter of its value, and only steps that bring the pole closer are accepted. A real pole moves along the real axis
+    until it meets another one.
     """
     wanted = complex(wanted.real, max(wanted.imag, 0.0))
     pole = nearest_pole(loop_poles(axis, model, gains), s)

@@ -1,4 +1,4 @@
-"""Verification of a tuned control by methods that the search does not use, including a simulated run."""
+"""Verification of a tuned control by methods independent of the search, including a simulation."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from feeddrive.tuning.closed_loop import Figures
 from feeddrive.tuning.criteria import Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint
 
-_DENSE = 400  # lines a decade
+_DENSE = 400  # lines per decade
 ROOM = 2e-3  # of a bound: tolerance for other frequency lines
-_LONGEST = 400_000  # samples of a run
+_LONGEST = 400_000  # largest number of samples of a run
 _DECAYS = 10.0  # time constants of the slowest motion that the run covers
 _APART = 0.1  # share by which run and linear model may differ: only the run has friction, counts and guard
 _RUN = "run with friction, counts and limit"
-_USUAL_FORCE = 100.0  # N on the table, if the limits name none
+_USUAL_FORCE = 100.0  # N on the table, if the limits do not state a force
 
 
 class Checked(NamedTuple):
-    """One line of a proof: what was checked, whether it holds (None: it could not be checked), and the figures."""
+    """One line of a proof: what was checked, the result (None: it could not be checked), and the figures."""
 
     what: str
     holds: bool | None
@@ -47,7 +47,7 @@ class Checked(NamedTuple):
 
 
 def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
-    """Check encirclement of -1 and the limits on all measured lines."""
+    """Check the encirclement of -1 and the limits at all measured frequency lines."""
     checks: list[Checked] = []
     for loop in loops:
         verdict = "-1 is not encircled" if loop.stable else "-1 is encircled"
@@ -61,9 +61,10 @@ def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, .
 
 
 def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Check a measured axis on the loop that agrees with it: its poles, and a run with friction, counts and limit.
+    """Check the loop that agrees with a measured axis: its poles, and a run with friction, counts and limit.
 
-    The limits hold for the measurement.  The model agrees with it to some percent only, so they are not checked here.
+    The limits apply to the measurement. The model agrees with it only to within a few percent, so they are not checked
+    here.
     """
     if point.known_as is None:
         reason = (
@@ -79,7 +80,7 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
 
 
 def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
-    """Return the line of a proof that all limits are kept; Ms is always stated."""
+    """Return the proof line for all limits; it always states Ms."""
     judgments = judged(limits, loop, ROOM)
     texts = [verdict.text for verdict in judgments if verdict.figure != SENSITIVITY_PEAK]
     peak = f"{SENSITIVITY_PEAK.title} {SENSITIVITY_PEAK.quantity(SENSITIVITY_PEAK.read(loop))}"
@@ -87,7 +88,9 @@ def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Check the poles of the whole loop, its limits on other lines, and a run of it with friction, counts and limit."""
+    """Check the poles of the whole loop, its limits on other lines, and a simulation with friction, counts and force
+    limit.
+    """
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
     if not poles.stable:
@@ -102,8 +105,9 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
 
 
 def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
-    """Check the gain and dead time up to instability by the poles over a period: exact where a sine meets one frequency
-    alone.
+    """Check gain margin and delay margin of a multirate loop by its poles over one period.
+
+    Unlike a frequency response, the poles are exact for a multirate loop, in which a sine produces several frequencies.
     """
     gain, delay = gain_edge(model), delay_edge(model)
     least = 10.0 ** ((limits.bound(GAIN_MARGIN) or 0.0) * (1.0 - ROOM) / 20.0)
@@ -117,10 +121,11 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
 
 
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:
-    """Run the loop with a force switched on while the axis slides, with friction, guard and limit.
+    """Simulate the loop with a force step on the table of a sliding axis, with friction, guard and force limit.
 
-    The response is the difference of two runs with and without the force. Both are without counts and noise, which
-    would differ between them. A third run has counts and noise; it must neither trip nor need more than the limit.
+    The response is the difference of two runs, with and without the force. Both are without counts and noise, which
+    would differ between them. A third run has counts and noise; it must neither trip the guard nor need more than the
+    force limit.
     """
     what, T = f"{name}: {_RUN}", float(loop.sample_time)
     expected = rope_snap(both.closed)
@@ -130,7 +135,7 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     if 2 * settle > _LONGEST:
         return Checked(what, None, f"it would take {2 * settle} samples")
     period = loop.control.law.period()
-    settle += -settle % period  # the force begins with a period, as in the model
+    settle += -settle % period  # the force starts at the beginning of a period, as in the model
     t = np.arange(2 * settle) * T
     slide = Recorded(position=velocity * t, velocity=np.full(t.size, velocity), sample_time=T)
     limit = loop.control.force_limit

@@ -1,4 +1,4 @@
-"""Classical tuning rules for the P-PI cascade, on a measured or modeled axis and with the filters of the control."""
+"""Classical tuning rules for the P-PI cascade, on a measured or modelled axis and with the filters of the control."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 
-_OFF = 1e-9  # a gain that counts as zero
+_OFF = 1e-9  # a gain small enough to count as zero
 _STRAIGHT = math.radians(30.0)  # phase lag up to which lines are used for mass and lag
 _CRITICAL = 4.0  # Kv = ωv/4 damps a position loop around a first-order velocity loop critically
 _MAKERS = 0.507  # ωv τ with which Tn = 4/ωv and Kv = ωv/4 have Ms = 2 on a free mass, at one sample of dead time
 _MAKERS_PEAK = 2.0  # largest Ms of the maker's rule
-_SLOW = 4.0  # Tn = 4/ωv: the integral takes 14° of the phase at the crossover
+_SLOW = 4.0  # Tn = 4/ωv: the integral action costs 14° of phase at the crossover
 GOALS = {"robust": (12.0, 60.0), "dynamic": (7.0, 45.0)}  # gain margin in dB and phase margin in deg
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recipe(Result):
-    """Result of a rule: a law, its derivation, and the data of the axis that the rule used.
+    """The result of a tuning rule: a law, its derivation, and the axis data that the rule used.
 
-    mass       kg, of the free axis, as the velocity loop sees it
-    lag        s, of everything between force and velocity: computation, current loop, filters, difference
+    mass       kg, of the free axis, as seen by the velocity loop
+    lag        s, total lag from force command to velocity: computation, current loop, filters, differentiation
     """
 
     name: str
@@ -49,7 +49,7 @@ class Recipe(Result):
     lag: float
 
     def table(self) -> Table:
-        """The gains and the data that they are computed from."""
+        """Return the gains and the data from which they are computed."""
         law = self.law
         rows = [
             ["Kv", Quantity(law.Kv, "1/s"), UNIT],
@@ -63,7 +63,7 @@ class Recipe(Result):
 
 
 class _Axis:
-    """A point with the velocity loop of a control around it: Kp = 1, no integral, no position loop."""
+    """An operating point with the velocity loop of a control: Kp = 1, no integral action, no position loop."""
 
     def __init__(self, point: OperatingPoint | Loop, control: Control | None) -> None:
         if isinstance(point, Loop):
@@ -78,11 +78,11 @@ class _Axis:
         self.mass, self.lag = self._read()
 
     def gain(self, law: CascadePPI) -> np.ndarray:
-        """Return the loop gain at the actuator with a law."""
+        """Return the loop gain at the actuator for a law."""
         return -np.einsum("kl,kl->l", self.response(law).value, self.point.by_force)
 
     def response(self, law: CascadePPI) -> Response:
-        """Return the response of the control with a law."""
+        """Return the response of the control with a given law."""
         return response_on(self.point, replace(self.control, law=law))
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
@@ -91,13 +91,13 @@ class _Axis:
         return FRF(self.frequency, gain, "cut", "force", "N/N", self.point.sample_time)
 
     def _read(self) -> tuple[float, float]:
-        """Return mass and lag from the lines below all resonances, where velocity over force is 1/((m s + b) e^(s
-        lag)).
+        """Return mass and lag from the lines below all resonances, where the response of velocity to force is
+        1/((m s + b) e^(s lag)).
 
-        Its inverse b + (m + b lag) s + (m lag + ...) s² is fitted with real coefficients, all lines with equal weight.
+        Its inverse b + (m + b lag) s + (m lag + ...) s² is fitted with real coefficients and equal weight on all lines.
         """
         w = 2.0 * np.pi * self.frequency
-        phase = np.angle(self.unit * 1j)  # 0 for a free mass, up to 90° where friction holds it
+        phase = np.angle(self.unit * 1j)  # 0 for a free mass, up to 90° where friction dominates
         late = np.flatnonzero(phase < -_STRAIGHT)
         first = 0.4 * self.antiresonance()
         last = min(int(late[0]) if late.size else w.size, int(np.searchsorted(self.frequency, first)))
@@ -118,7 +118,7 @@ class _Axis:
         return float(c1 / scale - c0 * lag), lag
 
     def antiresonance(self) -> float:
-        """Return the first antiresonance of the velocity loop's encoder in Hz; infinite if it shows none."""
+        """Return the first antiresonance of the velocity loop's encoder in Hz; infinite if there is none."""
         level = np.log(np.abs(self.unit) * self.frequency)
         for k in range(2, level.size - 2):
             if level[k] == np.min(level[max(k - 5, 0) : k + 6]):
@@ -129,19 +129,19 @@ class _Axis:
         return math.inf
 
     def recipe(self, name: str, Kp: float, Tn: float | None, Kv: float, reason: str, source: str) -> Recipe:
-        """Return the recipe with these gains."""
+        """Return a recipe with the given gains and the data of this axis."""
         return Recipe(name, replace(self.law, Kp=Kp, Tn=Tn, Kv=Kv), reason, source, self.mass, self.lag)
 
 
 def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = None, *, a: float = 3.0) -> Recipe:
-    """Return PI gains by the symmetric optimum of a free mass with a lag τ, and Kv as a quarter of its crossover.
+    """Return PI gains by the symmetric optimum for a free mass with a lag τ, and Kv as a quarter of its crossover.
 
         Kp = m/(a τ),   Tn = a² τ,   Kv = 1/(4 a τ)
 
-    The phase of the loop is highest at its crossover 1/(aτ): its margin is atan a - atan 1/a, 37°, 53° and 62° for
-    a = 2, 3 and 4.  Behind dead time, Ms of the velocity loop is 1.96, 1.42 and 1.27, and with the position loop closed
-    2.61, 1.56 and 1.33: the book's a = 2 is too hot for a position loop.
-    When not: if a resonance lies below some 3/(aτ).
+    The phase is highest at the crossover 1/(aτ): the phase margin is atan a - atan 1/a, which is 37°, 53° and 62° for a
+    = 2, 3 and 4. With dead time, Ms of the velocity loop is 1.96, 1.42 and 1.27, and with the position loop closed
+    2.61, 1.56 and 1.33: the textbook value a = 2 is too aggressive for a position loop. The rule is unsuitable if there
+    is a resonance below about 3/(aτ).
     Source: Kessler 1958, Das symmetrische Optimum; Kv as in `kv_rule`.
     """
     if not a > 1.0:
@@ -155,15 +155,15 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
 
 
 def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
-    """Return the gain ratios that drive makers document, at the velocity gain that gives Ms = 2 on a free mass with a
-    lag τ.
+    """Return gains in the ratios that drive makers recommend, at the velocity gain for Ms = 2 on a free mass with lag
+    τ.
 
         Kp = m ωv,   Tn = 4/ωv,   Kv = ωv/4,   ωv = 0.507/τ
 
-    Where the real loop, with its filters and resonances, has Ms > 2 on the way there, ωv is lowered to that point.
+    If the real loop, with its filters and resonances, exceeds Ms = 2 at a lower gain, ωv is reduced to that gain.
     Raises NotIdentifiableError if no gain keeps Ms <= 2.
     Source: manuals of Yaskawa's Σ series (Tn >= 4/ωv) and of Mitsubishi's MR-J (an outer loop 4 to 6 times slower than
-    the next inner one); 0.507 is computed, at one sample of dead time.
+    the next inner one); 0.507 is computed for a dead time of one sample.
     """
     axis = _Axis(point, control)
 
@@ -189,7 +189,7 @@ def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) ->
 def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, damping: float = 1.0) -> Recipe:
     """Return Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²).
 
-    A velocity loop that answers like a first-order lag 1/ωv gives the position loop the damping ratio D.
+    With a velocity loop that behaves as a first-order lag 1/ωv, the position loop has the damping ratio D.
     Raises ParameterError for a velocity loop without crossover.
     Source: Weck & Brecher, Werkzeugmaschinen 3, position loops of feed drives.
     """
@@ -206,12 +206,12 @@ def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, dam
 
 
 def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
-    """Return gains with the velocity loop's crossover at half of the first antiresonance, Tn = 4/ωv, Kv = ωv/4.
+    """Return gains with the velocity crossover at half of the first antiresonance, Tn = 4/ωv and Kv = ωv/4.
 
-    Below it motor and table still move as one, so that the velocity loop does not see the spring.  The crossover is
-    lowered to what the lag allows, 1/(2τ), if that is less.
+    Below it, motor and table move together, so that the spring does not affect the velocity loop. The crossover is
+    lowered to 1/(2τ) if the lag τ requires it.
     Raises NotIdentifiableError if the axis shows no antiresonance.
-    Source: rule of the trade for drives with an elastic coupling.
+    Source: a rule of thumb for drives with an elastic coupling.
     """
     axis = _Axis(point, control)
     first = axis.antiresonance()
@@ -230,11 +230,11 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
     """Return the highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
 
         robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv;   Kv at most ωv/4, and less if the margins require
-        it
+                                 it
 
-    The sequence is that of the automatic tuning of present controllers, velocity loop first; the numbers of both goals
-    are ours.
-    Raises NotIdentifiableError if no gain keeps them.
+    The sequence is that of automatic tuning in current commercial controllers, velocity loop first; the margins of both
+    goals are our own choice.
+    Raises NotIdentifiableError if no gain keeps the margins.
     """
     if goal not in GOALS:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
@@ -274,13 +274,15 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
 
 
 def _by_crossover(axis: _Axis, rate: float) -> float:
-    """Return Kp with which the velocity loop without integral crosses over at a rate in rad/s."""
+    """Return the Kp that places the crossover of the velocity loop without integral action at a rate in rad/s."""
     size = np.interp(np.log(rate / (2.0 * np.pi)), np.log(axis.frequency), np.log(np.abs(axis.unit)))
     return float(np.exp(-size))
 
 
 def _largest(admits: Callable[[float], bool], low: float, high: float) -> float | None:
-    """Return the largest value up to which all are admissible, refined by bisection; None if the lowest is not."""
+    """Return the largest value up to which all values are admissible, refined by bisection; None if the lowest is not
+    admissible.
+    """
     if not admits(low):
         return None
     steps = np.geomspace(low, high, 40)
@@ -310,7 +312,9 @@ RECIPES: dict[str, Callable[..., Recipe]] = {
 
 @dataclass(frozen=True, eq=False)
 class JudgedRecipe:
-    """A rule with its law and the figures at every point; without a law, the reason why the rule gives none."""
+    """A tuning rule with its law and the figures at every point; without a law, the reason why the rule does not
+    apply.
+    """
 
     name: str
     recipe: Recipe | None
@@ -325,7 +329,9 @@ def judged_recipes(
     progress: Progress | None = None,
     velocity: float = 0.05,
 ) -> tuple[JudgedRecipe, ...]:
-    """Apply every rule at the first point, with the filters of a control, and evaluate it at all points."""
+    """Apply every rule at the first point, with the filters of a control, and evaluate the resulting laws at all
+    points.
+    """
     operating_points = tuple(
         modelled_point(source, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)
         if isinstance(source, Loop)

@@ -1,4 +1,4 @@
-"""Numbers of a control scaled by one factor: the whole loop faster or slower, and the largest gains over dead time."""
+"""Scaling of controls by one factor: the whole loop faster or slower, and the largest gains versus dead time."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.filters import HIGHEST
 from feeddrive.tuning.tune import own_tunables, speeds
 
-_INSIDE = 1e-9  # relative distance to a bound that is open
+_INSIDE = 1e-9  # relative distance to an open bound
 
 
 def speed_powers(control: Control) -> Mapping[str, float]:
-    """Return the powers of 1/s in the units of the tunables of law, observers and compensations, where there is one.
+    """Return, for each tunable of law, observers and compensations, its exponent of the bandwidth factor w if it is not
+    0.
 
-    A rate of 1/s, rad/s or Hz goes with w, a velocity gain in N s/m with w, a stiffness in N/m with w², an integral
-    time in s with 1/w.  For a free mass the loop gain is then the old one at f/w: L(jω; w) = L(jω/w; 1), so that every
-    crossover is moved by w and every margin stays, as far as dead time and sampling do not count.  Filters, models of
-    the axis and feedforward belong to the axis and stay.
+    A rate in 1/s, rad/s or Hz scales with w, a velocity gain in N s/m with w, a stiffness in N/m with w², an integral
+    time in s with 1/w. For a free mass the loop gain is then stretched in frequency, L(jω; w) = L(jω/w; 1): every
+    crossover is scaled by w and every margin is unchanged, as long as dead time and sampling are negligible. Filters,
+    axis models and feedforward belong to the axis and are unchanged.
     """
     names = own_tunables(control)
     powers = zip(names, speeds(control, names), strict=True)
@@ -35,10 +36,9 @@ def speed_powers(control: Control) -> Mapping[str, float]:
 
 
 def quickened(control: Control, factor: float) -> Mapping[str, float]:
-    """Return the numbers of `speed_powers` for a loop that is faster by a factor > 0, by name, in SI.
+    """Return the tunables of `speed_powers`, by name and in SI, for a loop that is faster by a factor > 0.
 
-    Raises ParameterError if there is none, and for a factor that is not > 0 or with which a number is too large for a
-    computer.
+    Raises ParameterError if there is no such tunable, if the factor is not finite and > 0, and if a value overflows.
     """
     if not (factor > 0.0 and math.isfinite(factor)):
         raise ParameterError(f"a loop is made faster by a finite factor > 0, not {number(factor, 6)}")
@@ -57,7 +57,7 @@ def quickened(control: Control, factor: float) -> Mapping[str, float]:
 
 
 def speed_range(control: Control, sample_time: float) -> tuple[float, float]:
-    """Return the smallest and the largest factor of `quickened` with which all numbers keep their bounds.
+    """Return the smallest and the largest factor of `quickened` that keeps all tunables within bounds.
 
     Frequencies in Hz also stay below 0.49 times the sample rate (sample_time in s).
     """
@@ -78,15 +78,15 @@ def speed_range(control: Control, sample_time: float) -> tuple[float, float]:
     return low, high
 
 
-_CLOSE = 1e-5  # of a factor: how far the bounds are narrowed
+_CLOSE = 1e-5  # of a factor: tolerance of the bisection
 _FARTHEST = 40  # doublings in the search for a bound
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DelayMap(Result):
-    """Largest common factor of some tunables over the dead time (s), all of shape (n,).
+    """The largest common factor of some tunables versus dead time (s); all arrays have shape (n,).
 
-    edge     factor at which the loop stops being stable
+    edge     factor at the stability limit
     robust   factor at which Ms reaches `sensitivity_bound`
     tunables    values at a factor of 1, by dotted name; times (in s) are divided by the factor, all others multiplied
     """
@@ -99,7 +99,7 @@ class DelayMap(Result):
     sample_time: float
 
     def at_edge(self, name: str) -> np.ndarray:
-        """Return the values of a multiplied tunable at the edge of stability."""
+        """Return the values of a multiplied tunable at the stability limit."""
         return self.edge * self.tunables[name]
 
     def at_robust(self, name: str) -> np.ndarray:
@@ -107,7 +107,7 @@ class DelayMap(Result):
         return self.robust * self.tunables[name]
 
     def table(self) -> Table:
-        """One row per dead time."""
+        """Return one row per dead time."""
         samples = self.dead_time / self.sample_time
         rows = np.column_stack([self.dead_time, samples, self.edge, self.robust]).tolist()
         named = ", ".join(f"{name.rpartition('.')[2]} {number(value)}" for name, value in self.tunables.items())
@@ -124,12 +124,12 @@ def delay_map(
     sensitivity_bound: float = 2.0,
     velocity: float = 0.05,
 ) -> DelayMap:
-    """Return the edge of stability and the largest gains with Ms <= `sensitivity_bound`, for each dead time in s.
+    """Return, for each dead time in s, the largest gains for stability and for Ms <= `sensitivity_bound`.
 
-    tunables  paths of parameters that are raised and lowered together, such as `axis.x.control.law.Kp`
+    tunables  paths of parameters that are scaled together, such as `axis.x.control.law.Kp`
 
     For the laws of this library on rigid axes the stable gains form one interval; the map shows its upper end. Gains
-    that a law refuses count as unstable.
+    that a law rejects count as unstable.
     Raises ParameterError if no factor within 2⁴⁰ of 1 is stable, or if all are.
     """
     values = {name: float(tree.get(loop, name)) for name in tunables}
@@ -159,7 +159,7 @@ def delay_map(
 
 
 def _largest(admits: Callable[[float], bool], dead_time: float) -> float:
-    """Return the largest factor that `admits` accepts, by doubling from 1 and bisection."""
+    """Return the largest factor that `admits` accepts, found by doubling and bisection from 1."""
     low, high = 1.0, 1.0
     if admits(1.0):
         high = next((2.0**i for i in range(1, _FARTHEST) if not admits(2.0**i)), float("inf"))

@@ -21,7 +21,7 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
 
     Source: Lawson & Hanson 1974, chapter 23 (least distance programming).
     """
-    from scipy.optimize import nnls  # not for commands that only read
+    from scipy.optimize import nnls  # slow to import and not needed by commands that only read
 
     # a few tunables, hundreds of bounds: products with the small inverse do not wake the threads of the BLAS, as a
     # triangular solve does
@@ -44,18 +44,18 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
     return inverse.T @ (y - shift), u / (-r[-1] * scale)
 
 
-_FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: how far a step may go
-_AGAIN = 0.1  # the same after a restart
+_FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: initial, largest and smallest trust region
+_AGAIN = 0.1  # of a logarithm: trust region after a restart
 _STEPS = 60
 _ENOUGH = 1e-4  # of the goal's logarithm: less progress ends the search
-_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # for a bound violated by one; it grows while one stays violated
-_CROSSED = 0.9  # of the tunables of a trial come from the others
-_FLAT = 1e-2  # least curvature of a direction
-_ROOM = 1e-3  # of a logarithm: distance to every bound, for peaks between the lines of the search
+_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # weight of a violated bound; it grows while a bound stays violated
+_CROSSED = 0.9  # share of the tunables of a trial point that come from the mutation
+_FLAT = 1e-2  # smallest eigenvalue of the Hessian
+_ROOM = 1e-3  # of a logarithm: reserve to every bound, for peaks between the lines of the search
 
 
 class End(NamedTuple):
-    """The end of a search: the point, its figures, and the multiplier of each bound there, by key."""
+    """The final point of a search, its evaluation, and the multiplier of each bound there, by key."""
 
     x: np.ndarray
     judged: Evaluation
@@ -64,8 +64,8 @@ class End(NamedTuple):
 
 
 class Search:
-    """The minimization of the worst goal of all points while every bound keeps its slack above `sure` standard
-    deviations.
+    """The minimization of the worst goal of all points, subject to a slack of at least `sure` standard deviations in
+    every bound.
     """
 
     def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
@@ -74,7 +74,7 @@ class Search:
         self.penalty = _PENALTY
 
     def report_to(self, progress: Progress, control: Control, names: Sequence[str]) -> None:
-        """Report each control that is the best so far and keeps all bounds."""
+        """Report each control that is the best so far and satisfies all bounds."""
         best = np.inf
 
         def accepted(x: np.ndarray, evaluation: Evaluation) -> None:
@@ -87,7 +87,7 @@ class Search:
         self.accepted = accepted
 
     def judge(self, x: np.ndarray) -> Evaluation | None:
-        """Return the figures, or None if the loop is unstable or has no figures."""
+        """Return the evaluation at x, or None if the loop is unstable or the evaluation fails."""
         try:
             evaluation = self.criteria(x)
         except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
@@ -95,7 +95,9 @@ class Search:
         return evaluation if evaluation.stable and np.all(np.isfinite(evaluation.goal)) else None
 
     def look(self, points: np.ndarray) -> np.ndarray:
-        """Return the merit at many points (points, tunables), infinite where the loop is unstable or has no figures."""
+        """Return the merit at many points (points, tunables), infinite where the loop is unstable or the evaluation
+        fails.
+        """
         inside = np.clip(points, self.low, self.high)
         fine = (
             evaluation if evaluation is not None and evaluation.stable and np.isfinite(evaluation.goal).all() else None
@@ -106,10 +108,11 @@ class Search:
     def evolve(
         self, points: np.ndarray, merits: np.ndarray, random: np.random.Generator, turns: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return a population (points, tunables) with its merits after some turns of differential evolution, best
+        """Return a population (points, tunables) and its merits after some generations of differential evolution, best
         first.
 
-        Each point is tried against one that two others and the best have moved, and the better one stays.
+        Each point competes with a trial point that is built from itself, the best point and two others, and the better
+        one stays.
         Source: Storn & Price 1997, current-to-best/1/bin, with a factor drawn anew for each trial.
         """
         many, n = points.shape
@@ -129,21 +132,21 @@ class Search:
         return points[order], merits[order]
 
     def broken(self, evaluation: Evaluation) -> float:
-        """Return the violation of the worst bound; negative if all bounds hold."""
+        """Return the largest violation of a bound; negative if all bounds hold."""
         return max((self.room(b) - b.slack for b in evaluation.bounds), default=-1.0)
 
     def room(self, bound: Bound) -> float:
-        """Return the least slack that a bound must have."""
+        """Return the minimum slack required of a bound."""
         return _ROOM + self.sure * bound.deviation
 
     def merit(self, evaluation: Evaluation | None) -> float:
-        """Return the merit function that a step must lower."""
+        """Return the value of the merit function, which every step must reduce; infinite without an evaluation."""
         if evaluation is None:
             return np.inf
         return float(np.max(evaluation.goal)) + self.penalty * max(self.broken(evaluation), 0.0)
 
     def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
-        """Return the end of the descent from a stable point, with all bounds kept if that is possible."""
+        """Return the result of a descent from a stable point, with all bounds satisfied if possible."""
         end = self._descend(x, size)
         while end.broken > _ROOM and self.penalty < _DEAREST:
             # if the goal falls faster than the penalty rises, the search would leave the limits
@@ -176,7 +179,7 @@ class Search:
             there = self.judge(x + move)
             gained = self.merit(here) - self.merit(there)
             if there is not None and gained < 0.1 * promised and self.broken(there) > 0.0:
-                # bounds are curved: solve once more with their true values at the end of the step
+                # second-order correction: solve again with the true bounds at the end of the step
                 again = self._step(x, here, curvature, size, self._curved(here, there, move))
                 other = None if again is None else self.judge(x + again[0])
                 if again is not None and self.merit(here) - self.merit(other) > max(gained, 0.0):
@@ -202,7 +205,7 @@ class Search:
         return End(x, here, force, self.broken(here))
 
     def _curved(self, here: Evaluation, there: Evaluation, move: np.ndarray) -> dict[tuple[str, int, int], float]:
-        """Return the difference of the slack of each bound after a move from its linear prediction."""
+        """Return, for each bound, the linear prediction of its slack after a move minus the actual slack."""
         after = {bound.key: bound.slack for bound in there.bounds}
         return {c.key: c.slack + float(c.slope @ move) - after[c.key] for c in here.bounds if c.key in after}
 
@@ -214,10 +217,11 @@ class Search:
         size: float,
         lost: Mapping[tuple[str, int, int], float] | None = None,
     ) -> tuple[np.ndarray, dict[tuple[str, int, int], float], float] | None:
-        """Return the move, multipliers by bound, and the promised progress; t is the worst goal, e the excess over the
-        bounds.
+        """Return the move, the multipliers by bound, and the predicted decrease of the merit.
 
-        min  t + penalty e + ½ pᵀBp   subject to   t >= goal + slope p,   slack + slope p + e >= 0,   |p| <= size
+            min  t + penalty e + ½ pᵀBp   subject to   t >= goal + slope p,   slack + slope p + e >= 0,   |p| <= size
+
+        t is the worst goal, e the largest violation of a bound.
         """
         n = x.size
         worst = float(np.max(here.goal))
@@ -277,16 +281,16 @@ class Search:
 
 
 def _definite(H: np.ndarray, least: float = 0.05) -> np.ndarray:
-    """Return the nearest matrix whose eigenvalues are neither too small nor too large."""
+    """Return the nearest symmetric matrix whose eigenvalues are neither too small nor too large."""
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))
     return (vectors * np.clip(values, least, 1e4)) @ vectors.T
 
 
-AGREE = 0.05  # of the goal: ends of searches this near the best agree with it
+AGREE = 0.05  # of the goal: search results this close to the best confirm it
 
 
 def unconfirmed(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
-    """Return which kind of search has not come to within 5 % of the best, and by how much; empty if all have."""
+    """Return which kinds of search did not come within 5 % of the best result, and by how much; empty if all did."""
     costs = [search.merit(end.judged) for end in ends]
     texts: list[str] = []
     for kind, told in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):

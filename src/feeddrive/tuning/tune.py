@@ -1,7 +1,7 @@
-"""Tuning: optimize gains and filters of a control within limits on measured or modeled axes, and prove the result.
+"""Tuning: optimize gains and filters of a control within limits, on measured or modelled axes, and verify the result.
 
-In this order: the tunables and their ranges, the steps of a tuning (`Tuner`), its result with the recommendation in
-words (`Tuned`), and the functions that a user calls (`tune_control`, `assess`).
+The module contains, in this order, the tunables and their ranges, the steps of a tuning (`Tuner`), its result with the
+recommendation in words (`Tuned`), and the functions for users (`tune_control`, `assess`).
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ from feeddrive.tuning.search import AGREE, End, Search, unconfirmed
 _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
 _RATIOS = {"damping_zero": (0.02, 1.0), "damping_pole": (0.05, 1.5), "damping": (0.3, 1.5)}
-_RATIO = (0.02, 20.0)  # range of a ratio of a law
+_RATIO = (0.02, 20.0)  # range of a dimensionless tunable of a law
 
 
 def law_tunables(control: Control) -> tuple[str, ...]:
-    """Return the tunables of a law. Raises ParameterError for a law that has none."""
+    """Return the tunables of a law. Raises ParameterError for a law without tunables."""
     names = own_tunables(control)
     if not names:
         raise ParameterError(
@@ -68,7 +68,8 @@ def law_tunables(control: Control) -> tuple[str, ...]:
 def own_tunables(control: Control) -> tuple[str, ...]:
     """Return the dotted names of the tunables that the law, its observers and its compensations declare.
 
-    For a law that names none, its own parameters > 0 without a default; empty if it has none of these either.
+    For a law that declares none, return its own parameters > 0 without a default; empty if there are none of these
+    either.
     """
     law, there = control.law, dict(tree.leaves(control))
     names = [f"law.{name}" for name in law.to_tune()]
@@ -81,13 +82,13 @@ def own_tunables(control: Control) -> tuple[str, ...]:
 
 
 def filter_tunables(control: Control) -> tuple[str, ...]:
-    """Return the frequencies and dampings of the filter pack that are above zero."""
+    """Return the frequencies and damping ratios of the filters that are above zero."""
     leaves = ((name, value) for name, value in tree.leaves(control) if name.startswith("filters."))
     return tuple(name for name, value in leaves if isinstance(value, float) and value > 0.0)
 
 
 def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
-    """Return the logarithms of the tunables. Raises ParameterError for one that is not a number above zero."""
+    """Return the logarithms of the tunables. Raises ParameterError for a value that is not a number above zero."""
     values: list[float] = []
     for name in names:
         value = tree.get(control, name)
@@ -98,7 +99,7 @@ def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
 
 
 def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper limit of each tunable, as logarithms."""
+    """Return the lower and upper search limits of all tunables, as logarithms."""
     low, high = x - _RANGE, x + _RANGE
     for i, name in enumerate(names):
         unit, last = tree.declaration(control, name).unit, name.rpartition(".")[2]
@@ -113,7 +114,9 @@ def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: floa
 
 
 def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
-    """Return the exponent of each tunable of the law when the whole loop is made faster by a common factor."""
+    """Return, for each tunable, its exponent of the bandwidth factor when the whole loop is made faster; 0 for
+    filters.
+    """
     return np.array(
         [
             0.0 if name.startswith("filters.") else float(POWERS.get(tree.declaration(control, name).unit, (0, 0))[1])
@@ -123,7 +126,7 @@ def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
 
 
 def readable(control: Control, name: str) -> str:
-    """Return the name of a tunable with the kind of its block: filters.0 (notch) frequency."""
+    """Return the name of a tunable with the kind of its filter, such as filters.0 (notch) frequency."""
     parts = name.split(".")
     if parts[0] == "filters" and len(parts) == 3:
         return f"filters.{parts[1]} ({control.filters[int(parts[1])].kind}) {parts[2]}"
@@ -131,17 +134,17 @@ def readable(control: Control, name: str) -> str:
 
 
 _RUNGS = math.log(2.0) * np.arange(2.0, -8.0, -1.0)  # factors of speed 4 ... 1/128
-_SHAPES = 8  # for each tunable but one
-_WIDE, _RATIO_WIDE = math.log(30.0), math.log(6.0)  # of a gain, of a ratio, up and down
+_SHAPES = 8  # sets of ratios per tunable, except the first one
+_WIDE, _RATIO_WIDE = math.log(30.0), math.log(6.0)  # largest factor of a gain and of a ratio, up and down
 
 
 def scattered(
     x: np.ndarray, low: np.ndarray, high: np.ndarray, powers: np.ndarray, random: np.random.Generator
 ) -> np.ndarray:
-    """Return points all over the box, shape (points, tunables): shapes of the law by Latin hypercube, each at several
-    speeds.
+    """Return points over the whole search range, shape (points, tunables).
 
-    Whether bounds are kept is decided by the speed of the whole loop first, so each shape is taken at ten speeds.
+    The ratios between the tunables come from a Latin hypercube. Whether a point satisfies the bounds depends mainly on
+    the bandwidth of the whole loop, so each set of ratios is scaled to ten bandwidths.
     Source: McKay, Beckman & Conover 1979 (Latin hypercube).
     """
     count = _SHAPES * max(x.size - 1, 2)
@@ -157,18 +160,18 @@ _NEAR = 0.3  # largest violation of a bound with which a start is good enough
 _PAYS = 0.02  # of the goal: least gain for which a notch is kept
 _NOTCHES = 3  # largest number of notches that are tried
 _LOUD, _APART = 0.15, 0.12  # least |L| of a resonance for a notch; least distance in ln f from another notch
-_TURNS = 6  # rounds for the number of standard deviations: it depends on which bounds are active at the end
+_TURNS = 6  # iterations for the number of standard deviations, which depends on the bounds active at the end
 _CUTS = 3  # rounds in which lines that the search had left out are added
 _MORE = 3  # further rounds of searches if those before did not confirm the best
 _EASED = (1.6, 1.2)  # factors of Ms - 1 in a continuation: bounds 2.6 and 2.2 come before 2.0
-_WIDER, _WIDENED = np.log(10.0), 3  # growth of a range whose end holds the best value, and how often it may grow
-_AT_END = 1e-2  # of a logarithm: distance that counts as the end
-_POPULATION, _GENERATIONS = 8, 16  # points per tunable in the population, and turns of its evolution
-_COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
+_WIDER, _WIDENED = np.log(10.0), 3  # growth of a range at whose limit the best value lies; most extensions
+_AT_END = 1e-2  # of a logarithm: distance within which a value counts as being at the limit
+_POPULATION, _GENERATIONS = 8, 16  # points per tunable in the population, and number of generations
+_COSTLY = 0.5  # of the goal: if the noise costs more, the measurement is too poor
 
 
 class Best(NamedTuple):
-    """A control with the tunables that were varied and their final values."""
+    """The result of the searches for one set of tunables: the control, the varied tunables and their final values."""
 
     control: Control
     names: tuple[str, ...]
@@ -182,7 +185,7 @@ class Best(NamedTuple):
 
 
 class Tuner:
-    """One tuning: the same points, goal and limits for every set of tunables that is tried."""
+    """A tuning task, with the same points, goal and limits for every set of tunables that is tried."""
 
     def __init__(
         self,
@@ -206,8 +209,9 @@ class Tuner:
     def criteria(
         self, control: Control, names: tuple[str, ...], whole: bool = False, *, rough: bool = False
     ) -> Criteria:
-        """Return the criteria for a set of tunables, on the lines of the search or on all; `rough` takes half of the
-        lines, for two rates.
+        """Return the criteria for a set of tunables, on the lines of the search or on all lines.
+
+        `rough` keeps half of the lines, for a multirate control.
         """
         response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
         kept = [some(lines, 2) for lines in self.kept] if rough else self.kept
@@ -215,7 +219,9 @@ class Tuner:
         return Criteria(points, response, self.goal, self.limits, self.band, near=rough)
 
     def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
-        """Return the best result of some searches, on all lines, with the reserve for the noise."""
+        """Return the best result of several searches, verified on all lines, with the reserve for the measurement
+        noise.
+        """
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
         rough = control.law.period() > 1
@@ -269,11 +275,11 @@ class Tuner:
     def _searched(
         self, search: Search, control: Control, names: tuple[str, ...], x: np.ndarray, first: np.ndarray, starts: int
     ) -> tuple[list[End], str]:
-        """Return the ends of all searches, and why the best of them does not count as settled; empty if it does.
+        """Return the results of all searches, and the reasons why the best one is not settled; empty if it is.
 
-        After the first, each round has two that know nothing of it and of each other: from the best of a population
-        from all over the range, and by continuation in Ms from the best of other points.  The best is settled when one
-        of either kind has come to it, and no range ends there that pays to be wider.
+        After the first search, each round adds two that are independent of it and of each other: one from the best of a
+        population over the whole range, and one by continuation in Ms from the best of other points. The best result is
+        settled when both kinds have reached it and widening the range of no tunable improves it further.
         """
         powers = speeds(control, names)
         ends, kinds = [search.descend(first)], ["start"]
@@ -295,7 +301,9 @@ class Tuner:
         return ends, joined("; ", filter(None, (missing, opened)))
 
     def _continued(self, search: Search, x: np.ndarray) -> End:
-        """Continue searches under bounds of Ms that tighten to the final one, each from the end before."""
+        """Run successive searches under Ms limits that tighten to the final one, each starting from the previous
+        result.
+        """
         if self.limits.limit(SENSITIVITY_PEAK) is not None:
             for factor in _EASED:
                 eased = self._under(search, self.limits.eased(SENSITIVITY_PEAK, factor))
@@ -305,7 +313,7 @@ class Tuner:
         return search.descend(x)
 
     def _under(self, search: Search, limits: Limits) -> Search:
-        """Return a search with the same points and ranges within other limits."""
+        """Return a search with the same points and ranges but other limits."""
         known = search.criteria
         criteria = Criteria(known.points, known.control, self.goal, limits, self.band, near=known.near)
         other = Search(criteria, search.low, search.high)
@@ -315,8 +323,9 @@ class Tuner:
     def _widened(
         self, search: Search, ends: list[End], soft: np.ndarray, names: tuple[str, ...]
     ) -> tuple[list[End], str]:
-        """Widen ranges until the best gains less than 5 % further out; return the ends, and the tunables that still
-        gain more.
+        """Widen the ranges whose limits the best result has reached, until this improves it by less than 5 %.
+
+        Return the results, and a text with the tunables that would still improve it; empty if there are none.
         """
         reason = ""
         for _ in range(_WIDENED):
@@ -338,7 +347,7 @@ class Tuner:
         return ends, reason
 
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
-        """Return a control without a further search, with the tunables it names."""
+        """Return the evaluation of a control without a search, with the given tunables."""
         x = logarithms(control, names)
         criteria = self.criteria(control, names, whole=True)
         search = Search(criteria, x, x)
@@ -363,8 +372,8 @@ class Tuner:
         )
 
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
-        """Return the start of a search: the present values if they are good enough, else the best point of a slower
-        loop.
+        """Return the start of a search: the present values if they are good enough, else the best point of a faster or
+        slower loop.
         """
         here = search.judge(x)
         if here is not None and search.broken(here) < _NEAR:
@@ -380,8 +389,8 @@ class Tuner:
         return min(stable, key=lambda pair: (search.merit(pair[0]), abs(float(np.sum(pair[1] - x)))))[1]
 
     def _from_below(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
-        """Return the end; if it violates a bound, that of a search from the fastest loop that is slow enough to keep
-        all.
+        """Return the result; if it violates a bound, search again from the fastest loop that satisfies all bounds, and
+        return the better of the two.
         """
         if search.broken(end.judged) <= 2e-3:
             return end
@@ -396,7 +405,7 @@ class Tuner:
     def _elsewhere(
         self, search: Search, x: np.ndarray, powers: np.ndarray, *, evolved: bool = True
     ) -> np.ndarray | None:
-        """Return the start of another search: the best of points from all over the box, or the best of a population
+        """Return the start of another search: the best of points over the whole range, or the best of a population
         evolved from them.
         """
         points = scattered(x, search.low, search.high, powers, self.random)
@@ -409,7 +418,7 @@ class Tuner:
         return points[0] if np.isfinite(merits[0]) else None
 
     def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:
-        """Continue the search with the lines on which a bound is violated, until none is."""
+        """Repeat the search with the lines added on which a bound is violated, until no bound is."""
         for _ in range(_CUTS):
             whole = self.criteria(control, names, whole=True)
             evaluation = whole(end.x)
@@ -432,7 +441,7 @@ class Tuner:
         return end
 
     def _refuse(self, search: Search, end: End) -> None:
-        """Raise UnstableError with the conflicting bounds and the values that can be reached."""
+        """Raise UnstableError, naming the conflicting bounds and the values that can be reached."""
         worst = min(end.judged.bounds, key=lambda b: b.slack - search.sure * b.deviation)
         noise = ""
         if search.sure * worst.deviation > 0.5 * abs(worst.slack - search.sure * worst.deviation):
@@ -453,7 +462,9 @@ class Tuner:
         )
 
     def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:
-        """Return the limit of a figure that can be met with all others kept; empty if relaxing it does not help."""
+        """Return the attainable limit of a figure with all others kept, as a clause; empty if relaxing it does not
+        help.
+        """
         if figure is None:
             return ""
 
@@ -477,7 +488,7 @@ class Tuner:
         return "" if limit is None else limits.text(limit)
 
     def _too_costly(self, search: Search, end: End, cost: float) -> None:
-        """Raise NotIdentifiableError with the band in which the noise costs most."""
+        """Raise NotIdentifiableError, naming the band in which the noise costs most."""
         forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
         worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
         raise NotIdentifiableError(
@@ -489,10 +500,10 @@ class Tuner:
         )
 
     def with_notches(self, best: Best, tried: list[str]) -> Best:
-        """Add notches at the remaining large resonances, one after the other, as long as each improves the goal."""
+        """Add notches one by one at the largest remaining resonances, and keep each one that improves the goal."""
         for frequency in self._loud(best)[:_NOTCHES]:
             self.progress.step(Text(f"a notch at {Quantity(frequency, 'Hz')}"))
-            # nearly without effect, so that the search begins where the last one ended
+            # nearly without effect, so that the search starts where the last one ended
             notch = Notch(frequency=frequency, damping_zero=0.35, damping_pole=0.4)
             control = replace(best.control, filters=(*best.control.filters, notch))
             here = dict(zip(best.names, np.exp(best.end.x), strict=True))
@@ -542,9 +553,7 @@ class Tuner:
 
 
 def _soft(control: Control, name: str) -> bool:
-    """True if the range of a tunable is a limit of the search only, which holds neither for filters nor for frequencies
-    in Hz.
-    """
+    """Return True if the range of a tunable limits the search only; False for filters and for frequencies in Hz."""
     return not name.startswith("filters.") and tree.declaration(control, name).unit != "Hz"
 
 
@@ -559,15 +568,15 @@ _OFF = 1e-9  # factor of Kv that opens the position loop; 0 is outside its bound
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CascadeLoops(Result):
-    """Margins of the velocity loop alone, opened at the actuator, and of the position loop around the closed velocity
-    loop.
+    """The margins of the velocity loop alone, opened at the actuator, and of the position loop with the velocity loop
+    closed.
     """
 
     velocity: Margins
     position: Margins
 
     def table(self) -> Table:
-        """Crossover and margins of both."""
+        """Return crossover and margins of both loops."""
         rows: list[Sequence[Cell]] = []
         fast, slow = (loop.loop_gain.sample_time for loop in (self.velocity, self.position))
         ran = "" if fast is None or slow is None or fast == slow else Text(f", every {Quantity(slow, 's'):6}")
@@ -584,9 +593,10 @@ class CascadeLoops(Result):
 
 
 def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | None:
-    """Return velocity and position loop of a P-PI control; None for another law.
+    """Return the velocity loop and the position loop of a P-PI control; None for any other law.
 
-    Lv is the gain at the actuator without position loop (Kv -> 0); the position loop is opened at the velocity command.
+    Lv is the loop gain at the actuator without position loop (Kv -> 0); the position loop is opened at the velocity
+    command.
     """
     law = control.law
     if not isinstance(law, CascadePPI):
@@ -598,7 +608,7 @@ def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | Non
 
 
 class Verdict(Enum):
-    """The recommendation: take the new control, keep today's, or reject the result because its proof fails."""
+    """The recommendation: use the new control, keep the present one, or reject the result because its proof fails."""
 
     TAKE = "take"
     LEAVE = "leave"
@@ -607,7 +617,9 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class HeldBack:
-    """An active limit: the point and frequency, and the gain of the goal in percent if it is relaxed by a tenth."""
+    """An active limit: its point and frequency, and the improvement of the goal in percent if the limit is relaxed by a
+    tenth.
+    """
 
     what: str
     point: str
@@ -623,20 +635,20 @@ class HeldBack:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(Result):
-    """A control shaped for a goal within limits at all points.
+    """A control tuned for a goal within limits at all points, with its proof.
 
-    tunables, started    values by dotted name of the control, new and today's (NaN: new filter)
+    tunables, started    values by dotted name, new and present (NaN: new filter)
     goal              the figure that is optimized
-    before, after     figures at each point; before is empty if today's control has none
-    held              the bounds that limit the goal, the strongest first
+    before, after     figures at each point; before is empty if the present control has none
+    held              the active limits, the one with the largest effect first
     advice            advice on further improvements
-    notches           the notches that were tried, and their effect on the goal
-    sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
-    spread, unsettled share by which the worst end of the searches is above the best; the reason why independent
-                      searches do not confirm the best, empty if they do
-    cost              share by which the noise of the measurement worsens the goal
-    recipe            the rule that the control is made by, if nothing was searched
-    cascade           velocity and position loop one by one, before and after, for a P-PI control
+    notches           the notches that were tried, with their effect on the goal
+    sure, confidence  standard deviations kept from every bound, and the probability that all bounds hold
+    spread, unsettled relative difference of the goal between the worst and the best search; the reason why independent
+    searches do not confirm the best, empty if they do
+    cost              relative increase of the goal due to measurement noise
+    recipe            the tuning rule that gave the control, if there was no search
+    cascade           velocity and position loop separately, before and after, for a P-PI control
     """
 
     control: Control
@@ -663,12 +675,12 @@ class Tuned(Result):
 
     @property
     def rotary(self) -> bool:
-        """True if the axis turns; False where only responses are known."""
+        """True for a rotary axis; False if only responses are known."""
         return any(loop.axis.rotary for loop in self.loops)
 
     @property
     def settled(self) -> bool:
-        """True if independent searches came to within 5 % of the best, inside the ranges."""
+        """True if independent searches came within 5 % of the best result, inside the ranges."""
         return not self.unsettled
 
     @property
@@ -691,18 +703,22 @@ class Tuned(Result):
 
     @property
     def at_drive(self) -> bool:
-        """True if the compliance is that against a force at the drive, since none on the table is known."""
+        """True if the compliance refers to a force at the drive, because no response to a force on the table is
+        known.
+        """
         return any(loop.at_drive for loop in self.after)
 
     def gained(self) -> float | None:
-        """Return the factor by which the goal of the worst point improves; None without a stable loop before."""
+        """Return the factor by which the goal at the worst point improves; None if the present loop is unstable or
+        unknown.
+        """
         if not self.before or not all(loop.stable for loop in self.before):
             return None
         return goal_of(self, self.before) / goal_of(self, self.after)
 
     @property
     def verdict(self) -> Verdict:
-        """The decision, from which the sentence of `recommendation` follows."""
+        """The decision on which the sentence of `recommendation` is based."""
         if not self.holds:
             return Verdict.REFUSE
         gained = self.gained()
@@ -711,11 +727,11 @@ class Tuned(Result):
         return Verdict.LEAVE if _change(self, gained) < _NOT_WORTH else Verdict.TAKE
 
     def recommendation(self) -> str:
-        """Return the recommendation with its reason, and the figures that are worse than today."""
+        """Return the recommendation with its reason, and the figures that get worse."""
         return recommendation(self)
 
     def table(self) -> Table:
-        """Old and new figures, active limits, and the proof."""
+        """Return old and new figures, active limits, and the proof."""
         rows: list[Sequence[Cell]] = []
         for name, value in self.tunables.items():
             unit = tree.declaration(self.control, name).unit
@@ -750,11 +766,11 @@ def _figure(loop: Figures | None, figure: Figure) -> str | Quantity | None:
 _NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
 _WORSE = 0.03  # relative change of a figure that counts as worse
 TIMES = 3.0  # ratio from which a gain reads as a factor, not as percent
-_LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone, beyond which a headline warns
+_LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # phase margin in deg and Ms of the velocity loop alone: limits of a warning
 
 
 def declared_goal(tuned: Tuned) -> Goal:
-    """Return the declaration of the goal's figure."""
+    """Return the `Goal` declaration of the tuned figure."""
     assert tuned.goal.goal is not None
     return tuned.goal.goal
 
@@ -776,7 +792,7 @@ def _against(tuned: Tuned) -> str:
 
 
 def recommendation(tuned: Tuned) -> str:
-    """Return the recommendation with its reason, the limiting bounds, and the figures that are worse than today."""
+    """Return the recommendation with its reason, the active limits, and the figures that get worse."""
     if tuned.verdict is Verdict.REFUSE:
         failed = [line for line in tuned.proof if line.holds is False]
         return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].text}).")
@@ -787,7 +803,9 @@ def recommendation(tuned: Tuned) -> str:
 
 
 def _of_the_velocity_loop(tuned: Tuned) -> str:
-    """Return a headline if the new velocity loop alone is nearly unstable, which the margins of the whole may hide."""
+    """Return a warning if the new velocity loop alone is nearly unstable, which the margins of the whole loop may
+    hide.
+    """
     if not tuned.cascade or tuned.verdict is Verdict.LEAVE:
         return ""
     alone = tuned.cascade[-1].velocity
@@ -801,13 +819,13 @@ def _of_the_velocity_loop(tuned: Tuned) -> str:
 
 
 def _rough(value: float, unit: str = "") -> Quantity:
-    """Return a quantity rounded to two digits, in the unit that it is usually read in."""
+    """Return a quantity rounded to two significant digits, in its usual unit."""
     size = USUAL.of(unit)[1]
     return Quantity(float(two_digits(size * value)) / size, unit, form="6")
 
 
 def two_digits(value: float) -> str:
-    """Return a number rounded to two digits, without an exponent up to a million."""
+    """Return a number rounded to two significant digits, without an exponent up to a million."""
     return number(float(f"{value:.2g}"), 6)
 
 
@@ -842,7 +860,7 @@ def _advised(tuned: Tuned) -> str:
 
 
 def _gain_text(tuned: Tuned, gained: float) -> str:
-    """Return the gain in words: `50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
+    """Return the improvement in words: `50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
     ratio = gained if tuned.goal.higher else 1.0 / gained
     if ratio >= TIMES:
         return Text(f"{_rough(ratio)} times the {declared_goal(tuned).what}")
@@ -856,14 +874,14 @@ def _change(tuned: Tuned, gained: float) -> float:
 
 
 def _new_values(tuned: Tuned) -> str:
-    """Return the start of the sentence; without reservation only if the response to a force on the table is known."""
+    """Return the start of the recommendation, with a reservation if no response to a force on the table is known."""
     if not tuned.at_drive:
         return "Take the new values: they"
     return "Against a force at the drive the new values" if declared_goal(tuned).on_table else "The new values"
 
 
 def _worse(tuned: Tuned) -> str:
-    """Return the figures that are worse than today, at the point where they fell most, as a clause."""
+    """Return the figures that get worse, at the point with the largest deterioration, as a clause."""
     if not tuned.before or not all(loop.stable for loop in tuned.before):
         return ""
     clauses: list[str] = []
@@ -889,13 +907,13 @@ def _fall(title: str, before: float, after: float, unit: str) -> str:
 
 
 def goal_of(tuned: Tuned, row: Sequence[Figures]) -> float:
-    """Return the value of the goal, which is minimized, at the worst point."""
+    """Return the value of the minimized goal at the worst point."""
     of = declared_goal(tuned).of
     return max(of(loop, tuned.band) for loop in row)
 
 
 def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
-    """Return the limit that a control exceeds, as a clause; empty if it keeps all."""
+    """Return the first limit that a control exceeds, as a clause; empty if it keeps all."""
     for loop in before:
         for verdict in judged(limits, loop, room):
             if not verdict.keeps:
@@ -922,7 +940,7 @@ def tune_control(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Return the control with the tunables that are best for the goal while all limits hold at every point.
+    """Return the control whose tunables optimize the goal while all limits hold at every point.
 
         minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
@@ -931,21 +949,22 @@ def tune_control(
                 integral-gain: max |y|/ω;  bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
                 y is the compliance of the closed loop
     limits      `Limits`, or `Limit`s of figures of the catalogue (`figures.limitable`)
-    control     the start of the search; of a loop its control is taken, and its axis if no point is given
-    points       axes at several positions and loads: `measured_point`, or loops, whose axis is taken
+    control     the start of the search; a loop supplies its control, and its axis if no points are given
+    points      axes at several positions and loads: `measured_point`, or loops, whose axes are used
     tunables    dotted names below the control, such as law.Kp; default: those of the law
-    filters     kept: not changed;  free: their frequencies and dampings are tuned too;  placed: and notches are added
-                where they improve the goal
-    confidence  that all limits hold at once on the true axis, if the points know their variance: k follows from it
+    filters     kept: unchanged;  free: their frequencies and damping ratios are tuned too;  placed: notches are also
+                added where they improve the goal
+    confidence  probability that all limits hold on the true axis; it determines k if the variances of the points are
+                known
     today       the control to compare with; default: `control` itself
-    progress    receives the name of each next stage, and may cancel
+    progress    receives the name of each stage, and may cancel
 
     The response of the control is computed by linearizing its code (`ControlResponse`), with exact derivatives.
-    Stability is checked by encirclement of -1 at every step.  A tuning for loops is verified by simulation with
-    friction, encoder counts and limits (`Tuned.holds`).  If the searches from different starts do not agree, more are
-    made (`Tuned.settled`).
-    Raises UnstableError if nothing is found within the limits, NotIdentifiableError if the measurement is too poor to
-    tune on, with the band in which to measure again, ParameterError for arguments that do not match.
+    Stability is checked by encirclement of -1 at every step. A tuning for loops is verified by simulation with
+    friction, encoder counts and limits (`Tuned.holds`). If the searches from different starts do not agree, further
+    ones are run (`Tuned.settled`).
+    Raises UnstableError if no control within the limits is found, NotIdentifiableError if the measurement is too poor
+    for a tuning, with the band in which to measure again, and ParameterError for inconsistent arguments.
     """
     if points is None:
         if not isinstance(control, Loop):
@@ -979,7 +998,8 @@ def assess(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Evaluate a given control, for example from a recipe: the figures and the proof of `tune` without a search.
+    """Evaluate a given control, for example from a recipe, with the figures and the proof of `tune` but without a
+    search.
 
     rule  the name of the rule that gave it; the other arguments as in `tune`.  Raises the errors of `tune`, and
     UnstableError if the loop is unstable at a point.
@@ -1001,7 +1021,7 @@ def _tuner(
     velocity: float,
     progress: Progress | None,
 ) -> Tuner:
-    """Return the tuner for checked arguments."""
+    """Check the arguments and return the tuner."""
     figure = goals().get(goal)
     if figure is None or figure.goal is None:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(goals())}")
@@ -1048,11 +1068,11 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
             )
 
 
-_MUCH = 0.02  # of the goal, by a tenth of a sample
+_MUCH = 0.02  # of the goal: improvement by a tenth of a sample that counts as large
 
 
 def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
-    """Return figures before and after, the active limits, advice, and the proof."""
+    """Return the result of a tuning: figures before and after, active limits, advice, and proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
     before = _figures(tuner, today)
@@ -1095,7 +1115,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
 
 
 def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
-    """Return the figures at every point, on all lines; empty for a control that has no response."""
+    """Return the figures at every point, on all lines; empty for a control without a response."""
     try:
         answers = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
     except ParameterError:
@@ -1104,7 +1124,7 @@ def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
 
 
 def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
-    """Return the active bounds, merged if they are close in frequency."""
+    """Return the active limits; bounds close in frequency are merged."""
     summed: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for bound in best.end.judged.bounds:
         force = best.end.force.get(bound.key, 0.0)
@@ -1126,7 +1146,11 @@ def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
 
 
 def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
-    """Return the gain by less dead time, from the multipliers of the optimum, and the loss by the noise."""
+    """Return advice on possible improvements.
+
+    It covers the effect of a shorter dead time, from the multipliers of the optimum, the cost of the measurement noise,
+    tunables at the limits of their range, and a missing response to a force on the table.
+    """
     advice: list[str] = []
     step = 0.1 * tuner.points[0].sample_time
 
@@ -1141,7 +1165,7 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
     other = Criteria(points, best.criteria.control, tuner.goal, tuner.limits, tuner.band)(best.end.x)
     gained = _gain(best.end.judged, other, best.end)
     if gained > 1e-4:
-        # by slopes: for a whole sample where the effect is small, for a tenth where it is large
+        # extrapolated linearly: to a whole sample if the effect is small, else to a tenth of a sample
         small = gained < _MUCH
         how = Text(
             f"{'one sample' if small else 'a tenth of a sample'} ({Quantity(10.0 * step if small else step, 's'):6 us})"
@@ -1164,7 +1188,7 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
 
 
 def _edges(tuner: Tuner, best: Best) -> list[str]:
-    """Return the tunables that ended at the edge of their range, in words."""
+    """Return the tunables that ended at a limit of their range, in words."""
     texts: list[str] = []
     nyquist = 0.5 / tuner.points[0].sample_time
     for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True):
@@ -1189,7 +1213,7 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
 
 
 def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
-    """Return the decrease of the goal with another axis, by the Lagrangian."""
+    """Return the improvement of the goal for a changed axis, from the Lagrangian."""
     slack = {bound.key: bound.slack for bound in there.bounds}
     eased = sum(
         end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack
@@ -1198,7 +1222,7 @@ def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
 
 
 def _of_today(today: Control, control: Control, name: str) -> float:
-    """Return the value of a tunable in today's control; NaN if it has another block there, or none."""
+    """Return the value of a tunable in the present control; NaN if its block is missing or of another type there."""
     place, last = name.rpartition(".")[::2]
     blocks: list[object] = [today, control]
     for step in place.split("."):
