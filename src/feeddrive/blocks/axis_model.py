@@ -31,14 +31,14 @@ _SLOW = 0.1  # share of 1/(time from a reading to its force): a loop with this r
 
 
 class SteadyForce(Protocol):
-    """The steady force of a friction law over velocity."""
+    """The steady friction force of a friction law as a function of velocity."""
 
     def steady(self, velocity: Number) -> Number:
-        """Friction force in N at a constant velocity (m/s)."""
+        """Return the friction force in N at a constant velocity (m/s)."""
         ...
 
     def linear(self) -> Number:
-        """The viscous part, N s/m."""
+        """Return the viscous coefficient, N s/m."""
         ...
 
 
@@ -69,22 +69,22 @@ class AxisModel:
 
     @property
     def rate(self) -> float:
-        """Start value of all rates in 1/s, slow enough for any law: a tenth of 1/(delay + sample time)."""
+        """The start value of all rates in 1/s: a tenth of 1/(delay + sample time), slow enough for any law."""
         return _SLOW / (self.delay + self.sample_time)
 
     @property
     def delay_samples(self) -> int:
-        """The delay in whole samples, as observers count it."""
+        """The delay in whole samples, as observers use it."""
         return round(self.delay / self.sample_time)
 
     def dry_friction(self, velocity: float) -> float:
-        """Friction force in N at a constant velocity (m/s), without the viscous part."""
+        """Return the friction force in N at a constant velocity (m/s), without the viscous part."""
         return sum(
             float(friction.steady(velocity)) - float(friction.linear()) * velocity for friction in self.frictions
         )
 
     def sentence(self) -> str:
-        """The model in words."""
+        """Return a sentence that describes the model."""
         late = f", a command to act after {self.delay_samples} samples" if self.delay_samples else ""
         return Text(
             f"designed for an axis of {Quantity(self.mass, 'kg'):6} and {Quantity(self.viscous, 'N s/m'):6}{late}"
@@ -92,7 +92,7 @@ class AxisModel:
 
 
 class Start(NamedTuple):
-    """Start values of the search for a law's parameters on an axis.
+    """The start values of a search for a law's parameters on an axis.
 
     name         of the law in a comparison
     remark       a note for the report
@@ -108,7 +108,7 @@ class Start(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """A form of a compensation beside a law, as a comparison tries it.
+    """A form of a compensation that a comparison tries together with a law.
 
     name   of the form in a comparison
     block  the compensation; None if this form does not go on the axis
@@ -123,10 +123,11 @@ class Beside(NamedTuple):
 
 
 def begun(block: type[B], axis: AxisModel, **stated: Any) -> B:
-    """Return a block with start values for an axis: the stated ones, those of the axis, and otherwise values by unit.
+    """Return a block with start values for an axis: stated values first, then those of the axis, then values by unit.
 
-    `mass`, `viscous`, `delay_samples` and `velocity_encoder` come from the axis; a field with a default keeps it; a
-    gain without one is mass^a rate^b by its unit (`POWERS`), in Hz over 2π.
+    `mass`, `viscous`, `delay_samples` and `velocity_encoder` come from the axis. A field with a default keeps it. A
+    gain without a default is mass^a rate^b according to its unit (`POWERS`), divided by 2π if in Hz.
+
     Raises StructureError for any other field: the block must give its start value in a method `begin`.
     """
     known = {

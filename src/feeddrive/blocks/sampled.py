@@ -1,4 +1,4 @@
-"""The common part of references and loads: they are sampled before the run, not traced, and have no variants."""
+"""Common checks of references and loads, which are sampled before the run, not traced, and have no variants."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def check_single(block: Block) -> None:
 
 
 def are_all(parts: object, family: type[Block]) -> bool:
-    """True for a tuple of at least one block, all of a family: what a part may hold is not checked elsewhere."""
+    """Return True for a tuple of at least one block, all of one family; the contents of a part are not checked
+    elsewhere.
+    """
     return isinstance(parts, tuple) and bool(parts) and all(isinstance(part, family) for part in parts)
 
 
@@ -46,16 +48,18 @@ def check_order(kind: str, start: float, end: float | None) -> None:
 
 
 def since(t: np.ndarray, start: float) -> np.ndarray:
-    """True from the first sample at or after `start` on, also where kT has been rounded to just before it.
+    """Return True from the first sample at or after `start`, even if rounding puts its kT just before `start`.
 
-    The slack is 1e-12 s and 1e-14 of `start`: far under any sample time, far over what a product kT is off, and enough
-    for a `start` that was written down with 15 digits.
+    The tolerance of 1e-12 s plus 1e-14 of `start` is far below any sample time and far above the rounding error of a
+    product kT, and is enough for a `start` written with 15 digits.
     """
     return t >= start - (1e-12 + 1e-14 * abs(start))
 
 
 def rows_at(t: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times in rows of a table, with those that miss a row by rounding put on it; and which of them lie on a row."""
+    """Return times in rows of a table, rounded to a row if they miss it by rounding only, and True where they lie on a
+    row.
+    """
     place = t / sample_time
     near = np.rint(place)
     on_row = np.abs(place - near) <= _ROUNDING

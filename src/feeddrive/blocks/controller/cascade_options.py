@@ -1,4 +1,4 @@
-"""The two options of the P-PI cascade that have a memory: a slower position loop, and a reference model."""
+"""Two options of the P-PI cascade that have memory: a slower position loop and a reference model."""
 
 from __future__ import annotations
 
@@ -25,14 +25,16 @@ class Interpolator(NamedTuple):
 
 
 def interpolator(every: int, zero: Number) -> tuple[Interpolator, ...]:
-    """The state at rest, in which the position loop runs at once; empty if it runs in every sample."""
+    """Return the initial state, in which the position loop runs at once; empty if it runs in every sample."""
     return () if every == 1 else (Interpolator(zero, zero, zero),)
 
 
 def interpolated(
     state: tuple[Interpolator, ...], wanted: Number, every: int
 ) -> tuple[tuple[Interpolator, ...], Number]:
-    """The velocity command of this sample in m/s, from what the position loop would command now."""
+    """Return the new state and the velocity command of this sample in m/s; `wanted` is the position loop's current
+    command.
+    """
     if not state:
         return (), wanted
     before = state[0]
@@ -61,14 +63,16 @@ class ReferenceModel(NamedTuple):
 
 
 def reference_model(samples: int, velocity: Number, zero: Number) -> ReferenceModel:
-    """The state at a constant velocity in m/s, for a dead time in samples."""
+    """Return the state at a constant velocity in m/s, for a dead time in samples."""
     return ReferenceModel(velocity, (zero,) * (samples + 2))
 
 
 def expected_velocity(
     state: tuple[ReferenceModel, ...], wanted: Number, Kp: Number, mass: Number | None, T: Number
 ) -> tuple[tuple[ReferenceModel, ...], Number]:
-    """The velocity in m/s with which the integral compares the measured one: the command itself without a model."""
+    """Return the new state and the velocity in m/s with which the integral compares the measured one: the command
+    itself without a model.
+    """
     if not state or mass is None:
         return (), wanted
     before = state[0]

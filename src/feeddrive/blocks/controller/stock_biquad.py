@@ -30,7 +30,7 @@ class StockBiquad(Block):
         s2: Number
 
     def start(self, zero: Number) -> State:
-        """Empty, as HAL loads it."""
+        """Return the state with which HAL loads the component: zeros."""
         return self.State(zero, zero)
 
     def step(self, state: State, value: Number) -> tuple[State, Number]:

@@ -1,4 +1,4 @@
-"""The beam between two drives of one axis: a gantry."""
+"""The beam between the two drives of a gantry axis."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ class CrossBeam(Coupling):
     damping: Number = parameter("N s/m", "damping of the skew", least=0, default=0)
 
     def check(self) -> None:
-        """Two different axes."""
+        """Raise StructureError unless the two drives are different axes."""
         if self.axis == self.follower:
             raise StructureError(
                 f"cross_beam: axis and follower are both '{self.axis}': a beam lies between two drives"
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Both drives."""
+        """Return both drives."""
         return (self.axis, self.follower)
 
     def springs(self) -> tuple[SharedSpring, ...]:
         return (SharedSpring(self.stiffness, self.damping, {self.axis: 1.0, self.follower: -1.0}),)
 
     def follows(self) -> dict[str, str]:
-        """The second drive follows the first."""
+        """Return the second drive as follower of the first."""
         return {self.follower: self.axis}

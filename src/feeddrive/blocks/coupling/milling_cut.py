@@ -1,4 +1,4 @@
-"""The force of a milling tool, with the chip from the actual relative motion of tool and table."""
+"""The force of a milling tool, with the chip from the actual relative motion of tool and workpiece."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class MillingCut(Coupling):
         turns: Any = None  # of the spindle at the end of the last substep
 
     def check(self) -> None:
-        """Each direction has its own axis; the tool reaches to the bottom of each section."""
+        """Raise an error if two directions share an axis or if a section is deeper than the flutes are long."""
         if len(set(self.axes())) < len(self.axes()):
             raise StructureError(
                 f"milling_cut: x, y and z must be moved by different axes, not {', '.join(self.axes())}"
@@ -94,7 +94,7 @@ class MillingCut(Coupling):
                 )
 
     def rules(self) -> Iterator[Rule]:
-        """The end comes after the beginning; slices are short."""
+        """Yield the rules that the cut ends after it begins and that slices are short."""
         begin, end = self.cut_from, self.cut_to
         if end is not None:
             yield Rule(
@@ -109,19 +109,19 @@ class MillingCut(Coupling):
         yield fits_slices("milling_cut.cutter", edge._replace(axial_depth=max(depths)) if depths else edge)
 
     def _depths(self) -> list[float]:
-        """The axial depths of the sections, m."""
+        """Return the axial depths of the sections, m."""
         return [] if self.sections is None else self.sections.rows().get("axial_depth", [])
 
     def axes(self) -> tuple[str, ...]:
-        """The axes that move the tool or the table."""
+        """Return the axes that move the tool or the table."""
         return (self.along_x, self.along_y, *(() if self.along_z is None else (self.along_z,)))
 
     def period(self) -> Number:
-        """τ in s, the longest of all sections that cut."""
+        """Return τ in s, the longest of all sections that cut."""
         return 60.0 / (self.cutter.teeth * self._speeds()[0])
 
     def _speeds(self) -> list[Any]:
-        """The spindle speeds of the sections that cut, in rpm, the least first."""
+        """Return the spindle speeds of the sections that cut, in rpm, in ascending order."""
         rows = {} if self.sections is None else self.sections.rows()
         if self.sections is not None and "spindle_speed" in rows:
             pairs = zip(rows["spindle_speed"], self.sections.cutting(), strict=True)
@@ -129,7 +129,9 @@ class MillingCut(Coupling):
         return [self.spindle_speed]
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """The stored substeps cover the tooth periods, and a substep is a short part of one."""
+        """Yield the rules that the stored substeps cover the tooth periods and that the spindle turns little in a
+        substep.
+        """
         period, turn = self.period(), 60.0 / self._speeds()[-1]
         told = self.direction is not None or (self.sections is not None and self.sections.direction is not None)
         count = self.surfaces if told else max(self.surfaces, self.cutter.teeth)
@@ -152,7 +154,7 @@ class MillingCut(Coupling):
         )
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> State:
-        """The tool has been at rest at its present position."""
+        """Return the state of a tool that has been at rest at its present position."""
         place, _ = self._relative(motions)
         nothing = ops.zero(place[0])
         if self.sections is None:
@@ -180,7 +182,9 @@ class MillingCut(Coupling):
     def forces(
         self, state: State, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[State, tuple[Any, Any], Cut]:
-        """The state after a substep, the direction of the feed, and the forces on the tool whether it acts or not."""
+        """Return the state after a substep, the direction of the feed, and the forces on the tool whether the cut is
+        active or not.
+        """
         place, velocity = self._relative(motions)
         ends: list[Any] = [x - 0.5 * h * v for x, v in zip(place, velocity, strict=True)]
         section, now = self._section(state.section, time)
@@ -222,7 +226,7 @@ class MillingCut(Coupling):
         return section, self.sections.settings(section, usual)
 
     def _ago(self, teeth: int, path: Track, turns: Any, rate: Any, h: Any) -> Any:
-        """Substeps since the spindle stood so many teeth before, by Newton's method where its speed changes."""
+        """Return the substeps since the spindle was this many teeth behind, by Newton's method if its speed changes."""
         if len(path.values) == 2:
             return float(teeth) / (self.cutter.teeth * rate * h)
         turned = float(teeth) / float(self.cutter.teeth)
@@ -234,12 +238,12 @@ class MillingCut(Coupling):
         return ago
 
     def _moved(self, place: tuple[Any, Any], path: Track, ago: Any, h: Any) -> tuple[Any, Any]:
-        """The way of the tool along x and y in a number of substeps."""
+        """Return the displacement of the tool along x and y over a number of substeps."""
         x, y = path.ago(ago, h, 0.5)[:2]
         return place[0] - x, place[1] - y
 
     def _relative(self, motions: Mapping[str, Motion]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Position and velocity of the tool against the workpiece."""
+        """Return position and velocity of the tool relative to the workpiece."""
         x, y = motions[self.along_x], motions[self.along_y]
         if self.moves == "tool":
             return (x.position_load, y.position_load), (x.velocity_load, y.velocity_load)

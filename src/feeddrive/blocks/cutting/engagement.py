@@ -1,6 +1,6 @@
-"""The engaged part of helical edges: entry and exit of the chip, and the force from what the tool moved since each cut.
+"""The engagement of helical edges: entry and exit of the chip, and the force from the tool motion since earlier cuts.
 
-The angle of an edge is v: from the normal n = spindle axis x feed t towards t, clockwise seen from the spindle.
+The angle v of an edge is measured from the normal n = spindle axis x feed t towards t, clockwise seen from the spindle.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LEAST_ANGLE = 1e-6  # rad; a straight edge enters and leaves over it at least
 
 
 def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[Any, Any]:
-    """Entry and exit of the chip in rad of a cut of this width in m; a slot without a width.
+    """Return entry and exit of the chip in rad for a radial depth in m; those of a slot without a depth.
 
     up 0 .. a,   down π - a .. π,   a = arccos(1 - 2 radial_depth / diameter)
     symmetric π/2 ∓ arcsin(radial_depth / diameter)
@@ -36,7 +36,7 @@ def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[An
 
 
 def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *, concave: bool) -> Any:
-    """The arc in rad over which a tooth cuts while the center of the tool moves on a circle of this radius in m.
+    """Return the arc in rad over which a tooth cuts while the tool center moves on a circle with a radius in m.
 
         concave wall: cos ψ = ((r_c + R - a_e)² - r_c² - R²) / (2 r_c R)
         convex wall:  cos ψ = (r_c² + R² - (r_c - R + a_e)²) / (2 r_c R)
@@ -55,7 +55,7 @@ def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *
 
 
 def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) -> Any:
-    """The chip in m of a tooth on its true path, a trochoid; chip_load · sin angle is its first order.
+    """Return the chip thickness in m of a tooth on its true path, a trochoid; chip_load · sin angle is its first order.
 
         R sin δ = (c - ρδ) cos v,   h = R (1 - cos δ) + (c - ρδ) sin v,   ρ = c teeth / 2π, the feed of a rad
 
@@ -76,7 +76,7 @@ def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) 
 
 
 class Cut(NamedTuple):
-    """Force on the tool along feed, normal and spindle axis in N, the spindle's torque in N m."""
+    """The force on the tool along feed, normal and spindle axis in N, and the spindle torque in N m."""
 
     feed: Any
     normal: Any
@@ -85,7 +85,7 @@ class Cut(NamedTuple):
 
 
 class Rubbing(NamedTuple):
-    """The damping of an edge in the cut: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
+    """The process damping of an edge: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
 
     along: Any
     across: Any
@@ -93,12 +93,14 @@ class Rubbing(NamedTuple):
 
 
 def lag(edge: Edge) -> Any:
-    """The turn from the tip of an edge to its top, rad."""
+    """Return the lag angle of an edge from its tip to its top, rad."""
     return 2.0 * edge.axial_depth * ops.tan(edge.helix_angle) / edge.diameter
 
 
 def fits_slices(kind: str, edge: Edge) -> Rule:
-    """What the closed forms ask for: no slice reaches around what is not engaged."""
+    """Return the rule that a slice turns by at most a quarter of a turn: the closed forms require that it does not
+    reach around the unengaged part.
+    """
     turn, slices = lag(edge), edge.slices
     return Rule(
         turn <= 0.5 * ops.pi * float(slices),
@@ -113,7 +115,7 @@ def fits_slices(kind: str, edge: Edge) -> Rule:
 def cut(
     edge: Edge, angle: Number, sweep: Number, steps: Sequence[tuple[Any, Any]], rubbing: Rubbing | None = None
 ) -> Cut:
-    """The force of all teeth at an angle of the spindle in rad, in the mean over the angle `sweep` around it.
+    """Return the force of all teeth at an angle of the spindle in rad, averaged over the angle `sweep` around it.
 
     steps  the motion of the tool along t and n in m since the first, second, ... tooth before stood at this angle
 
@@ -160,7 +162,7 @@ def cut(
 
 
 class _End(NamedTuple):
-    """An end of a slice, held to the engaged part: its angle, sin, cos, sin cos and sin²."""
+    """One end of a slice, limited to the engaged part: its angle, sin, cos, sin cos and sin²."""
 
     angle: Any
     sine: Any
@@ -170,7 +172,7 @@ class _End(NamedTuple):
 
 
 class _Arms(NamedTuple):
-    """Entry and exit: half the angle between them, their sines and cosines."""
+    """The entry and exit of an edge: half the angle between them, and their sines and cosines."""
 
     half: Any
     entry: tuple[Any, Any]
@@ -178,12 +180,12 @@ class _Arms(NamedTuple):
 
     @classmethod
     def of(cls, edge: Edge) -> _Arms:
-        """The arms of the engaged part of a turn."""
+        """Return entry and exit of an edge."""
         begin, end = edge.entry, edge.exit
         return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))
 
     def end(self, sine: Any, cosine: Any, turns: Any) -> _End:
-        """An end with these, at `turns` from the middle of what is not engaged."""
+        """Return the end of a slice with this sine and cosine, at `turns` from the middle of the unengaged part."""
         angle = 2.0 * ops.pi * (turns - ops.floor(turns)) - ops.pi
         below, above = angle < -self.half, angle > self.half
         held = ops.where(below, -self.half, ops.where(above, self.half, angle))
@@ -193,9 +195,10 @@ class _Arms(NamedTuple):
 
 
 def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
-    """True if an edge cuts the surface of the tooth before along all of its length.
+    """Return True if an edge cuts the surface left by the previous tooth over its whole length.
 
-    The chip is a sine over the angle: what is not below 0 at two ends less than π apart is not below 0 between them.
+    The chip thickness is a sine of the angle: if it is not negative at two ends less than π apart, it is not negative
+    between them.
     """
     (x, y), *others = moved
     signs = [(x, y), *((other_x - x, other_y - y) for other_x, other_y in others)]
@@ -208,7 +211,9 @@ def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
 
 
 def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]:
-    """2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice, or 0 out of the cut."""
+    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos and 2∫cos² over a slice; zeros out of the
+    cut.
+    """
     angle, ds, dc = high.angle - low.angle, high.sine - low.sine, low.cosine - high.cosine
     both, mixed = high.both - low.both, high.square - low.square
     sines, cosines = angle - both, angle + both
@@ -226,7 +231,7 @@ def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]
 
 
 def _forces(edge: Edge, total: list[Any], depth: Any, rubbing: Rubbing | None) -> Cut:
-    """The forces from the sums over all slices; `depth` is the height of edge in m that a rad of it stands for."""
+    """Return the forces from the sums over all slices; `depth` is the height of edge per rad, m."""
     sine, cosine, chip, dc, ds, angle, sines, mixed, cosines = total
     tangential, radial, axial = edge.cutting
     along, across = 0.5 * sine, 0.5 * cosine
@@ -246,7 +251,7 @@ def _forces(edge: Edge, total: list[Any], depth: Any, rubbing: Rubbing | None) -
 
 
 def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
-    """The motions of the axis that a tooth turns about, with the tool's own offset from it."""
+    """Return the motions of the tool center since earlier teeth, with the run-out included."""
     if edge.run_out is None:
         return list(steps)
     offset, place = edge.run_out
@@ -259,13 +264,13 @@ def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> l
 
 
 def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:
-    """Sine and cosine of the sum of two angles."""
+    """Return sine and cosine of the sum of two angles."""
     if s == 0.0 and c == 1.0:
         return sine, cosine
     return sine * c + cosine * s, cosine * c - sine * s
 
 
 def _of_tooth(tooth: int, teeth: int) -> tuple[float, float]:
-    """Sine and cosine of the angle between teeth."""
+    """Return sine and cosine of the angle of a tooth from the first one."""
     angle = 2.0 * ops.pi * (float(tooth % teeth) / float(teeth))
     return (0.0, 1.0) if tooth % teeth == 0 else (float(ops.sin(angle)), float(ops.cos(angle)))

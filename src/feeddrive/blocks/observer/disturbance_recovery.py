@@ -58,7 +58,7 @@ class DisturbanceRecovery(Observer):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> DisturbanceRecovery:
-        """A corner well below the rate of the loop, on the encoder of the velocity."""
+        """Return start values with a corner well below the rate of the loop, on the velocity encoder."""
         return begun(cls, axis, frequency=0.2 * axis.rate, encoder=axis.velocity_encoder)
 
     class Prepared(NamedTuple):
@@ -76,12 +76,12 @@ class DisturbanceRecovery(Observer):
         filter: tuple[Any, ...]
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """The corner of the filter lies below half the sample rate."""
+        """Yield the rule that the corner of the filter lies below half the sample rate."""
         if self.form != "exact":
             yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
-        """The filter's coefficients."""
+        """Compute the coefficients of the filter."""
         if self.form in ("one_pole", "two_poles"):
             return self.Prepared((ops.exp(-2.0 * ops.pi * self.frequency * T),), ())
         if self.form == "butterworth":
@@ -89,7 +89,7 @@ class DisturbanceRecovery(Observer):
         return self.Prepared((), ())
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Moving evenly at the reading: the disturbance is what the force that acts must hold."""
+        """Return the state of steady motion at the reading, with the disturbance that balances the acting force."""
         position, held = self._position(reading), self.viscous * reading.velocity - reading.applied
         kept: tuple[Any, ...] = (held,) * self._poles()
         if prepared.section:
@@ -119,15 +119,17 @@ class DisturbanceRecovery(Observer):
         return after, Estimate(position, velocity, force)
 
     def retune(self, state: State, old: DisturbanceRecovery, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The filtered force goes on."""
+        """Convert the state so that the filtered force is continuous."""
         if not prepared.section:
             return state
         return state._replace(filter=(retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """The delay for a held force beside a motor force that stands, in s; other forces come up to T earlier.
+        """Return the delay in s for a held disturbance while the motor force is constant; other forces come up to T
+        earlier.
 
-        1.5 T of the double difference, and of the filter α/(1 - α) T or the slope of its phase at 0 Hz.
+        It is 1.5 T for the double difference, plus α/(1 - α) T for each pole, or the slope of the section's phase at 0
+        Hz.
         """
         samples: Any = 1.5
         if prepared.pole:

@@ -1,4 +1,4 @@
-"""The observer of generalized proportional integral (GPI) control: the disturbance is a Taylor polynomial in time."""
+"""The observer of generalized proportional integral (GPI) control, with a Taylor polynomial in time as disturbance."""
 
 from __future__ import annotations
 
@@ -81,7 +81,9 @@ class GpiObserver(Observer):
         brake: tuple[Number, ...] = ()
 
     def polynomial(self) -> Row:
-        """Coefficients of the error's polynomial in s / omega_o, from the highest power (1) down to the constant."""
+        """Return the coefficients of the error's polynomial in s / omega_o, from the highest power (1) down to the
+        constant.
+        """
         order = 2 + self.taylor_states
         made: Row = (1.0,)
         for _ in range(order // 2):
@@ -91,7 +93,7 @@ class GpiObserver(Observer):
         return made
 
     def gains(self) -> Row:
-        """The λ from that of x̂1 on: the coefficients of the polynomial in s, in 1/s, 1/s², ..."""
+        """Return the gains λ, beginning with that of x̂1: the coefficients of the polynomial in s, in 1/s, 1/s², ..."""
         rate, gains = self.omega_o, []
         for coefficient in self.polynomial()[1:]:
             gains.append(coefficient * rate)
@@ -99,11 +101,11 @@ class GpiObserver(Observer):
         return tuple(gains)
 
     def prepare(self, T: Number) -> Prepared:
-        """The exact sampled form: one matrix exponential, with u and the slope of y as inputs that stay."""
+        """Compute the exact sampled form by one matrix exponential, with u and the slope of y as constant inputs."""
         return self._sampled(matrix.expm1(self._rate(T)), 1.0)
 
     def _rate(self, T: Number) -> Matrix:
-        """A T of the states, of u and of the change of y in a sample."""
+        """Return A T of the states, of u and of the change of y in a sample."""
         order = 2 + self.taylor_states
         turn = self.omega_o * T
         rate = matrix.zeros(order + 2, order + 2)
@@ -116,7 +118,7 @@ class GpiObserver(Observer):
         return tuple(map(tuple, rate))
 
     def _sampled(self, change: Matrix, share: Number) -> Prepared:
-        """The sampled form from e^(share A T) - 1: for a sample that takes this share of T."""
+        """Return the sampled form from e^(share A T) - 1, for a sample that takes this share of T."""
         order = 2 + self.taylor_states
         F = tuple(tuple(x + 1.0 if i == j else x for j, x in enumerate(row[:order])) for i, row in enumerate(change))
         per_force = 1.0 / (self.mass * self.omega_o * self.omega_o)
@@ -127,7 +129,9 @@ class GpiObserver(Observer):
         return self.Prepared(F[:order], Gu, Gy)
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Moving evenly at the reading; the disturbance is the one given, or balances the force that acts."""
+        """Return the state of steady motion at the reading; the disturbance is the given one, or balances the acting
+        force.
+        """
         position = self._position(reading)
         z = [ops.zero(position)] * (2 + self.taylor_states)
         z[1] = reading.velocity / self.omega_o
@@ -141,7 +145,9 @@ class GpiObserver(Observer):
         return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
-        """The equations above; u is the force that acted in the last sample, as commanded after the limit."""
+        """Compute the equations of the class; u is the force that acted in the last sample, as commanded after the
+        limit.
+        """
         y = self._position(reading)
         commands = (reading.applied, *state.pending)
         acted = commands[-1] + state.brake[0] if state.brake else commands[-1]
@@ -155,7 +161,7 @@ class GpiObserver(Observer):
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def retune(self, state: State, old: GpiObserver, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Velocity in m/s, disturbance in N and its derivatives go on: z_i omega_o^i, the disturbance's times mass."""
+        """Keep velocity in m/s, disturbance in N and its derivatives: z_i omega_o^i, for the disturbance times mass."""
         slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
         z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower
         for held in state.z[2:]:
@@ -164,14 +170,15 @@ class GpiObserver(Observer):
         return state._replace(z=tuple(z))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """The delay for a disturbance that rises evenly: 0.0, except for a single Taylor state."""
+        """Return the delay of the estimate of a ramp disturbance: 0.0, except for a single Taylor state."""
         coefficients = self.polynomial()
         return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """omega_o is slow enough for the sample time: subtracting the disturbance from a rigid axis is stable.
+        """Yield the rule that omega_o is slow enough for the sample time: a rigid axis with the disturbance subtracted
+        is stable.
 
-        It must be so at T/2, T/4, ... as well: what is stable again beyond a gap is so by chance.
+        It must be stable at T/2, T/4, ... as well: stability beyond a gap is accidental.
         """
         if self.taylor_states:
             halved, squarings = matrix.expm1_doubled(self._rate(T))
@@ -186,7 +193,7 @@ class GpiObserver(Observer):
             )
 
     def _refusal(self, T: float) -> str:
-        """The error: by how much omega_o is too fast, and the nearest admissible numbers."""
+        """Return the error text: by how much omega_o is too fast, and the nearest admissible values."""
         real = 1.0 if self.p0 is None else self.p0 / self.omega_o
         most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
         turn = self.omega_o * T
@@ -198,13 +205,13 @@ class GpiObserver(Observer):
         )
 
     def growth(self, T: Number) -> Any:
-        """The largest |z| of the loop u = -ẑ1 around q'' = u, with the dead time."""
+        """Return the spectral radius of the loop u = -ẑ1 around q'' = u, with the dead time."""
         return matrix.growth(self._rejecting(self.prepare(T), T))
 
     def _rejecting(self, made: Prepared, T: Number) -> list[list[Any]]:
-        """The matrix of one sample of the loop u = -ẑ1 around q'' = u, with the dead time.
+        """Return the transition matrix of the loop u = -ẑ1 around q'' = u over one sample, with the dead time.
 
-        Seen from the true motion (z_0 from q, z_1 from q') the observer is on its own: the loop's other poles, two at 1
+        Relative to the true motion (z_0 to q, z_1 to q') the observer is autonomous: the loop's other poles, two at 1
         without a position controller, drop out.
         """
         order, late = 2 + self.taylor_states, self.delay_samples
@@ -223,7 +230,7 @@ class GpiObserver(Observer):
 
 @cache
 def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samples: int) -> float:
-    """The first omega_o T at which the loop of `growth` is no longer stable; what is stable again beyond is chance."""
+    """Return the first omega_o T at which the loop of `growth` is unstable; stability beyond it is accidental."""
     shape = GpiObserver(
         mass=1.0, omega_o=1.0, p0=p0, taylor_states=taylor_states, zeta_o=zeta_o, hold=hold, delay_samples=delay_samples
     )
@@ -234,7 +241,7 @@ def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samp
 
 
 def _product(a: Row, b: Row) -> Row:
-    """Coefficients of the product of two polynomials."""
+    """Return the coefficients of the product of two polynomials."""
     coefficients: list[Any] = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):

@@ -1,4 +1,4 @@
-"""Durations of the boxcars of a limited move, and the limits that are not reached if the distance is short."""
+"""The durations of the boxcars of a limited move, and the limits that a short distance does not reach."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _TINY = 1e-290  # numbers below are so near to 0 that they lose digits
 
 
 def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Profile:
-    """The shortest move of the boxcar family that covers a distance > 0 within `limits`, velocity first (SI).
+    """Return the shortest move of the boxcar family over a distance > 0 within `limits`, velocity first (SI).
 
     With all limits reached the lengths are the usual ones, for the snap-limited move j/s, a/j, v/a and
     distance/v.  In general they are chosen from the shortest on, each as long as possible.  L₁ multiplies the highest
@@ -51,7 +51,9 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
 
 
 def _longest(goal: float, place: int, span: float) -> float:
-    """The x for which x, x(x + span), 2x(x + span)² or 8x(x + span)³ (place 0 .. 3, the last with span = 0) is goal."""
+    """Return the x for which x, x(x + span), 2x(x + span)² or 8x(x + span)³ (place 0 .. 3, the last with span = 0)
+    equals goal.
+    """
     if place == 0:
         return goal
     if place == 1:

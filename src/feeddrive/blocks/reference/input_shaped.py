@@ -30,23 +30,25 @@ class InputShaped(Reference):
     tolerance: Number = parameter("", "share of the vibration that EI leaves", default=0.05, least=0, below=1)
 
     def check(self) -> None:
-        """There is a reference, and it ends in a finite time."""
+        """Raise StructureError unless there is a reference that ends in a finite time."""
         check_single(self)
         if not are_all((self.reference,), Reference):
             raise StructureError(f"input_shaped.reference must be a reference, not {self.reference!r}")
         check_duration(self.kind, self.duration)
 
     def pulses(self) -> tuple[list[float], list[float]]:
-        """Amplitudes, with sum 1, and times in s."""
+        """Return the amplitudes of the pulses, with sum 1, and their times in s."""
         return pulses(self.shaper, self.frequency, self.damping, self.tolerance)
 
     @property
     def duration(self) -> float:
-        """The duration of the reference and the time of the last pulse together, s."""
+        """The duration of the reference plus the time of the last pulse, s."""
         return self.reference.duration + self.pulses()[1][-1]
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The equation above, written from the last pulse so that it rests exactly where the reference rests."""
+        """Compute the equation of the class, summed from the last pulse so that it rests exactly where the reference
+        rests.
+        """
         times = np.asarray(t, dtype=np.float64)
         heights, delays = self.pulses()
         # rounding must not let the end come before `duration` is over

@@ -45,7 +45,7 @@ class Profile:
 
     @cached_property
     def peaks(self) -> tuple[float, ...]:
-        """Largest velocity, acceleration, ... in SI, down to the derivative that is piecewise constant."""
+        """The largest velocity, acceleration, ... in SI, down to the derivative that is piecewise constant."""
         peaks, height = [], self.distance
         for length in reversed(self.lengths):
             height = height / length
@@ -74,17 +74,17 @@ class Profile:
 
     @property
     def starts(self) -> np.ndarray:
-        """Times at which pieces start, s."""
+        """The times at which the pieces start, s."""
         return self._pieces[0]
 
     @property
     def spans(self) -> np.ndarray:
-        """Lengths of the pieces, s."""
+        """The lengths of the pieces, s."""
         return self._pieces[1]
 
     @property
     def states(self) -> np.ndarray:
-        """Position, velocity, acceleration, jerk and snap at the start of each piece, shape (5, pieces)."""
+        """The position, velocity, acceleration, jerk and snap at the start of each piece, shape (5, pieces)."""
         return self._pieces[2]
 
     @cached_property
@@ -93,7 +93,7 @@ class Profile:
         return tuple(Piece(*row) for row in np.vstack(self._pieces).T.tolist())
 
     def at(self, t: np.ndarray) -> Derivatives:
-        """Position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
+        """Return position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
         order = None if t.size < 2 or bool(np.all(t[1:] >= t[:-1])) else np.argsort(t, kind="stable")
         rising = t if order is None else t[order]
         bounds = [*np.searchsorted(rising, self.starts).tolist(), t.size]  # piece by piece: no gathered coefficients
@@ -107,9 +107,9 @@ class Profile:
         return out[0], out[1], out[2], out[3], out[4]
 
     def check(self, kind: str, limits: Sequence[float]) -> None:
-        """Integrate piece by piece and raise StructureError where a limit (velocity first), or the end, is missed.
+        """Integrate piece by piece and raise StructureError if a limit (velocity first) or the end position is missed.
 
-        In a piece every derivative is monotone, so its ends hold its extremes.
+        Within a piece every derivative is monotone, so that its extremes are at the ends.
         """
         check_duration(kind, self.duration)
         _, spans, states = self._pieces
@@ -131,7 +131,7 @@ class Profile:
 
 
 def _advance(state: np.ndarray, span: float) -> float:
-    """∫ of a polynomial over a span; `state` holds its value and derivatives at the start."""
+    """Return the integral of a polynomial over a span; `state` holds its value and derivatives at the start."""
     total = 0.0
     for order in range(state.size - 1, -1, -1):
         total = span / (order + 1) * (state[order] + total)

@@ -1,4 +1,4 @@
-"""The impulse sequences of input shapers, convolved with a command so that it does not excite a mode."""
+"""The impulse sequences of input shapers: a command convolved with them does not excite a mode."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SHAPERS = ("zv", "zvd", "ei")
 
 
 def pulses(shaper: str, frequency: float, damping: float, tolerance: float) -> tuple[list[float], list[float]]:
-    """Amplitudes Aᵢ, with sum 1, and times tᵢ (s) of the pulses against a mode.
+    """Return the amplitudes Aᵢ, with sum 1, and the times tᵢ (s) of the pulses for a mode.
 
         shaper     "zv" (no vibration), "zvd" (nor its slope over frequency), "ei" (`tolerance` at the frequency
                    itself and, for an undamped mode, none at two frequencies beside it)

@@ -36,7 +36,9 @@ class Recorded(Reference):
     between: str = choice("what holds between two rows", options=("refused", "linear"), default="refused")
 
     def check(self) -> None:
-        """All tables have the length of the positions, and none stands over one that is missing."""
+        """Raise StructureError unless all tables have the length of the positions and each derivative has all lower
+        ones.
+        """
         check_single(self)
         check_duration(self.kind, self.duration)
         missing = ""
@@ -67,7 +69,7 @@ class Recorded(Reference):
         return self.position, first if self.velocity is None else self.velocity, *others
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The rows at times t in s."""
+        """Return the rows at times t in s."""
         times = np.asarray(t, dtype=np.float64)
         last = self.position.size - 1
         place, on_row = rows_at(times, self.sample_time)

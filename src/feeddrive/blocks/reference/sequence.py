@@ -27,14 +27,14 @@ class Sequence(Reference):
     references: tuple[Reference, ...] = part("references in their order")
 
     def check(self) -> None:
-        """There is at least one reference."""
+        """Raise StructureError unless there is at least one reference."""
         if not are_all(self.references, Reference):
             raise StructureError("sequence.references must be a tuple of at least one reference, and of nothing else")
         check_duration(self.kind, self.duration)
 
     @cached_property
     def _starts(self) -> np.ndarray:
-        """The start of each reference, and the end of the last, s."""
+        """The start of each reference and the end of the last, s."""
         return np.array(list(accumulate((reference.duration for reference in self.references), initial=0.0)))
 
     @cached_property
@@ -49,11 +49,11 @@ class Sequence(Reference):
 
     @property
     def duration(self) -> float:
-        """The duration of all references, s."""
+        """The total duration of all references, s."""
         return float(self._starts[-1])
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """Setpoints of the reference that is active at each time t in s."""
+        """Return the setpoints of the reference that is active at each time t in s."""
         times = np.asarray(t, dtype=np.float64)
         running = np.clip(np.searchsorted(self._starts[:-1], times, side="right") - 1, 0, len(self.references) - 1)
         out = np.empty((5, *times.shape))
