@@ -15,7 +15,7 @@ from feeddrive.language.text import Text
 
 B = TypeVar("B", bound=Block)
 
-# unit -> powers of mass and of rate by which a gain of a rigid axis with this unit scales: N s/m is kg times 1/s
+# unit -> powers of mass and rate with which a gain of a rigid axis in this unit scales: N s/m is kg times 1/s
 POWERS: Mapping[str, tuple[int, int]] = {
     "kg": (1, 0),
     "N s/m": (1, 1),
@@ -46,14 +46,14 @@ class SteadyForce(Protocol):
 class AxisModel:
     """The axis as given to every law, observer and compensation: one rigid mass with a delay, encoders and friction.
 
-    mass, viscous      kg and N s/m of the motion as one body
+    mass, viscous      kg and N s/m of the axis as one rigid body
     delay              s from a command to its force: dead time and the lag of the current loop
     sample_time        s
-    encoders           how many positions the controller reads, 1 or 2
-    velocity_encoder   the encoder of the velocity, as in the present control
-    plant, frictions   its blocks, for a law whose model of the axis is more than one mass
-    reading_noise      m, standard deviation of the velocity encoder's reading, counts included; 0 if none is stated
-    machine_modes      modes of the machine beside the axis, as the present control states them
+    encoders           number of positions that the controller reads, 1 or 2
+    velocity_encoder   the encoder of the velocity, as in the current controller
+    plant, frictions   blocks of the axis, for a law whose model of the axis is more than one mass
+    reading_noise      m, standard deviation of the velocity encoder's reading, including quantization; 0 if not stated
+    machine_modes      modes of the machine outside the axis, from the current controller
     """
 
     mass: float
@@ -94,10 +94,10 @@ class AxisModel:
 class Start(NamedTuple):
     """The start values of a search for a law's parameters on an axis.
 
-    name         of the law in a comparison
+    name         name of the law in a comparison
     remark       a note for the report
-    feedforward  feedforward to be used with the law in place of that of the present control
-    only_with    compensations (`Beside.name`) with which alone this form is tried; empty: alone and with all that suit
+    feedforward  feedforward that replaces that of the current controller
+    only_with    compensations (`Beside.name`), one of which this form needs; empty: tried alone and with all that suit
     """
 
     name: str
@@ -110,10 +110,10 @@ class Start(NamedTuple):
 class Beside(NamedTuple):
     """A form of a compensation that a comparison tries together with a law.
 
-    name   of the form in a comparison
-    block  the compensation; None if this form does not go on the axis
-    remark a note for the report, or the reason why it does not go
-    tuned  True if its tunables are searched with those of the law; else the law's tuning is taken over
+    name   name of the form in a comparison
+    block  the compensation; None if this form cannot be used on the axis
+    remark a note for the report, or the reason why it cannot be used
+    tuned  True if its tunables are searched with those of the law; else the law keeps its tuning
     """
 
     name: str

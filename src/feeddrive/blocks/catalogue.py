@@ -29,18 +29,16 @@ from feeddrive.language.lazy_package import modules_below
 
 B = TypeVar("B", bound=Block)
 
-# old names of kinds and their new names; until 1.0 errors name the new one
+# old and new names of kinds; until 1.0 error messages give the new one
 RENAMED = MappingProxyType({"shaped": "input_shaped"})
-ENTRY_POINTS = "feeddrive.blocks"  # group of the entry points of packages with blocks
-OWN = "FEEDDRIVE_BLOCKS"  # of the environment: files and modules with blocks, separated by commas
+ENTRY_POINTS = "feeddrive.blocks"  # entry-point group of packages with blocks
+OWN = "FEEDDRIVE_BLOCKS"  # environment variable: files and modules with blocks, separated by commas
 OPT_IN = f"a block of your own is found by --blocks FILE.py, by {OWN}, or once its package is installed"
 
 
 @cache
 def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
-    """Return the shipped block classes by family and kind, in the order of the folders; the first call imports them
-    all.
-    """
+    """Return the shipped block classes by family and kind, by folder; the first call imports every block."""
     families: dict[type[Block], dict[str, type[Block]]] = {}
     for module in modules():
         for block in blocks_of(module):
@@ -73,7 +71,7 @@ def _with_own(places: str) -> Mapping[type[Block], Mapping[str, type[Block]]]:
 
 def _installed() -> Iterator[tuple[str, type[Block]]]:
     """Yield the blocks of installed packages, each with its origin."""
-    from importlib.metadata import entry_points  # not before a block is looked for
+    from importlib.metadata import entry_points  # imported only when blocks are searched
 
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
         package = point.dist.name if point.dist is not None else point.name
@@ -116,8 +114,7 @@ def _line_in(error: BaseException) -> str:
 
 
 def module_at(place: str) -> tuple[ModuleType, str]:
-    """Import the module of a place and return it with the name of the class, or with an empty string for a whole
-    module.
+    """Import the module of a place; return it with the name of the class, or with an empty string.
 
     Modules are searched on Python's path, then in the working directory; a file is imported from its own folder.
     """

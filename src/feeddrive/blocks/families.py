@@ -212,9 +212,7 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def to_tune(cls) -> tuple[str, ...]:
-        """Return `tunables`, or, if the law lists none, every positive parameter without a default except the plant
-        model.
-        """
+        """Return `tunables`, or else every positive parameter without a default except the plant model."""
         fields = ((spec, declarations(cls)[spec.name]) for spec in dataclasses.fields(cls))  # type: ignore[arg-type]
         free = [
             spec.name
@@ -250,9 +248,7 @@ class Law(Block, Retuned, ABC):
         return 1
 
     def position_gain(self) -> Any:
-        """Return the velocity in 1/s that the law commands per position error; None if it commands none (empty
-        hook).
-        """
+        """Return the velocity in 1/s that the law commands per position error; None if none (empty hook)."""
         return None
 
     def positions(self) -> int:
@@ -305,9 +301,7 @@ class Feedforward(Block, RetunedUnprepared, ABC):
         return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
-        """Return the parts of the set motion that it feeds: fewer than `feeds` if parameters are absent (empty
-        hook).
-        """
+        """Return the parts of the set motion that it feeds: fewer than `feeds` if some are absent (empty hook)."""
         return self.feeds
 
     def start(self, setpoint: Setpoint) -> Any:
@@ -395,9 +389,7 @@ class Compensation(Block, Retuned, ABC):
     def step(
         self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[Any, Setpoint, Number]:
-        """Compute one sample: the new state, the setpoint for law and feedforward, and a force in N added after the
-        filters.
-        """
+        """Compute one sample: new state, setpoint for law and feedforward, and force in N behind the filters."""
 
     def carries(self, reading: Reading) -> Any:
         """Return its part of the force acting at the start, N; the law provides the rest (empty hook)."""
@@ -425,14 +417,13 @@ class Reference(Block, ABC):
 
     @abstractmethod
     def at(self, t: np.ndarray) -> Setpoint:
-        """Return the setpoints at times t (s, shape (n,)), each field of shape (n,); at rest before 0 and after the
-        end.
+        """Return the setpoints at times t (s, shape (n,)), each field of shape (n,).
+
+        The axis is at rest before 0 and after the end.
         """
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the motion from t = 0 as polynomials of time, for machine code to sample; empty if only `at` can
-        (hook).
-        """
+        """Return the motion from t = 0 as polynomials of time, for machine code; empty if only `at` can (hook)."""
         return ()
 
 

@@ -78,8 +78,7 @@ class Coupling(Block, ABC):
     def correct(
         self, state: Any, setpoints: Mapping[str, Setpoint], positions: Mapping[str, Number]
     ) -> tuple[Any, Mapping[str, Number]]:
-        """Compute one sample on the controller from the positions read (m): the new state and velocity corrections
-        (empty hook).
+        """Compute one sample on the controller from the positions read (m): state and corrections (empty hook).
 
         The corrections, by axis in m/s, are added to the velocity that the law of the axis commands.
         """
@@ -94,7 +93,7 @@ class Edge(NamedTuple):
     """The edges of a tool, which are helical and alike on all its teeth."""
 
     teeth: int
-    slices: int  # an edge is cut into so many pieces, each with one contact
+    slices: int  # number of pieces of an edge, each in contact or not
     diameter: Number  # m
     axial_depth: Number  # m
     helix_angle: Number  # rad
@@ -102,8 +101,8 @@ class Edge(NamedTuple):
     exit: Number  # rad
     cutting: tuple[Number, Number, Number]  # Ktc, Krc, Kac: force along, towards the axis, along it, N/m2
     rubbing: tuple[Number, Number, Number] | None = None  # Kte, Kre, Kae of the edge itself, N/m; None: none
-    run_out: tuple[Number, Number] | None = None  # offset of the tool's axis in m, and the angle of it in rad
-    flute_length: Number | None = None  # m, of the cutting edges; None: not stated, no depth is too much
+    run_out: tuple[Number, Number] | None = None  # offset of the tool's axis in m, and its angle in rad
+    flute_length: Number | None = None  # m, of the cutting edges; None: not stated, any depth is admissible
 
 
 class Cutter(Block, ABC):

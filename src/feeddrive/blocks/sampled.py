@@ -8,8 +8,8 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 
-LONGEST = 1e7  # s, nearly four months; beyond it a time says more about a wrong unit than about the motion
-_ROUNDING = 1e-6  # share of a row spacing by which kT may miss a row; a run would need 1e9 samples to round that far
+LONGEST = 1e7  # s, nearly four months; a longer time indicates a wrong unit
+_ROUNDING = 1e-6  # share of a row spacing by which kT may miss a row; rounding reaches it only after 1e9 samples
 
 
 def check_single(block: Block) -> None:
@@ -23,9 +23,7 @@ def check_single(block: Block) -> None:
 
 
 def are_all(parts: object, family: type[Block]) -> bool:
-    """Return True for a tuple of at least one block, all of one family; the contents of a part are not checked
-    elsewhere.
-    """
+    """Return True for a tuple of at least one block, all of one family. Parts are not checked elsewhere."""
     return isinstance(parts, tuple) and bool(parts) and all(isinstance(part, family) for part in parts)
 
 
@@ -57,9 +55,7 @@ def since(t: np.ndarray, start: float) -> np.ndarray:
 
 
 def rows_at(t: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times in rows of a table, rounded to a row if they miss it by rounding only, and True where they lie on a
-    row.
-    """
+    """Return times in table rows, snapped to a row if rounding misses it, and True where they lie on a row."""
     place = t / sample_time
     near = np.rint(place)
     on_row = np.abs(place - near) <= _ROUNDING

@@ -15,7 +15,7 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import StructureError
 
-_COUNT = 3.4641016151377544  # √12: a count that long has the deviation of one
+_COUNT = 3.4641016151377544  # √12: a count of this length has a standard deviation of 1
 _LEAST = 1e-30  # least share, so that there is no division by 0
 
 
@@ -116,10 +116,9 @@ class DisturbanceRejection(Compensation):
         return self.State(observer, (reached,)), setpoint, state.reached[0] * force
 
     def retune(self, state: State, old: DisturbanceRejection, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Convert the state: a larger share is reached within `blend_time` from the current one, a smaller one acts at
-        once.
+        """Convert the state: a larger share is reached within `blend_time`, a smaller one acts at once.
 
-        Without a `blend_time` the new share acts at once.
+        The rise starts from the share reached so far. Without a `blend_time` the new share acts at once.
         """
         observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
         if not state.reached:

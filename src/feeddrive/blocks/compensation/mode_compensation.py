@@ -49,8 +49,7 @@ class ModeCompensation(Compensation):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return one form: the modes of the machine file, with the observer of `DisturbanceRejection`, not tuned
-        further.
+        """Return one form: the modes of the machine file with the observer of `DisturbanceRejection`, not tuned.
 
         A comparison measures the table, not the path of the tool that this block improves.
         """
@@ -177,9 +176,7 @@ class ModeCompensation(Compensation):
 
 
 def _hold(mode: MachineMode, span: Number) -> Matrix:
-    """Return the two rows (Φ - 1, Γ) of x'' + 2ζω x' + ω² x = F/m over `span` in s, computed with velocities scaled by
-    1/ω.
-    """
+    """Return the two rows (Φ - 1, Γ) of x'' + 2ζω x' + ω² x = F/m over `span` in s, using velocities scaled by 1/ω."""
     w = mode.omega()
     turn = w * span
     change = matrix.expm1(((0.0, turn, 0.0), (-turn, -2.0 * mode.damping_ratio * turn, turn), (0.0, 0.0, 0.0)))

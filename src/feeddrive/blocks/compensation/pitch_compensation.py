@@ -65,15 +65,13 @@ class PitchCompensation(Compensation):
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
         side = ops.clip(state.side + 2.0 * T * setpoint.velocity / self.reversal_distance, -1.0, 1.0)
-        # looked up again, not remembered: after a live change of the table's place the old shift would be a jump
+        # looked up again, not stored: after a live change of the table's position the old shift would cause a jump
         before, shift = self._shift(state.side, state.position), self._shift(side, setpoint.position)
         moved = setpoint._replace(position=setpoint.position + shift, velocity=setpoint.velocity + (shift - before) / T)
         return self.State(side, shift, setpoint.position), moved, 0.0
 
     def retune(self, state: State, old: PitchCompensation, old_prepared: object, prepared: object) -> State:
-        """Return the state unchanged: the set position jumps to the value of the new table, the set velocity
-        does not.
-        """
+        """Return the state unchanged: only the set position jumps to the new table, not the set velocity."""
         return state
 
     def moved(self, state: State) -> Number:

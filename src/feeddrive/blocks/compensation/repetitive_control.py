@@ -110,9 +110,7 @@ class RepetitiveControl(Compensation):
 
 
 def taps(weight: Number, count: int) -> tuple[Number, ...]:
-    """Return the kernel (weight, 1 - 2 weight, weight) convolved `count` times with itself, from the center
-    outwards.
-    """
+    """Return the kernel (weight, 1 - 2 weight, weight) convolved `count` times with itself, center first."""
     middle = 1.0 - 2.0 * weight
     weights: list[Any] = [1.0]
     for _ in range(count):

@@ -16,7 +16,7 @@ from feeddrive.language.block import Number, Rule, parameter, part
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 
-_SURE = 1.0 - 1e-9  # smallest share worth proposing: below it rounding decides about stability
+_SURE = 1.0 - 1e-9  # largest growth of a proposed remedy: beyond it rounding decides about stability
 
 
 class ActiveDisturbanceRejection(Law):
@@ -101,9 +101,7 @@ class ActiveDisturbanceRejection(Law):
         return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that the loop on a rigid axis of this mass is stable, with the dead time of the observer's
-        model.
-        """
+        """Yield the rule that the loop on a rigid axis of this mass, with the observer's dead time, is stable."""
         yield Rule(
             matrix.decays(self._sample(T)),
             "the loop on a rigid axis of this mass is stable, with the dead time that the observer knows of",
@@ -111,9 +109,7 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _refusal(self, T: float) -> str:
-        """Return the error text: the violated limit, by how much, and the nearest admissible sample time and
-        tunables.
-        """
+        """Return the error text: the excess over the limit, and the nearest admissible sample time and tunables."""
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(self._growth, T)
         if slowest is not None:
@@ -170,8 +166,6 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
-    """Return the largest admissible value below a rejected one, searched in small, then in large steps; None if there
-    is none.
-    """
+    """Return the largest admissible value below a rejected one, by small, then large steps; None if there is none."""
     steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
     return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

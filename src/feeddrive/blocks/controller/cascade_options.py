@@ -13,7 +13,7 @@ class Interpolator(NamedTuple):
 
         command(k + i) = last + (i + 1)/n · (new - last),   i = 0 .. n-1,   new: the command of the position loop at k
 
-    It goes in n equal steps and reaches `new` one sample before the position loop runs again.
+    It changes in n equal steps and reaches `new` one sample before the position loop runs again.
 
     passed     samples since the last run
     last, new  velocity commands before and after the last run, m/s
@@ -32,9 +32,7 @@ def interpolator(every: int, zero: Number) -> tuple[Interpolator, ...]:
 def interpolated(
     state: tuple[Interpolator, ...], wanted: Number, every: int
 ) -> tuple[tuple[Interpolator, ...], Number]:
-    """Return the new state and the velocity command of this sample in m/s; `wanted` is the position loop's current
-    command.
-    """
+    """Return the new state and the velocity command (m/s) from `wanted`, the current one of the position loop."""
     if not state:
         return (), wanted
     before = state[0]
@@ -54,7 +52,7 @@ class ReferenceModel(NamedTuple):
     The integral then does not wind up while the axis follows as it should: the velocity loop keeps its loop gain and
     loses its overshoot, without the lag of a set filter.
 
-    velocity  v_m one sample before, m/s
+    velocity  v_m one sample earlier, m/s
     forces    past u, newest first, N
     """
 
@@ -70,9 +68,7 @@ def reference_model(samples: int, velocity: Number, zero: Number) -> ReferenceMo
 def expected_velocity(
     state: tuple[ReferenceModel, ...], wanted: Number, Kp: Number, mass: Number | None, T: Number
 ) -> tuple[tuple[ReferenceModel, ...], Number]:
-    """Return the new state and the velocity in m/s with which the integral compares the measured one: the command
-    itself without a model.
-    """
+    """Return the new state and the velocity (m/s) that the integral expects: `wanted` itself without a model."""
     if not state or mass is None:
         return (), wanted
     before = state[0]

@@ -123,8 +123,9 @@ class CascadePPI(Law):
         return self.Prepared(T)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state at the velocity of the reading, with the integral equal to the acting force; the position
-        loop runs at once.
+        """Return the state at the velocity of the reading, with the integral equal to the acting force.
+
+        The position loop runs at once.
         """
         position = self._position(reading)
         zero = ops.zero(position)

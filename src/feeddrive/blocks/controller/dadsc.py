@@ -153,9 +153,9 @@ class DADSC(Law):
 def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> Any:
     """Return True if the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
-    In q = z⁻¹ and D = 1 - q it closes as D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
+    In q = z⁻¹ and D = 1 - q its equation is D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
     l = λT, k = KT, w = ω_d T; friction is left out, since the law compensates it.  With q = (1 - y)/(1 + y) the inside
-    of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops keep their
+    of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops lose no
     digits.
     """
     fastest = ops.maximum(ops.maximum(rates[0], rates[1]), rates[2]) * T

@@ -14,7 +14,7 @@ from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Row
 from feeddrive.language.text import Text
 
-_HORIZON = 7.5  # samples for each from a reading to the end of its force: the best at Ms = 2 on a rigid axis
+_HORIZON = 7.5  # horizon per sample from a reading to the end of its force: the best at Ms = 2 on a rigid axis
 
 
 class GeneralizedPredictive(Law):
@@ -57,8 +57,9 @@ class GeneralizedPredictive(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values with a short horizon, the best on a rigid axis, and with one twice as long; both with a
-        slow observer.
+        """Return start values with a short horizon, the best on a rigid axis, and with one twice as long.
+
+        Both start with a slow observer.
         """
         shorter = min(max(round(_HORIZON * (axis.delay_samples + 1)), 12), 100)
         return tuple(
@@ -87,9 +88,7 @@ class GeneralizedPredictive(Law):
         previews: tuple[Number, ...]
 
     def check(self) -> None:
-        """Raise StructureError unless the horizon exceeds the dead time by at least as many samples as there
-        are moves.
-        """
+        """Raise StructureError unless at least as many errors count beyond the dead time as there are moves."""
         least = self.delay_samples + 1 + self.moves
         if self.horizon < least:
             raise StructureError(
@@ -98,9 +97,7 @@ class GeneralizedPredictive(Law):
             )
 
     def prepare(self, T: Number) -> Prepared:
-        """Divide for all j at once: F_j is the remainder of C after j steps; E_j and G_j gain one coefficient
-        per step.
-        """
+        """Divide for all j at once: F_j is the remainder of C after j steps; each step adds a term to E_j and G_j."""
         A, B = self._model(T)
         pole = ops.exp(-self.omega_o * T)
         C = (1.0, -2.0 * pole, pole * pole)
@@ -166,8 +163,9 @@ class GeneralizedPredictive(Law):
         return after, reading.applied + change
 
     def retune(self, state: State, old: GeneralizedPredictive, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Convert the previews to the new weights: position and velocity of the set path, taken from the last two
-        previews, are kept.
+        """Convert the previews to the new weights, keeping position and velocity of the set path.
+
+        Both are taken from the last two previews.
         """
         before, now = old_prepared.preview, prepared.preview
         ratio = now[0] / before[0]

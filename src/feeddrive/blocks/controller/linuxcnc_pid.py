@@ -46,9 +46,7 @@ class LinuxcncPid(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return no start values, so that a comparison omits it: it is the cascade with the settings of another
-        program.
-        """
+        """Return no start values: a comparison omits it, since it is the cascade with another program's settings."""
         return ()
 
     position: StockPid = part("pid on the position of the load")
@@ -112,9 +110,7 @@ class LinuxcncPid(Law):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """Run the functions in the order of the thread: ddt, sum2, the pids, the filters between two sums, the
-        limit.
-        """
+        """Run the functions in thread order: ddt, sum2, the pids, the filters between two sums, the limit."""
         motor = self.units * reading.position_motor
         speed = (motor - state.motor) / T
         forward = self._forward(setpoint)
@@ -141,9 +137,7 @@ class LinuxcncPid(Law):
     def _filtered(
         self, states: tuple[Any, ...], output: Number, forward: Number | None
     ) -> tuple[tuple[Any, ...], Number]:
-        """Return the filter states, and the filtered feedback part plus the feedforward that bypasses the filters,
-        limited.
-        """
+        """Return the filter states and the limited output; the feedforward bypasses the filters."""
         if not self.filters:
             return states, output
         last = self.position if self.velocity is None else self.velocity

@@ -22,10 +22,10 @@ def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
     """Solve the Riccati equation P = A (P⁻¹ + Y)⁻¹ Aᵀ + Q for the covariance P of a filter before its correction.
 
     For a filter A = Φ, Y = Cᵀ R⁻¹ C, and Q is the covariance of the process noise. With A = Φᵀ, Y = Γ R⁻¹ Γᵀ and Q the
-    weight of the states, P is the cost of a controller. The doubling algorithm covers 2ⁿ samples in n steps; A, Y and P
-    = Q are the initial values:
+    weight of the states, P is the cost of a controller. The doubling algorithm covers 2ⁿ samples in n steps and starts
+    from A, Y and P = Q:
 
-      N = 1 + P Y,   P <- P + A N⁻¹ P Aᵀ,   Y <- Y + Aᵀ Y N⁻¹ A,   A <- A N⁻¹ A
+        N = 1 + P Y,   P <- P + A N⁻¹ P Aᵀ,   Y <- Y + Aᵀ Y N⁻¹ A,   A <- A N⁻¹ A
 
     P and Y are symmetric, and only one half of each symmetric product is computed. Elimination in N takes no pivots:
     its eigenvalues are real and at least 1.
@@ -67,7 +67,7 @@ def _symmetric(a: Sequence[Row], b: Sequence[Row]) -> Matrix:
 
 
 _GIVE = 0.03  # offset_rate over the rate of the loop: slow enough to cost less than a tenth of the error
-_STRAY = 1e-3  # velocity noise of two masses, over omega_o² T: it keeps the filter from trusting the spring blindly
+_STRAY = 1e-3  # velocity noise of two masses over omega_o² T, so that the filter does not rely on the spring alone
 
 
 class LQG(Law):
@@ -172,8 +172,9 @@ class LQG(Law):
         return None if len(self.model.mechanics().mass) == 1 else two_bodies(self.kind, self.model)
 
     def prepare(self, T: Number) -> Prepared:
-        """Solve both Riccati equations in units of 1 (length), 1/omega (time) and m omega² (force): the gains depend on
-        ωT alone.
+        """Solve both Riccati equations in normalized units, so that the gains depend on ωT alone.
+
+        The units are 1 for lengths, 1/omega for times and m omega² for forces.
         """
         hold = self._hold(T)
         n = len(hold)
@@ -197,9 +198,9 @@ class LQG(Law):
         moves = [tuple(1.0 if j == bodies + i else 0.0 for j in range(n + 2)) for i in range(bodies)]
         still = [(0.0,) * (n + 2)] * 2
         pulled = matrix.solve(mechanics.mass, right)
-        if bodies == 1:  # its own mass over itself
+        if bodies == 1:  # the mass divided by itself
             pulled = [(*pulled[0][:n], 1.0, 1.0)]
-        # a force of the whole mass on the lightest one: the norm is 2 or more
+        # a force scaled by the total mass acts on the lighter mass: the norm is at least 2
         return matrix.expm1([*moves, *pulled, *still], at_least=2)[:n]
 
     def _feedback(self, hold: Matrix, T: Number) -> tuple[Row, Row]:
@@ -237,9 +238,7 @@ class LQG(Law):
         return tuple(matrix.scale(unit, [row])[0] for unit, row in zip(units, gains, strict=True))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state of steady motion at the reading, with a disturbance that balances the acting force across
-        the spring.
-        """
+        """Return the state of steady motion, with a disturbance that balances the acting force across the spring."""
         bodies = self._bodies()
         speed, steady_force = reading.velocity, self._dragged() * reading.velocity
         disturbance = steady_force - reading.applied

@@ -247,9 +247,7 @@ class PolePlacement(Law):
         return state._replace(integral=integral, added=ratio * state.added)
 
     def _followed(self, prepared: Prepared, state: Lead, setpoint: Setpoint) -> Lead:
-        """Advance (c s + k) lead = k relaxed by one sample, for the lead and its derivative, with inputs linear in
-        between.
-        """
+        """Advance (c s + k) lead = k relaxed and its derivative by one sample, with inputs linear in between."""
         made = relaxed_lead(two_bodies(self.kind, self.model), setpoint)
         now = (made.position, made.velocity)
         position, velocity = (
@@ -260,9 +258,7 @@ class PolePlacement(Law):
 
 
 def _below_nyquist(kind: str, name: str, frequency: Number, damping: Number, spread: Number, nyquist: Number) -> Rule:
-    """Return the rule that the fastest pole of a pair, `spread` times its frequency, is below half the sample rate
-    (Hz).
-    """
+    """Return the rule that a pair's fastest pole, `spread` times its frequency, is below half the sample rate (Hz)."""
     fastest = frequency * spread
     return Rule(
         fastest < nyquist,

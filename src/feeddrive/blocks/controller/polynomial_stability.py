@@ -31,8 +31,9 @@ def product(a: Sequence[Number], b: Sequence[Number]) -> list[Any]:
 
 
 def largest_share(admits: Callable[[float], bool]) -> float:
-    """Return the largest admissible share in [0, 1], to 12 digits from below, if all smaller ones are admissible; else
-    0.
+    """Return the largest admissible share in [0, 1], to 12 digits from below; 0 if there is none.
+
+    All smaller shares must be admissible too.
     """
     low, high = 0.0, 1.0
     for _ in range(60):

@@ -63,8 +63,9 @@ class StockPid(Block):
         index_enable: Number
 
     def start(self, command: Number, feedback: Number, commandD: Number = 0.0, feedbackD: Number = 0.0) -> State:
-        """Return the state of a disabled pid with command and feedback moving at constant rates; HAL itself loads all
-        zeros.
+        """Return the state of a disabled pid with constant rates of command and feedback.
+
+        HAL itself loads the component with all zeros.
         """
         zero = ops.zero(command)
         rate, back = zero + commandD, zero + feedbackD

@@ -17,7 +17,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
 _QUIET = 3.0  # standard deviations of the noise in s that stay inside the zone
-_USUAL = 5e4  # m/s³: a disturbance that changes by a force of 5 g in a millisecond
+_USUAL = 5e4  # m/s³: a disturbance that changes by 5 g in a millisecond
 
 
 class SuperTwisting(Law):
@@ -76,8 +76,10 @@ class SuperTwisting(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return slow start values in the zone form, with L for disturbances of some g in a millisecond and for the
-        noise of the reading.
+        """Return slow start values in the zone form.
+
+        L, and thus the width of the zone, is set for disturbances of some g in a millisecond and for the noise of the
+        reading.
         """
         zone_time = 0.6 / axis.rate
         noise = 1.4142135623730951 * axis.reading_noise / axis.sample_time
@@ -176,9 +178,7 @@ class SuperTwisting(Law):
         return state._replace(twist=state.twist * (old.mass / self.mass))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that inside its zone the loop around m x'' = F without dead time is stable at this sample
-        time.
-        """
+        """Yield the rule that inside its zone the loop around m x'' = F without dead time is stable."""
         if self.form != "explicit":
             yield Rule(
                 self._stable(1.0, T),
@@ -189,8 +189,9 @@ class SuperTwisting(Law):
     def _stable(self, slower: Number, T: Number) -> Any:
         """Return True if the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
 
-        In q = z⁻¹ and D = 1 - q it closes, with l = λT and η = T/h, as D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)];
-        the implicit form as D² + q (1 + q)/2 · [l D + D + l].  With q = (1 - y)/(1 + y) the inside of the unit circle
+        In q = z⁻¹ and D = 1 - q, with l = λT and η = T/h, its polynomial is
+        D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)], that of the implicit form is
+        D² + q (1 + q)/2 · [l D + D + l].  With q = (1 - y)/(1 + y) the inside of the unit circle
         becomes the half plane Re y < 0.
         """
         l = slower * self.tracking_rate * T  # noqa: E741

@@ -16,7 +16,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Track
 from feeddrive.language.text import Text
 
-_SLOWEST = 1e-6  # 1/s; a spindle that turns slower stands
+_SLOWEST = 1e-6  # 1/s; a slower spindle counts as stopped
 
 
 class MillingCut(Coupling):
@@ -129,9 +129,7 @@ class MillingCut(Coupling):
         return [self.spindle_speed]
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """Yield the rules that the stored substeps cover the tooth periods and that the spindle turns little in a
-        substep.
-        """
+        """Yield the rules that the stored substeps cover the tooth periods and that a turn has at least 4 substeps."""
         period, turn = self.period(), 60.0 / self._speeds()[-1]
         told = self.direction is not None or (self.sections is not None and self.sections.direction is not None)
         count = self.surfaces if told else max(self.surfaces, self.cutter.teeth)
@@ -182,9 +180,7 @@ class MillingCut(Coupling):
     def forces(
         self, state: State, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[State, tuple[Any, Any], Cut]:
-        """Return the state after a substep, the direction of the feed, and the forces on the tool whether the cut is
-        active or not.
-        """
+        """Return the state after a substep, the direction of the feed, and the forces, active or not."""
         place, velocity = self._relative(motions)
         ends: list[Any] = [x - 0.5 * h * v for x, v in zip(place, velocity, strict=True)]
         section, now = self._section(state.section, time)
@@ -204,7 +200,7 @@ class MillingCut(Coupling):
             along, across = ops.cos(now.direction), ops.sin(now.direction)
         rubbing = None
         if self.process_damping is not None:
-            before = path.rates_ago(0.0)  # a straight line from there leads to the middle of the substep
+            before = path.rates_ago(0.0)  # extrapolated linearly from there to the middle of the substep
             x, y = (v + 0.5 * (v - old) for v, old in zip(velocity, before, strict=False))
             speed = ops.pi * now.edge.diameter * ops.maximum(rate, 1e-9)
             rubbing = Rubbing(x * along + y * across, y * along - x * across, self.process_damping / speed)
@@ -231,7 +227,7 @@ class MillingCut(Coupling):
             return float(teeth) / (self.cutter.teeth * rate * h)
         turned = float(teeth) / float(self.cutter.teeth)
         ago = turned / (ops.maximum(rate, _SLOWEST) * h)
-        for _ in range(2):  # the turns are straight lines between changes of the speed
+        for _ in range(2):  # the turns are piecewise linear between changes of the speed
             then = path.rates_ago(ago)[2]
             then = ops.where(then > _SLOWEST, then, ops.maximum(rate, _SLOWEST))
             ago = ago + (path.ago(ago, h, 0.5)[2] - (turns - turned)) / (then * h)

@@ -14,8 +14,8 @@ from feeddrive.language.block import Number, Rule
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-LEAST_CHIP = 1e-12  # m; below it are the roundings of positions, and no chip
-LEAST_ANGLE = 1e-6  # rad; a straight edge enters and leaves over it at least
+LEAST_CHIP = 1e-12  # m; smaller values are rounding errors of positions, not a chip
+LEAST_ANGLE = 1e-6  # rad; least angle over which a straight edge enters and leaves the cut
 
 
 def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[Any, Any]:
@@ -30,7 +30,7 @@ def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[An
     if milling == "symmetric":
         half = ops.atan2(share, ops.sqrt(ops.maximum(1.0 - share * share, 0.0)))
         return 0.5 * ops.pi - half, 0.5 * ops.pi + half
-    # arccos(1 - 2 share) over the half angle, which keeps its digits at both ends
+    # arccos(1 - 2 share) by the half angle, which loses no digits at either end
     angle = 2.0 * ops.atan2(ops.sqrt(share), ops.sqrt(ops.maximum(1.0 - share, 0.0)))
     return (0.0, angle) if milling == "up" else (ops.pi - angle, ops.pi)
 
@@ -41,8 +41,8 @@ def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *
         concave wall: cos ψ = ((r_c + R - a_e)² - r_c² - R²) / (2 r_c R)
         convex wall:  cos ψ = (r_c² + R² - (r_c - R + a_e)²) / (2 r_c R)
 
-    a_e = radial_depth, R = diameter / 2, r_c = path_radius.  Inside a corner a tool is in the work longer than along a
-    straight wall of the same width, around a corner shorter.
+    a_e = radial_depth, R = diameter / 2, r_c = path_radius.  In an inside corner a tooth cuts longer than
+    along a straight wall with the same radial depth, around an outside corner shorter.
     """
     radius = 0.5 * diameter
     if concave:
@@ -57,18 +57,18 @@ def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *
 def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) -> Any:
     """Return the chip thickness in m of a tooth on its true path, a trochoid; chip_load · sin angle is its first order.
 
-        R sin δ = (c - ρδ) cos v,   h = R (1 - cos δ) + (c - ρδ) sin v,   ρ = c teeth / 2π, the feed of a rad
+        R sin δ = (c - ρδ) cos v,   h = R (1 - cos δ) + (c - ρδ) sin v,   ρ = c teeth / 2π, the feed per rad
 
-    angle      v of the tooth, rad
-    chip_load  c, feed of a tooth, m
-    radius     R of the tool, m
+    angle      angle v of the tooth, rad
+    chip_load  feed per tooth c, m
+    radius     radius R of the tool, m
 
-    It differs most at entry and exit, by c²/2R, where a tooth is in the work a little before 0 and after π.
+    It differs most at entry and exit, by c²/2R, where a tooth already cuts before 0 and still cuts after π.
     """
     feed = chip_load * float(teeth) / (2.0 * ops.pi)
     sine, cosine = ops.sin(angle), ops.cos(angle)
     delta = chip_load * cosine / radius
-    for _ in range(4):  # Newton; the first guess is right to chip_load / radius
+    for _ in range(4):  # Newton; the relative error of the first guess is chip_load / radius
         left = radius * ops.sin(delta) - (chip_load - feed * delta) * cosine
         delta = delta - left / (radius * ops.cos(delta) + feed * cosine)
     half = ops.sin(0.5 * delta)
@@ -98,8 +98,9 @@ def lag(edge: Edge) -> Any:
 
 
 def fits_slices(kind: str, edge: Edge) -> Rule:
-    """Return the rule that a slice turns by at most a quarter of a turn: the closed forms require that it does not
-    reach around the unengaged part.
+    """Return the rule that a slice turns by at most a quarter of a turn.
+
+    The closed forms require that no slice reaches around the unengaged part.
     """
     turn, slices = lag(edge), edge.slices
     return Rule(
@@ -117,16 +118,16 @@ def cut(
 ) -> Cut:
     """Return the force of all teeth at an angle of the spindle in rad, averaged over the angle `sweep` around it.
 
-    steps  the motion of the tool along t and n in m since the first, second, ... tooth before stood at this angle
+    steps  the motion of the tool along t and n in m since each earlier tooth, latest first, was at this angle
 
-    A slice of an edge cuts the least chip over the surfaces that earlier teeth left, and nothing where that is not
-    above 0, its edge forces included:
+    The chip of a slice is the least over the surfaces left by earlier teeth; where it is not above 0 there is no
+    force, not even an edge force:
 
         h(v) = min over m of (step_m + o(angle) - o(angle - 2π m/teeth)) · e(v),    e = (sin v, cos v)
 
-    with the run-out o as a motion of the tool's centre, which it is to first order in offset / diameter.  Over the
-    engaged part of a slice h sin v, h cos v and h are integrated in closed form, with what an edge
-    turns through where that is more than its own lag: then a straight edge enters in the mean over the sweep.
+    with the run-out o as a motion of the tool's centre, exact to first order in offset / diameter.  Over the
+    engaged part of a slice h sin v, h cos v and h are integrated in closed form, over the sweep where it exceeds the
+    lag of the slice: a straight edge then enters in the mean over the sweep.
     """
     slices, teeth = float(edge.slices), float(edge.teeth)
     turn = lag(edge)
@@ -138,8 +139,8 @@ def cut(
     back = ops.sin(width), ops.cos(width)
     begin = (tip - 0.5 * (edge.entry + edge.exit)) / (2.0 * ops.pi) + 0.5
     step = width / (2.0 * ops.pi)
-    short = slices * width <= ops.pi - arms.half  # the edge does not reach around what is not engaged
-    begin_of_work = 0.5 - 0.5 * arms.half / ops.pi  # in turns from the middle of what is not engaged
+    short = slices * width <= ops.pi - arms.half  # the edge does not reach around the unengaged part
+    begin_of_work = 0.5 - 0.5 * arms.half / ops.pi  # in turns from the middle of the unengaged part
     total = [ops.zero(sine)] * 9
     for tooth in range(edge.teeth):
         s, c = _turned(sine, cosine, *_of_tooth(tooth, edge.teeth))
@@ -151,7 +152,7 @@ def cut(
             after = arms.end(s, c, place - float(slice_) * step)
             own = [a + b for a, b in zip(own, _slice(after, before, moved), strict=True)]
             before = after
-        # in a single run an edge out of the work costs nothing, one that is in contact all along that of one slice
+        # in a single run an edge out of the cut costs nothing, and one in full contact as much as one slice
         past = place - begin_of_work
         works = past - ops.floor(past) < arms.half / ops.pi + slices * step
         whole = ops.both(short, _in_contact(before, tip_end, moved))
@@ -211,9 +212,7 @@ def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
 
 
 def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]:
-    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos and 2∫cos² over a slice; zeros out of the
-    cut.
-    """
+    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice; 0 out of the cut."""
     angle, ds, dc = high.angle - low.angle, high.sine - low.sine, low.cosine - high.cosine
     both, mixed = high.both - low.both, high.square - low.square
     sines, cosines = angle - both, angle + both
@@ -224,7 +223,7 @@ def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]
         less = other < chip
         chip = ops.where(less, other, chip)
         x, y = ops.where(less, other_x, x), ops.where(less, other_y, y)
-    # an edge that has its ends on both sides of the middle of what is not engaged has a negative angle here
+    # the angle is negative here for an edge with its ends on both sides of the middle of the unengaged part
     cuts = ops.both(angle > 0.0, chip > LEAST_CHIP * angle)
     found = (x * sines + y * mixed, x * mixed + y * cosines, chip, dc, ds, angle, sines, mixed, cosines)
     return [ops.where(cuts, value, 0.0) for value in found]

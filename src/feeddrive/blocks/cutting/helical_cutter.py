@@ -125,7 +125,7 @@ class HelicalCutter(Cutter):
         """Return the changes of S, W and -cos over the engaged parts of all teeth, divided by the lag."""
         edge = self.edge()
         entry, leave, turn = edge.entry, edge.exit, lag(edge)
-        # an edge that winds around the tool more than once: whole turns cut the whole chip, the rest follows below
+        # an edge with more than one turn around the tool: whole turns cut the whole chip, the rest follows below
         turns = ops.floor(turn / (2.0 * ops.pi))
         rest = turn - 2.0 * ops.pi * turns
         whole = self.teeth * turns * (leave - entry) / ops.maximum(turn, _SMALL)
@@ -133,7 +133,7 @@ class HelicalCutter(Cutter):
         for tooth in range(self.teeth):
             share = angle / (2.0 * ops.pi) + float(tooth) / float(self.teeth)
             tip = 2.0 * ops.pi * (share - ops.floor(share))
-            # the rest of the edge reaches back by less than a turn: into this passage of the chip and the one before
+            # the rest of the edge reaches back by less than a turn: into this passage of the chip and the previous one
             for begin, end in ((entry, leave), (entry - 2.0 * ops.pi, leave - 2.0 * ops.pi)):
                 for i, piece in enumerate(_engagement(tip, rest, turn, begin, end)):
                     sums[i] = sums[i] + piece
@@ -141,8 +141,7 @@ class HelicalCutter(Cutter):
 
 
 def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[Any, ...]:
-    """Return the changes of S, W and -cos over the part of the edge (tip - rest, tip) inside (begin, end), each over
-    `turn`.
+    """Return the changes of S, W and -cos over the part of (tip - rest, tip) inside (begin, end), each over `turn`.
 
     The length is computed as the whole edge less the parts outside, not as a difference of its ends, which would lose
     all digits at a small lag.  A straight edge cuts with its whole length or not at all.
@@ -156,8 +155,7 @@ def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[A
 
 
 def _pieces(first: Any, length: Any) -> tuple[Any, ...]:
-    """Return the changes of S, W and -cos from v = first to first + length, each over length: also defined at length =
-    0.
+    """Return the changes of S, W and -cos from v = first to first + length, each over length, which may be 0.
 
     With the middle m and sinc = sin(length/2) / (length/2):
         S: sin m cos m · sinc cos(length/2),   W: (1 - (cos²m - sin²m) sinc cos(length/2)) / 2,   -cos: sin m · sinc

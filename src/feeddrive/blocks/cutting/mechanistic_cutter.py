@@ -13,8 +13,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 
-_CUTTING = 1e6, 1e11  # N/m2: foam and the hardest alloys are within, 600 N/mm2 written as 600 N/m2 is not
-_EDGE = 100.0, 1e6  # N/m: 27.7 N/mm written as 27.7 N/m is not within
+_CUTTING = 1e6, 1e11  # N/m2: from foam to the hardest alloys; excludes 600 N/mm2 written as 600 N/m2
+_EDGE = 100.0, 1e6  # N/m: excludes 27.7 N/mm written as 27.7 N/m
 
 
 class MechanisticCutter(Cutter):

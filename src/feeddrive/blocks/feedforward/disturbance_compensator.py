@@ -160,9 +160,7 @@ class DisturbanceCompensator(Feedforward):
 def _left(
     forces: Sequence[Sequence[Number]], levels: Sequence[Number], extra: Sequence[Number], share: Number
 ) -> Number:
-    """Return the residual sum of squares of a fit with a Coulomb level per direction and a share of the
-    Stribeck curve.
-    """
+    """Return the residual sum of squares of a fit with a Coulomb level per direction and a Stribeck curve."""
     return sum(
         (force - level - share * e) * (force - level - share * e)
         for row, level in zip(forces, levels, strict=True)

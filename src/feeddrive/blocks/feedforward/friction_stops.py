@@ -45,9 +45,7 @@ class FrictionStops(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True for the P-PI cascade: the stops are learned from a log of that loop to reduce its reversal
-        errors.
-        """
+        """Return True for the P-PI cascade, whose reversal errors the stops reduce; they are learned from its log."""
         return issubclass(law, CascadePPI)
 
     @classmethod
@@ -76,9 +74,7 @@ class FrictionStops(Feedforward):
         stretch: tuple[Any, ...]
 
     def check(self) -> None:
-        """Raise ParameterError unless matching tables have one length and a residual has all of its four parts
-        or none.
-        """
+        """Raise ParameterError unless paired tables have one length and a residual has all four parts or none."""
         if ops.length(self.width) != ops.length(self.stiffness):
             raise ParameterError(
                 f"{self.kind}: width has {ops.length(self.width)} entries and stiffness {ops.length(self.stiffness)}: "

@@ -68,9 +68,7 @@ def section(numerator: Polynomial, denominator: Polynomial, gain: Number) -> Sec
 
 
 def notch_section(frequency: Number, damping_zero: Number, damping_pole: Number, T: Number) -> Section:
-    """Return a notch section: numerator and denominator share their middle coefficient, which saves a product per
-    sample.
-    """
+    """Return a notch section, whose numerator and denominator share the middle coefficient to save a product."""
     zeros, poles = tustin(frequency, damping_zero, T), tustin(frequency, damping_pole, T)
     return section(zeros, poles, 1.0)._replace(a1=None)
 

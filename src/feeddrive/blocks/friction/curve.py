@@ -14,8 +14,9 @@ from feeddrive.language.text import Text
 def stribeck_level(
     velocity: Number, coulomb: Number, breakaway: Number, stribeck_velocity: Number, exponent: int = 2
 ) -> Number:
-    """Return coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent in N (Armstrong-Hélouvry et
-    al. 1994).
+    """Return coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent in N.
+
+    Source: Armstrong-Hélouvry et al. 1994.
     """
     ratio = velocity / stribeck_velocity
     if exponent == 1:

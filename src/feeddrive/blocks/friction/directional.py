@@ -34,9 +34,7 @@ class Directional(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """Compute F = clip(-v_free / mobility, -upper, lower) with levels at the velocity in the middle of the
-        substep.
-        """
+        """Compute F = clip(-v_free / mobility, -upper, lower) with levels at the middle velocity of the substep."""
         stopping = -free_velocity / mobility
         guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb_positive, self.coulomb_negative)
         middle = 0.5 * (velocity + guess)

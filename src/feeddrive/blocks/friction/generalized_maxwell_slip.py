@@ -93,9 +93,7 @@ class GeneralizedMaxwellSlip(Friction):
         return self.State(forces, slips), -total, False
 
     def _line(self, i: int, h: Number, force: Number, slips: Number, velocity: Number) -> tuple[Any, ...]:
-        """Return for element i: F_i at standstill, its slope in the velocity, two bounds, α_i s, and sgn(v) if it slips
-        on.
-        """
+        """Return for element i: F_i at standstill, its slope versus v, two bounds, α_i s, and sgn(v) if it slips."""
         level = self.level(velocity)
         most = self._most(i, level)
         slope = ops.gather(self.stiffness, float(i)) * h

@@ -60,8 +60,9 @@ class Lugre(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[State, Number, Any]:
-        """Compute the equations of the class with the level at the initial and then at the middle velocity; never
-        stuck.
+        """Compute the equations of the class, with the level at the initial and then at the middle velocity.
+
+        The body is never stuck.
         """
         guess, _ = self._solve(step, state.deflection, self.level(velocity), free_velocity, mobility)
         level = self.level(0.5 * (velocity + guess))

@@ -125,8 +125,7 @@ class DisturbanceRecovery(Observer):
         return state._replace(filter=(retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """Return the delay in s for a held disturbance while the motor force is constant; other forces come up to T
-        earlier.
+        """Return the delay in s for a held disturbance at constant motor force; others come up to T earlier.
 
         It is 1.5 T for the double difference, plus α/(1 - α) T for each pole, or the slope of the section's phase at 0
         Hz.

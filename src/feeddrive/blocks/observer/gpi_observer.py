@@ -81,9 +81,7 @@ class GpiObserver(Observer):
         brake: tuple[Number, ...] = ()
 
     def polynomial(self) -> Row:
-        """Return the coefficients of the error's polynomial in s / omega_o, from the highest power (1) down to the
-        constant.
-        """
+        """Return the coefficients of the error's polynomial in s / omega_o, from the highest power (1) down."""
         order = 2 + self.taylor_states
         made: Row = (1.0,)
         for _ in range(order // 2):
@@ -114,7 +112,7 @@ class GpiObserver(Observer):
             if i + 1 < order:
                 rate[i][i + 1] = turn
         rate[1][order] = turn  # of u / omega_o²
-        rate[0][order + 1] = -1.0  # of the change of y in a sample, since z_0 is seen from y
+        rate[0][order + 1] = -1.0  # of the change of y in a sample, since z_0 is relative to y
         return tuple(map(tuple, rate))
 
     def _sampled(self, change: Matrix, share: Number) -> Prepared:
@@ -125,13 +123,11 @@ class GpiObserver(Observer):
         Gu = tuple(row[order] * per_force for row in change[:order])
         Gy = tuple(row[order + 1] if matrix.is_one(share) else row[order + 1] / share for row in change[:order])
         if self.hold == "zero_order":
-            Gy = (-1.0, *(0.0,) * (order - 1))  # y jumps at kT, and nothing has answered it yet
+            Gy = (-1.0, *(0.0,) * (order - 1))  # y jumps at kT, and no state has responded yet
         return self.Prepared(F[:order], Gu, Gy)
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Return the state of steady motion at the reading; the disturbance is the given one, or balances the acting
-        force.
-        """
+        """Return the state of steady motion at the reading; its disturbance is given, or balances the force."""
         position = self._position(reading)
         z = [ops.zero(position)] * (2 + self.taylor_states)
         z[1] = reading.velocity / self.omega_o
@@ -145,9 +141,7 @@ class GpiObserver(Observer):
         return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
-        """Compute the equations of the class; u is the force that acted in the last sample, as commanded after the
-        limit.
-        """
+        """Compute the equations of the class; u is the force that acted in the last sample, after the limit."""
         y = self._position(reading)
         commands = (reading.applied, *state.pending)
         acted = commands[-1] + state.brake[0] if state.brake else commands[-1]
@@ -175,10 +169,10 @@ class GpiObserver(Observer):
         return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that omega_o is slow enough for the sample time: a rigid axis with the disturbance subtracted
-        is stable.
+        """Yield the rule that omega_o is slow enough for the sample time.
 
-        It must be stable at T/2, T/4, ... as well: stability beyond a gap is accidental.
+        A rigid axis with the disturbance subtracted must be stable at T, and at T/2, T/4, ... as well: stability beyond
+        a gap is accidental.
         """
         if self.taylor_states:
             halved, squarings = matrix.expm1_doubled(self._rate(T))
@@ -217,7 +211,7 @@ class GpiObserver(Observer):
         order, late = 2 + self.taylor_states, self.delay_samples
         square = self.omega_o * self.omega_o
         rows: list[list[Any]] = [[*row, *(0.0,) * late] for row in made.F] + matrix.zeros(late, order + late)
-        # u = -omega_o² z_2, by way of the commands that have not acted yet
+        # u = -omega_o² z_2, through the commands that have not acted yet
         for i in range(late):
             rows[order + i][2 if i == 0 else order + i - 1] = -square if i == 0 else 1.0
         acting, size = (order + late - 1, 1.0) if late else (2, -square)

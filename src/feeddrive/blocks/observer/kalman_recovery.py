@@ -10,8 +10,8 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.matrix import Matrix, Row
 
-LARGEST_RATIO = 1e5  # of ρ: the gain is nearly the one without noise, and above it the equation loses its digits
-DOUBLINGS = 24  # of the Riccati equation: as many as 2²⁴ samples of the filter, more than the slowest needs to settle
+LARGEST_RATIO = 1e5  # of ρ: the gain is nearly that without noise; above it the Riccati equation loses digits
+DOUBLINGS = 24  # of the Riccati equation: 2²⁴ samples of the filter, more than the slowest one needs to settle
 
 
 class KalmanRecovery(Observer):
@@ -67,7 +67,7 @@ class KalmanRecovery(Observer):
         a, b, c, d = change[0][1], change[0][2], change[1][1], change[1][2]
         steady = riccati(((1.0, a, b), (0.0, 1.0 + c, d), (0.0, 0.0, 1.0)), w * w)
         gain = tuple(row[0] / (steady[0][0] + 1.0) for row in steady)
-        # back to SI: v is in noise w/T, the force in m noise w²/T²
+        # back to SI: v is in units of noise w/T, the force in m noise w²/T²
         v, force = w / T, self.mass * w * w / (T * T)
         return self.Prepared(a / v, b / force, c, d * v / force, (gain[0], gain[1] * v, gain[2] * force))
 
@@ -104,12 +104,12 @@ class KalmanRecovery(Observer):
 
 
 def riccati(transition: Matrix, walk: Number) -> Matrix:
-    """Return the steady covariance before a correction, for a position measured with noise 1 and a third state that
-    walks at random.
+    """Return the steady covariance before a correction: a position with noise 1, and a third state that walks at
+    random.
 
     P = Φ (P⁻¹ + Cᵀ C)⁻¹ Φᵀ + Q, C = (1 0 0), Q = diag(0, 0, walk), by doubling, which covers 2ⁿ samples in n steps:
 
-      W = (1 + Y P)⁻¹,   P <- P + A P W Aᵀ,   Y <- Y + Aᵀ W Y A,   A <- A Wᵀ A
+        W = (1 + Y P)⁻¹,   P <- P + A P W Aᵀ,   Y <- Y + Aᵀ W Y A,   A <- A Wᵀ A
 
     with the initial values A = Φ, Y = Cᵀ C, P = Q. 1 + Y P has a determinant >= 1, and its inverse is computed
     explicitly.

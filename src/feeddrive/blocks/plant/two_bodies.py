@@ -20,7 +20,7 @@ from feeddrive.language.errors import StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-LEAST_CONTROL = 1e-6  # of 1, which is a table that only its screw moves: below it the gains lose all their digits
+LEAST_CONTROL = 1e-6  # 1 for a table that only its screw moves; below this limit the gains lose all their digits
 
 
 class TwoBodies(NamedTuple):
@@ -41,9 +41,7 @@ class TwoBodies(NamedTuple):
 
     @property
     def dragged(self) -> Number:
-        """The friction c22 + c12 in N s/m that acts on the spring when both bodies have the same velocity: b2 of the
-        guideway.
-        """
+        """The friction b2 = c22 + c12 in N s/m of the guideway, on the spring when both bodies move alike."""
         return self.c22 + self.c12
 
     @property
@@ -110,7 +108,7 @@ def two_mass_model(plant: Plant) -> Plant:
 def controllable(where: str, bodies: TwoBodies) -> Rule:
     """Return the rule that a force on the screw controls all poles, with gains that are not all rounding error.
 
-    With q = dragged/led a motion e^-qt of both bodies alike leaves the spring relaxed; it cannot be moved if it also
+    With q = dragged/led an equal motion e^-qt of both bodies leaves the spring relaxed; it is uncontrollable if it also
     balances the forces on the table: control = |led² - (c q + m12 q²) led²/k| / m22² = 0,  c = -c12.
     """
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
@@ -169,20 +167,19 @@ def polynomial(real: Number, *pairs: tuple[Number, Number]) -> list[Any]:
 
 
 def place(bodies: TwoBodies, desired: list[Any]) -> Gains:
-    """Return the gains that give the closed loop the polynomial `desired` = [a0, a1, a2, a3, a4, 1], by one linear
-    solve.
+    """Return the gains that give the closed loop the polynomial `desired` = [a0, a1, a2, a3, a4, 1].
 
     Equation (2) closed by the gains has the characteristic polynomial
 
         s Δ + s (K1 + K3 s) P22 - (s K2 + s² K4 + Ki) P12 = (m11 m22 - m12²) · desired,   Pij = mij s² + cij s ± k
 
-    With the sums S1 = K1 + K2 and S3 = K3 + K4 it reads, since P22 + P12 = led s² + dragged s holds no spring,
+    With the sums S1 = K1 + K2 and S3 = K3 + K4 it reads, since P22 + P12 = led s² + dragged s is free of the spring,
 
         s² (K1 + K3 s)(led s + dragged) + (Ki + S1 s + S3 s²)(k - c12 s - m12 s²) = (m11 m22 - m12²) · desired - s Δ
 
     whose coefficients, from s⁰ to s⁴ for (Ki, S1, S3, K1, K3), need no pivoting: the equations are nearly triangular
-    whatever the units, and elimination without pivoting does not depend on a scale of rows and columns.  Repeated poles
-    are as good as any others.
+    in any units, and elimination without pivoting is invariant to scaling of rows and columns.  Repeated poles
+    need no special case.
     """
     m11, m12, m22, c11, c12, c22, k = bodies
     led, dragged = bodies.led, bodies.dragged
@@ -234,8 +231,7 @@ def lag(bodies: TwoBodies) -> Number:
 
 
 def series(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
-    """Return the lead of the screw by the series in c/k, truncated after its first term: stateless and stable for any
-    m12.
+    """Return the lead of the screw by the series in c/k, truncated after its first term: no state, stable for any m12.
 
     The second line of equation (2), solved for x1 - x2 = lead:
 

@@ -46,12 +46,10 @@ class InputShaped(Reference):
         return self.reference.duration + self.pulses()[1][-1]
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """Compute the equation of the class, summed from the last pulse so that it rests exactly where the reference
-        rests.
-        """
+        """Compute the equation of the class, summed from the last pulse to end exactly where the reference rests."""
         times = np.asarray(t, dtype=np.float64)
         heights, delays = self.pulses()
-        # rounding must not let the end come before `duration` is over
+        # rounding must not put the end before `duration`
         ended = np.where(times >= self.duration, self.reference.duration, -np.inf)
         last = self.reference.at(np.maximum(times - delays[-1], ended))
         total = list(last)

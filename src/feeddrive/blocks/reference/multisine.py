@@ -92,9 +92,7 @@ class Multisine(Reference):
         return np.unique(np.rint(wanted))
 
     def frequencies(self) -> np.ndarray:
-        """Return the frequencies of the lines in Hz; on a logarithmic spread low lines may coincide and are
-        then fewer.
-        """
+        """Return the line frequencies in Hz; on a logarithmic spread low ones may coincide and are then fewer."""
         return self.numbers / self.period
 
     @cached_property

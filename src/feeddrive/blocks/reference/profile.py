@@ -18,8 +18,8 @@ from feeddrive.language.quantity import Quantity
 
 _NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
 _UNITS = ("m/s", "m/s2", "m/s3", "m/s4")  # without that of the position
-_ROUNDING = 1e-9  # of a limit or of a distance; what pieces of unequal length round is far below it
-_TINY = 1e-300  # where numbers are too small to round relatively
+_ROUNDING = 1e-9  # relative to a limit or distance; far above the rounding errors of pieces of unequal length
+_TINY = 1e-300  # absolute tolerance for numbers too small for a relative one
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class Profile:
     constant, ± distance / (L₁ ⋯ Lₙ).  Each length is at least the sum of the shorter ones, so that ramps never overlap.
 
     `starts` (s), `spans` (s) and `states` (5, pieces; position .. snap at the start of a piece) are built from the
-    recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant, and the rise taken
-    back.  What is a constant, a zero or a mirror image there is set so and not summed up, so nothing drifts.
+    recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant, and the reversed
+    rise.  Constants, zeros and mirror images are set exactly, not accumulated, so that nothing drifts.
     """
 
     distance: float
@@ -96,7 +96,7 @@ class Profile:
         """Return position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
         order = None if t.size < 2 or bool(np.all(t[1:] >= t[:-1])) else np.argsort(t, kind="stable")
         rising = t if order is None else t[order]
-        bounds = [*np.searchsorted(rising, self.starts).tolist(), t.size]  # piece by piece: no gathered coefficients
+        bounds = [*np.searchsorted(rising, self.starts).tolist(), t.size]  # by piece: no gathering of coefficients
         out = np.empty((5, t.size))
         for piece, (low, high) in zip(self.pieces, pairwise(bounds), strict=True):
             if low < high:

@@ -36,9 +36,7 @@ class Recorded(Reference):
     between: str = choice("what holds between two rows", options=("refused", "linear"), default="refused")
 
     def check(self) -> None:
-        """Raise StructureError unless all tables have the length of the positions and each derivative has all lower
-        ones.
-        """
+        """Raise StructureError unless all tables have one length and each derivative has all lower ones."""
         check_single(self)
         check_duration(self.kind, self.duration)
         missing = ""
@@ -79,7 +77,7 @@ class Recorded(Reference):
         held = np.clip(place, 0.0, float(last))
         above = np.ceil(held).astype(np.int64)
         below = np.maximum(above - 1, 0)
-        share = above - held  # 0 on a row, which is then taken as it stands
+        share = above - held  # 0 on a row, which is then used unchanged
         rows: list[np.ndarray] = []
         for order, row in enumerate(self._rows):
             value = row[above]

@@ -41,9 +41,7 @@ def tenth_degree(share: np.ndarray) -> Derivatives:
 
 
 def window(t: np.ndarray, duration: float, blend_time: float) -> Derivatives:
-    """Return a window of height 1 that rises and falls within `blend_time` (s) at its ends by the seventh-degree
-    polynomial.
-    """
+    """Return a window of 1 that rises and falls within `blend_time` (s) by the seventh-degree polynomial."""
     if blend_time == 0.0:
         nothing = np.zeros_like(t)
         return np.ones_like(t), nothing, nothing, nothing, nothing
