@@ -77,7 +77,9 @@ class Nothing(NamedTuple):
 
 
 class Mechanics(NamedTuple):
-    """M q'' + C q' + K q = Sᵀ f, positions of the bodies x = S q, and which body carries drive and encoders."""
+    """The equations of motion M q'' + C q' + K q = Sᵀ f, body positions x = S q, and the bodies of drive and
+    encoders.
+    """
 
     mass: Matrix  # M (n, n), kg, positive definite
     damping: Matrix  # C (n, n), N s/m
@@ -159,7 +161,7 @@ class Force(Block, ABC):
 
 
 class Motor(Block, ABC):
-    """What makes the force: converts N at the table into the drive's unit (A, V, N m)."""
+    """The source of the force: it converts N at the table into the drive's unit (A, V, N m)."""
 
     unit: ClassVar[str] = ""
 
@@ -314,7 +316,7 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
 
 class Prefilter(Block, RetunedUnprepared, ABC):
-    """Changes the setpoint before law and feedforward see it."""
+    """A block that changes the setpoint before law and feedforward see it."""
 
     title: ClassVar[str] = ""
 
@@ -333,7 +335,7 @@ class Prefilter(Block, RetunedUnprepared, ABC):
 
 
 class Observer(Block, Retuned, ABC):
-    """Estimates what is not measured, from reading and `applied`; `tunables` are what to tune, positive."""
+    """An estimator of quantities that are not measured, from reading and `applied`; its `tunables` are positive."""
 
     tunables: ClassVar[tuple[str, ...]] = ()
 
@@ -360,7 +362,7 @@ class Observer(Block, Retuned, ABC):
 
 
 class Compensation(Block, Retuned, ABC):
-    """Combined with any law: from the reading it moves the setpoint (structural modes) or adds a force (rejection)."""
+    """A block combined with any law: from the reading it moves the setpoint (modes) or adds a force (rejection)."""
 
     title: ClassVar[str] = ""
 
@@ -392,7 +394,9 @@ class Compensation(Block, Retuned, ABC):
         """Compute one sample: new state, setpoint for law and feedforward, and force in N behind the filters."""
 
     def carries(self, reading: Reading) -> Any:
-        """Return its part of the force acting at the start, N; the law provides the rest (empty hook)."""
+        """Return the part of the force acting at the start that it provides, N; the law provides the rest
+        (empty hook).
+        """
         return 0.0
 
     def moved(self, state: Any) -> Any:

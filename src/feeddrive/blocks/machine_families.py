@@ -12,7 +12,7 @@ from feeddrive.language.block import Block, Number, Rule, choice
 
 
 class SharedMode(NamedTuple):
-    """A mode of the structure that several axes feel: mass η'' + damping η' + stiffness η = Σ shape · f."""
+    """A structure mode shared by several axes: mass η'' + damping η' + stiffness η = Σ shape · f."""
 
     mass: Number  # kg
     damping: Number  # N s/m
@@ -29,8 +29,8 @@ class SharedSpring(NamedTuple):
 
 
 class Coupling(Block, ABC):
-    """What acts between the axes of a machine: structure modes that they share, or forces at common substeps; or what
-    runs on the controller between their controls.
+    """A coupling between the axes of a machine: shared structure modes, forces at common substeps, or a contour
+    controller between the controllers of the axes.
 
     A coupling implements `modes`, `springs`, or `step` with `start` and `prepare`, or several of them; with `controls`
     it implements `listen` and `correct`, which run on the controller once a sample.
@@ -43,11 +43,11 @@ class Coupling(Block, ABC):
         """Return the names of the axes on which it acts."""
 
     def modes(self) -> tuple[SharedMode, ...]:
-        """Return modes that move with these axes in one exact hold (empty hook)."""
+        """Return the modes that move with these axes in one exact hold (empty hook)."""
         return ()
 
     def springs(self) -> tuple[SharedSpring, ...]:
-        """Return springs between tables, which then move in one exact hold (empty hook)."""
+        """Return the springs between tables, which then move in one exact hold (empty hook)."""
         return ()
 
     def follows(self) -> dict[str, str]:
@@ -113,7 +113,7 @@ class Cutter(Block, ABC):
 
     @abstractmethod
     def edge(self) -> Edge:
-        """Return its edges, for a chip that follows from the motion of the tool."""
+        """Return the edges of the tool, for a chip that follows from its motion."""
 
     @abstractmethod
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:

@@ -13,7 +13,7 @@ _ROUNDING = 1e-6  # share of a row spacing by which kT may miss a row; rounding 
 
 
 def check_single(block: Block) -> None:
-    """Raise StructureError if a parameter holds variants: a batch varies loops, all of them over the same work."""
+    """Raise StructureError if a parameter holds variants: all loops of a batch share their references and loads."""
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
         if declared.role == "parameter" and value is not None and not isinstance(value, float):
@@ -28,7 +28,7 @@ def are_all(parts: object, family: type[Block]) -> bool:
 
 
 def check_duration(kind: str, duration: float) -> None:
-    """Raise StructureError for a motion that would never end."""
+    """Raise StructureError for a duration that is negative or longer than `LONGEST`."""
     if not 0.0 <= duration <= LONGEST:
         raise StructureError(
             f"{kind} would take {Quantity(duration, 's'):3 SI}, more than {Quantity(LONGEST, 's'):6 SI}: check the "

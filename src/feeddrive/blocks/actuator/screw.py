@@ -16,7 +16,7 @@ class Screw(Motor):
         force = torque_constant · gear · (2π / lead) · current
         speed = rated_speed · lead / gear
 
-    The drive's own unit is A.  Losses of gear and screw are friction, and stand in the friction blocks.
+    The drive's own unit is A.  Losses of gear and screw are friction and belong to the friction blocks.
     """
 
     unit: ClassVar[str] = "A"

@@ -24,9 +24,9 @@ class DisturbanceRejection(Compensation):
 
         force = -share · F̂d(k),    share rises from 0 over blend_time after the start, along a straight line
 
-    The law then sees an axis with the observer's mass, and only disturbances that are too fast for the observer.  With
-    a share of 1 the rejection has integral action.  Law and observer are then stable only together: check the whole
-    loop with `require_stable`.
+    The law then sees an axis with the observer's mass, and only the disturbances that are too fast for the observer.
+    With a share of 1 the rejection has integral action.  Law and observer are then stable only together: check the
+    whole loop with `require_stable`.
 
     When to use: under a P or P-PI law whose gains are limited by something other than the delay of the force.  When
     not: under a law that subtracts an observer's estimate itself, and with a mode of the axis inside the observer's
@@ -97,7 +97,7 @@ class DisturbanceRejection(Compensation):
         return self.Prepared(self.observer.prepare(T), () if self.blend_time is None else (T / self.blend_time,))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the observer at rest at the reading, with a share of 0 if it is blended in."""
+        """Return the state of the observer at rest at the reading, with a share of 0 if it is blended in."""
         zero = ops.zero(reading.applied)
         return self.State(self.observer.start(prepared.observer, reading), () if self.blend_time is None else (zero,))
 

@@ -84,7 +84,7 @@ class ActiveDisturbanceRejection(Law):
         return self.observer.prepare(T)
 
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the observer at rest at the reading, with a disturbance that balances the acting force."""
+        """Return the state of the observer at rest at the reading, with a disturbance that balances the force."""
         return self.State(self.observer.start(prepared, reading))
 
     def step(
@@ -166,6 +166,6 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
-    """Return the largest admissible value below a rejected one, by small, then large steps; None if there is none."""
+    """Return the largest admissible value below a rejected one, by small, then large steps; None if none."""
     steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
     return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

@@ -32,10 +32,9 @@ class DADSC(Law):
     poles of the ideal loop, the denominator of the corrected (8), are then 1/(1 + λT), 1/(1 + KT), 1/(1 + ω_d T): real
     for all positive frequencies.  The law is thus a PID with k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
 
-    What the implementation adds to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is
-    taken in the middle of the sample over which the force acts; the force cut off by the limit in the last sample goes
-    into F̂d (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at
-    the motor.
+    Additions to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the
+    middle of the sample over which the force acts; the force cut off by the limit in the last sample goes into F̂d
+    (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     When to use: linear motors and stiff drives under cutting forces, tuned by three frequencies; with all of them equal
     to p, p <= 0.19/((d + 1) T) keeps Ms <= 2 at d samples of dead time.  When not: with a mode of the axis below three

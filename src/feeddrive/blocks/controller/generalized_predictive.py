@@ -1,4 +1,4 @@
-"""Generalized predictive control of a rigid axis, as three polynomials."""
+"""Generalized predictive control of a rigid axis in polynomial form."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class LQG(Law):
     third order at omega_o.
 
     Two readings and one disturbance: with a wrong spring, with friction at the motor or with encoders that are not
-    aligned a lasting error is left.  With `offset_rate` the motor's reading is shifted until the spring balances:
+    aligned a steady-state error remains.  With `offset_rate` the motor's reading is shifted until the spring balances:
 
         y1 = reading - offset,   offset <- offset + offset_rate T (y1 - y2 - lead(set motion) - (F - F*)/k)
 
@@ -329,7 +329,7 @@ _NONE = (0.0,) * 8
 
 
 def _stretch(bodies: TwoBodies, speed: Number, disturbance: Number) -> Number:
-    """Return the distance in m by which the motor leads the load in steady motion against a force on the load."""
+    """Return the distance in m by which the motor leads the load in steady motion under a force on the load."""
     return (bodies.dragged * speed - disturbance) / bodies.k
 
 

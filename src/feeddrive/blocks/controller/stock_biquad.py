@@ -1,4 +1,4 @@
-"""The `biquad` component of LinuxCNC, computed as in its source."""
+"""The `biquad` component of LinuxCNC, with the arithmetic of its source."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `pid` component of LinuxCNC, computed as in its source."""
+"""The `pid` component of LinuxCNC, with the arithmetic of its source."""
 
 from __future__ import annotations
 

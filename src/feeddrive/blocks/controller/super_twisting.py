@@ -40,15 +40,15 @@ class SuperTwisting(Law):
     s ∈ z + h k1 √|z| sgn z + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone has no end, and the law is that PID.
 
     What is added: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the middle of the
-    sample over which the force acts; what the limit cut off in the last sample goes into w (back-calculation through
-    `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
+    sample over which the force acts; the force cut off by the limit in the last sample goes into w (back-calculation
+    through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     Tune λ and 1/h like two frequencies; zone_time = 3.75 (d + 1) T at d samples of dead time gives Ms = 2 on a rigid
     axis.  Then take L from the disturbance, and so large that noise stays inside the zone, h² k2 >= 3 σ(s).
     When to use: to bound the rate of the force of a stiff PID.  When not: in the hope of more robustness than a PID of
     equal delay margin has; in a well tuned loop the zone is hardly ever left.  The explicit form always chatters.  The
-    implicit form keeps an error of T F_d/(m λ), and chatters from one sample of dead time on.  A linear model says
-    nothing of either: that of the explicit form is refused, the implicit one is taken inside its zone.
+    implicit form keeps an error of T F_d/(m λ), and chatters from one sample of dead time on.  A linear model shows
+    neither: that of the explicit form is refused, that of the implicit form is the one inside its zone.
     Source: Levant 1993 (the law, and L); Brogliato, Polyakov & Efimov 2020 (the implicit form); the zone is this
     library's.
     """

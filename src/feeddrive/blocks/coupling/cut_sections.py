@@ -14,7 +14,7 @@ from feeddrive.language.quantity import Quantity
 
 
 class Settings(NamedTuple):
-    """Cutting conditions within one section."""
+    """The cutting conditions within one section."""
 
     edge: Edge
     spindle_speed: Any  # rpm

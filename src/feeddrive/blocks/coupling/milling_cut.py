@@ -39,14 +39,13 @@ class MillingCut(Coupling):
     enters, of a helical one where its slice turns by less than the spindle in a substep.
 
     Without `direction` the feed has the direction of the motion over the last turn of the spindle, which vibration of
-    the size of the feed turns: give a direction, or sections with it, where the tool may chatter.
-    At the start the tool has stood outside the work: the chip is 0 and grows over the first tooth periods.  A table
-    moves the workpiece: where `moves` says "table", r is minus the position of the axis, and the force on the axis is
-    the opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or
-    direction in each; the spindle always turns.  Where its speed changes, τ is the time since the spindle stood a tooth
-    before, found in the ring of its turns.
-    With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting speed) along e_r on each engaged element a, ṙ
-    predicted from the last two.
+    the size of the feed turns: give a direction, or sections with it, where the tool may chatter. At the start the tool
+    has been at rest outside the workpiece: the chip is 0 and grows over the first tooth periods.  A table moves the
+    workpiece: where `moves` says "table", r is minus the position of the axis, and the force on the axis is the
+    opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or direction
+    in each; the spindle always turns.  Where its speed changes, τ is the time since the spindle was one tooth pitch
+    back, found in a ring buffer of its turns. With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting
+    speed) along e_r on each engaged element a, ṙ predicted from the last two.
     When not to use it: with substeps longer than a tenth of τ; for a motion along the spindle, which changes no chip.
     Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
     & Ismail 1981.
@@ -79,7 +78,7 @@ class MillingCut(Coupling):
         turns: Any = None  # of the spindle at the end of the last substep
 
     def check(self) -> None:
-        """Raise an error if two directions share an axis or if a section is deeper than the flutes are long."""
+        """Raise StructureError if two directions share an axis, ParameterError if a section is too deep."""
         if len(set(self.axes())) < len(self.axes()):
             raise StructureError(
                 f"milling_cut: x, y and z must be moved by different axes, not {', '.join(self.axes())}"

@@ -1,4 +1,4 @@
-"""A structure mode of the machine that several axes share."""
+"""A structure mode of the machine shared by several axes."""
 
 from __future__ import annotations
 

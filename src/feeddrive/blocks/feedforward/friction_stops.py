@@ -24,12 +24,12 @@ class FrictionStops(Feedforward):
         e_i(k) = clip(e_i(k-1) + x(k) - x(k-1), ±δ_i),    x = x_set(t + T/2)
         force  = c Σ k_i e_i + c r(v),    c = clip(travel/(2 δ_max) - 1, 0, 1)
 
-    A stop forgets how it began when the axis has moved by 2 δ.  travel is the largest set position since the start less
-    the smallest: in the first 2 δ_max, where no one knows what the friction remembers, nothing is fed forward, and
-    after 4 δ_max all of it.  Viscous friction is not among it: give it to `Inertia`.
+    A stop loses its initial state once the axis has moved by 2 δ.  travel is the largest set position since the start
+    less the smallest: in the first 2 δ_max, while the state of the friction is unknown, nothing is fed forward, and
+    after 4 δ_max all of it. Viscous friction is not included: give it to `Inertia`.
 
-    What the stops leave, a Stribeck curve for instance, is r: bells over the set speed, never a polynomial, which at
-    twice the range of its data is thousands of newtons.
+    The residual r, a Stribeck curve for instance, is a sum of bells over the set speed, not a polynomial, which at
+    twice the range of its data reaches thousands of newtons.
 
         r(v) = clip(Σ w_j e^-½((v - v_j)/residual_width)², ±residual_limit),   0 beyond 3 widths outside of all v_j
 

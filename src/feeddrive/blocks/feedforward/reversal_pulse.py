@@ -1,4 +1,4 @@
-"""A force pulse after each reversal, against the quadrant glitch."""
+"""A force pulse after each reversal to reduce the quadrant glitch."""
 
 from __future__ import annotations
 

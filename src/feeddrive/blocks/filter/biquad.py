@@ -118,7 +118,7 @@ def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
 
 
 class SecondOrderSection(Filter, ABC):
-    """The family of filters that are one section with H(1) = 1: such a filter is its parameters and its `prepare`.
+    """The base class of filters with one section and H(1) = 1, each defined by its parameters and its `prepare`.
 
     Each parameter in Hz must lie below half the sample rate, where the prewarping ends.
     Source of the form: Oppenheim & Schafer, Discrete-Time Signal Processing, section 6.3 (direct form II transposed).

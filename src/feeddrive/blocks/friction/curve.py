@@ -1,4 +1,4 @@
-"""The Stribeck curve, common to all friction laws that have one."""
+"""The Stribeck curve shared by the friction laws."""
 
 from __future__ import annotations
 

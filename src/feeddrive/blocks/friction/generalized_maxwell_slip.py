@@ -28,9 +28,9 @@ class GeneralizedMaxwellSlip(Friction):
     With breakaway = coulomb it is a sum of stops (Masing, Prandtl-Ishlinskii), whatever the attraction: after a
     reversal the force runs along the curve of the first loading at twice its scale.  Steady, it is the Stribeck curve.
 
-    When to use: quadrant errors of some micrometers, where what the table does after a reversal depends on how it came
-    there.  When not: if presliding does not matter (`Stribeck` costs a tenth); there is no exact standstill.  A mass m
-    vibrates in presliding at √(Σ k_i/m), 78 Hz for 9.6 N/um and 40 kg: substeps should be a fifth of 1/ω.
+    When to use: quadrant errors of some micrometers, where the motion of the table after a reversal depends on its
+    history.  When not: if presliding does not matter (`Stribeck` costs a tenth); there is no exact standstill.  A mass
+    m vibrates in presliding at √(Σ k_i/m), 78 Hz for 9.6 N/um and 40 kg: substeps should be a fifth of 1/ω.
     Source: Lampaert, Al-Bender & Swevers 2003; Al-Bender, Lampaert & Swevers 2005. The implicit step is this library's.
     """
 

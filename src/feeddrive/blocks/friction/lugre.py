@@ -47,7 +47,7 @@ class Lugre(Friction):
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> State:
-        """Return undeflected bristles."""
+        """Return the state with undeflected bristles."""
         return self.State(0.0)
 
     def linear(self) -> Number:

@@ -48,7 +48,7 @@ class MillingForce(Load):
     end: Number | None = parameter("s", "instant at which it ends; absent: it does not end", default=None)
 
     def check(self) -> None:
-        """Raise an error unless there is exactly one source of the chip and the end comes after the start."""
+        """Raise StructureError unless there is one source of the chip, ParameterError unless end > start."""
         check_single(self)
         check_single(self.cutter)
         check_order(self.kind, self.start, self.end)

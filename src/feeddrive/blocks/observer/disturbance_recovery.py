@@ -37,11 +37,11 @@ class DisturbanceRecovery(Observer):
         two_poles    the same twice, one behind the other
         butterworth  second order, by Tustin with prewarping
 
-    It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  `lag` says by how
-    much a force that is held over each sample comes late while the motor's stands: 1.5 T and the delay of the filter,
-    about √2/(2π frequency) of the second order.  A force that rises evenly within the samples comes T late.  Each is
-    T/2 less under a law that cancels the force: F_m(k-1) then is newer than the mean over the two samples that the
-    double difference sees.
+    It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  `lag` is the delay
+    for a force that is held over each sample while the motor force is constant: 1.5 T and the delay of the filter,
+    about √2/(2π frequency) of the second order.  The delay for a force that rises evenly within the samples is T. Each
+    is T/2 shorter under a law that cancels the force: F_m(k-1) then is newer than the mean over the two samples that
+    the double difference sees.
     When to use: under any law, to see a cutting force or to reject it.  When not: with a mode of the axis inside the
     filter's band; and with a coarse encoder take `KalmanRecovery`.
     Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.

@@ -33,11 +33,11 @@ class GpiObserver(Observer):
 
         z(k) = F z(k-1) + Gu u(k-1) + Gy0 y(k-1) + Gy1 y(k),    F = e^(A T)
 
-    A reading that stands leaves z = (y, 0, ...) where it is, so that F, Gy0 and Gy1 add up to it; hence only the
-    change of y enters, and z_0 is kept as its distance from y.  No digit is lost far from zero, not even in float32.
+    A constant reading leaves z = (y, 0, ...) unchanged, so that F, Gy0 and Gy1 add up to it; hence only the change of y
+    enters, and z_0 is kept as its distance from y.  No digit is lost far from zero, not even in float32.
 
-    When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  When not: to take out what lies
-    near omega_o or above it.  The estimate there has the wrong size and phase, and subtracting it makes things worse:
+    When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  When not: to reject disturbances
+    near omega_o or above it. Their estimate has the wrong amplitude and phase, and subtracting it increases the error:
     4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Nor with a mode of the axis near it.
     `hold = "zero_order"` keeps the reading instead, for comparison: it allows a fifteenth of the sample time.
     Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is ours.

@@ -104,8 +104,7 @@ class KalmanRecovery(Observer):
 
 
 def riccati(transition: Matrix, walk: Number) -> Matrix:
-    """Return the steady covariance before a correction: a position with noise 1, and a third state that walks at
-    random.
+    """Return the steady covariance before a correction: a position with noise 1, and a third state on a random walk.
 
     P = Φ (P⁻¹ + Cᵀ C)⁻¹ Φᵀ + Q, C = (1 0 0), Q = diag(0, 0, walk), by doubling, which covers 2ⁿ samples in n steps:
 

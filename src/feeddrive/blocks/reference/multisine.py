@@ -30,8 +30,8 @@ class Multisine(Reference):
     of 32 points per shortest wave, over cos(π/32) (Ehlich & Zeller 1964).  All phases are shifted in time to where the
     sum is 0, with the least speed, so that it starts and ends at the center.
 
-    w is 1, and velocity jumps at the ends, unless `blend_time` is given: then the periodic motion goes on for this time
-    before the first and after the last period, and w rises and falls there.  Whole periods stay untouched.
+    w is 1, and velocity jumps at the ends, unless `blend_time` is given: then the periodic motion is extended by this
+    time before the first and after the last period, and w rises and falls there.  Whole periods stay untouched.
     Source: Schroeder 1970; Pintelon & Schoukens 2012, chapter 5.
     """
 
@@ -55,7 +55,7 @@ class Multisine(Reference):
     blend_time: Number = parameter("s", "length of run-in and run-out; 0 s for none", default=0, least=0)
 
     def check(self) -> None:
-        """Raise an error unless there are lines in the band, and not too many of them."""
+        """Raise ParameterError for an empty band, StructureError if there are no lines in it or too many."""
         check_single(self)
         check_duration(self.kind, self.duration)
         if self.highest < self.lowest:

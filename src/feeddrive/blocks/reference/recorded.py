@@ -19,10 +19,11 @@ _HIGHER = ("velocity", "acceleration", "jerk", "snap")
 class Recorded(Reference):
     """Row k of the tables at t = k · sample_time; the first position before the start, the last one after the end.
 
-    Where only positions are known the velocity is the backward difference, 0 in the first row, and all higher
-    derivatives are 0, so that `Setpoint.backward_velocity(sample_time)` gives the recorded difference back bit for bit.
-    Times between the rows are refused; with `between = "linear"` all tables are interpolated on straight lines, and a
-    velocity that is a difference is the slope of that line.  Outside the table it rests: no row is missing there.
+    If only positions are given, the velocity is the backward difference, 0 in the first row, and all higher derivatives
+    are 0, so that `Setpoint.backward_velocity(sample_time)` gives the recorded difference back bit for bit. Times
+    between the rows are refused; with `between = "linear"` all tables are interpolated on straight lines, and a
+    velocity that is a difference is the slope of that line.  Outside the table the axis is at rest, and no time is
+    refused.
     When not: to run a loop at another sample time than the log's, where the steps of a straight line excite it.
     Raises StructureError for tables that do not fit each other and for times that are not rows.
     """

@@ -20,7 +20,7 @@ class Sequence(Reference):
         x(t) = rᵢ(t - tᵢ) - rᵢ(0) + x(tᵢ)   for tᵢ <= t < tᵢ₊₁,   tᵢ₊₁ = tᵢ + duration of rᵢ,   t₀ = 0,   x(0) = r₀(0)
 
     The first keeps its positions; each further one is moved as a whole so that it starts at the end of the last.  At
-    the instant of the change the next one holds.  Nothing is blended: what rests at its ends joins smoothly.
+    the instant of the change the next one holds.  Nothing is blended: references at rest at their ends join smoothly.
     Raises StructureError for an empty sequence.
     """
 
@@ -39,7 +39,7 @@ class Sequence(Reference):
 
     @cached_property
     def _offsets(self) -> np.ndarray:
-        """The offset of each reference, m."""
+        """The position offset of each reference, m."""
         offsets = [0.0]
         for before, after in zip(self.references, self.references[1:], strict=False):
             end = np.asarray(before.at(np.array([np.nextafter(before.duration, np.inf)])).position)[0]

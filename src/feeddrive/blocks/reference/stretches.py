@@ -57,11 +57,11 @@ class Stretch(NamedTuple):
     piece: Piece
 
     def holds(self, t: Number) -> Number:
-        """Return True if it has begun at t (s)."""
+        """Return True if the stretch has begun at t (s)."""
         return ops.both(t >= self.way.begins, self.way.inside(t) >= self.piece.start)
 
     def at(self, t: Number) -> Setpoint:
-        """Return the setpoints at a time within it."""
+        """Return the setpoints at a time within the stretch."""
         return self.way.placed(self.piece.at(self.way.inside(t)))
 
 

@@ -29,7 +29,7 @@ class Encoder(Sensor):
     n₀ and n₁ are white, independent, N(0, 1), and come from the run's seed.  Lead error and eccentricity are those at
     the position where the sample was taken.
 
-    A fault that is left out costs nothing.
+    An absent fault costs no computation.
     """
 
     resolution: Number | None = parameter(
