@@ -20,7 +20,7 @@ _RENAMED = {"Shaped": "InputShaped"}  # until 1.0, as the kinds in catalogue.py
 
 @cache
 def by_file() -> Mapping[str, str]:
-    """Class -> module of every block, read from the texts of the files, so that none is imported."""
+    """Return the module of every block by class name, read from the source texts, so that no block is imported."""
     from feeddrive.language.block import snake_case
 
     places = {"Setpoint": f"{__name__}.signals"}  # users give it to references and prefilters

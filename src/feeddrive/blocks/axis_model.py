@@ -15,7 +15,7 @@ from feeddrive.language.text import Text
 
 B = TypeVar("B", bound=Block)
 
-# unit -> powers of mass and of rate by which a gain of a rigid axis with this unit scales: N s/m is kg times 1/s
+# unit -> powers of mass and rate with which a gain of a rigid axis in this unit scales: N s/m is kg times 1/s
 POWERS: Mapping[str, tuple[int, int]] = {
     "kg": (1, 0),
     "N s/m": (1, 1),
@@ -31,14 +31,14 @@ _SLOW = 0.1  # share of 1/(time from a reading to its force): a loop with this r
 
 
 class SteadyForce(Protocol):
-    """The steady force of a friction law over velocity."""
+    """The steady friction force of a friction law as a function of velocity."""
 
     def steady(self, velocity: Number) -> Number:
-        """Friction force in N at a constant velocity (m/s)."""
+        """Return the friction force in N at a constant velocity (m/s)."""
         ...
 
     def linear(self) -> Number:
-        """The viscous part, N s/m."""
+        """Return the viscous coefficient, N s/m."""
         ...
 
 
@@ -46,14 +46,14 @@ class SteadyForce(Protocol):
 class AxisModel:
     """The axis as given to every law, observer and compensation: one rigid mass with a delay, encoders and friction.
 
-    mass, viscous      kg and N s/m of the motion as one body
+    mass, viscous      kg and N s/m of the axis as one rigid body
     delay              s from a command to its force: dead time and the lag of the current loop
     sample_time        s
-    encoders           how many positions the controller reads, 1 or 2
-    velocity_encoder   the encoder of the velocity, as in the present control
-    plant, frictions   its blocks, for a law whose model of the axis is more than one mass
-    reading_noise      m, standard deviation of the velocity encoder's reading, counts included; 0 if none is stated
-    machine_modes      modes of the machine beside the axis, as the present control states them
+    encoders           number of positions that the controller reads, 1 or 2
+    velocity_encoder   the encoder of the velocity, as in the current controller
+    plant, frictions   blocks of the axis, for a law whose model of the axis is more than one mass
+    reading_noise      m, standard deviation of the velocity encoder's reading, including quantization; 0 if not stated
+    machine_modes      modes of the machine outside the axis, from the current controller
     """
 
     mass: float
@@ -69,22 +69,22 @@ class AxisModel:
 
     @property
     def rate(self) -> float:
-        """Start value of all rates in 1/s, slow enough for any law: a tenth of 1/(delay + sample time)."""
+        """The start value of all rates in 1/s: a tenth of 1/(delay + sample time), slow enough for any law."""
         return _SLOW / (self.delay + self.sample_time)
 
     @property
     def delay_samples(self) -> int:
-        """The delay in whole samples, as observers count it."""
+        """The delay in whole samples, as observers use it."""
         return round(self.delay / self.sample_time)
 
     def dry_friction(self, velocity: float) -> float:
-        """Friction force in N at a constant velocity (m/s), without the viscous part."""
+        """Return the friction force in N at a constant velocity (m/s), without the viscous part."""
         return sum(
             float(friction.steady(velocity)) - float(friction.linear()) * velocity for friction in self.frictions
         )
 
     def sentence(self) -> str:
-        """The model in words."""
+        """Return a sentence that describes the model."""
         late = f", a command to act after {self.delay_samples} samples" if self.delay_samples else ""
         return Text(
             f"designed for an axis of {Quantity(self.mass, 'kg'):6} and {Quantity(self.viscous, 'N s/m'):6}{late}"
@@ -92,12 +92,12 @@ class AxisModel:
 
 
 class Start(NamedTuple):
-    """Start values of the search for a law's parameters on an axis.
+    """The start values of a search for a law's parameters on an axis.
 
-    name         of the law in a comparison
+    name         name of the law in a comparison
     remark       a note for the report
-    feedforward  feedforward to be used with the law in place of that of the present control
-    only_with    compensations (`Beside.name`) with which alone this form is tried; empty: alone and with all that suit
+    feedforward  feedforward that replaces that of the current controller
+    only_with    compensations (`Beside.name`), one of which this form needs; empty: tried alone and with all that suit
     """
 
     name: str
@@ -108,12 +108,12 @@ class Start(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """A form of a compensation beside a law, as a comparison tries it.
+    """A form of a compensation that a comparison tries together with a law.
 
-    name   of the form in a comparison
-    block  the compensation; None if this form does not go on the axis
-    remark a note for the report, or the reason why it does not go
-    tuned  True if its tunables are searched with those of the law; else the law's tuning is taken over
+    name   name of the form in a comparison
+    block  the compensation; None if this form cannot be used on the axis
+    remark a note for the report, or the reason why it cannot be used
+    tuned  True if its tunables are searched with those of the law; else the law keeps its tuning
     """
 
     name: str
@@ -123,10 +123,11 @@ class Beside(NamedTuple):
 
 
 def begun(block: type[B], axis: AxisModel, **stated: Any) -> B:
-    """Return a block with start values for an axis: the stated ones, those of the axis, and otherwise values by unit.
+    """Return a block with start values for an axis: stated values first, then those of the axis, then values by unit.
 
-    `mass`, `viscous`, `delay_samples` and `velocity_encoder` come from the axis; a field with a default keeps it; a
-    gain without one is mass^a rate^b by its unit (`POWERS`), in Hz over 2π.
+    `mass`, `viscous`, `delay_samples` and `velocity_encoder` come from the axis. A field with a default keeps it. A
+    gain without a default is mass^a rate^b according to its unit (`POWERS`), divided by 2π if in Hz.
+
     Raises StructureError for any other field: the block must give its start value in a method `begin`.
     """
     known = {

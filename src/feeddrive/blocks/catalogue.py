@@ -1,11 +1,11 @@
-"""The catalogue of all concrete blocks: the shipped ones, and user-defined ones.
+"""The catalogue of all concrete blocks, shipped and user-defined.
 
-The shipped ones are found by walking the packages under `feeddrive.blocks`.  User-defined ones come from installed
-packages with an entry point of the group `feeddrive.blocks`, and from what the environment names in FEEDDRIVE_BLOCKS
-or the command line by --blocks: a file, PACKAGE.MODULE or PACKAGE.MODULE:CLASS.  Nothing else is imported; what a
-machine file says never decides it.
+Shipped blocks are found in the packages under `feeddrive.blocks`. User-defined ones come from installed packages with
+an entry point of the group `feeddrive.blocks`, and from the files and modules named in the environment variable
+FEEDDRIVE_BLOCKS or by --blocks on the command line: a file, PACKAGE.MODULE or PACKAGE.MODULE:CLASS. Nothing else is
+imported; a machine file never causes an import.
 
-A block belongs to the family that `families.py` declares for it.  A concrete block without a family, such as the
+A block belongs to the family that `families.py` declares for it. A concrete block without a family, such as the
 actuator, is its own family.
 """
 
@@ -29,16 +29,16 @@ from feeddrive.language.lazy_package import modules_below
 
 B = TypeVar("B", bound=Block)
 
-# old names of kinds and their new names; until 1.0 errors name the new one
+# old and new names of kinds; until 1.0 error messages give the new one
 RENAMED = MappingProxyType({"shaped": "input_shaped"})
-ENTRY_POINTS = "feeddrive.blocks"  # group of the entry points of packages with blocks
-OWN = "FEEDDRIVE_BLOCKS"  # of the environment: files and modules with blocks, separated by commas
+ENTRY_POINTS = "feeddrive.blocks"  # entry-point group of packages with blocks
+OWN = "FEEDDRIVE_BLOCKS"  # environment variable: files and modules with blocks, separated by commas
 OPT_IN = f"a block of your own is found by --blocks FILE.py, by {OWN}, or once its package is installed"
 
 
 @cache
 def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
-    """Family -> kind -> class, in the order of the folders; the first call imports every block."""
+    """Return the shipped block classes by family and kind, by folder; the first call imports every block."""
     families: dict[type[Block], dict[str, type[Block]]] = {}
     for module in modules():
         for block in blocks_of(module):
@@ -47,7 +47,7 @@ def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
 
 
 def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
-    """Family -> kind -> class: the shipped ones, then those of installed packages, then those of FEEDDRIVE_BLOCKS.
+    """Return the block classes by family and kind: shipped, then of installed packages, then of FEEDDRIVE_BLOCKS.
 
     Raises ParameterError for a place that cannot be imported or holds no block, and StructureError for two blocks of
     one kind.
@@ -70,8 +70,8 @@ def _with_own(places: str) -> Mapping[type[Block], Mapping[str, type[Block]]]:
 
 
 def _installed() -> Iterator[tuple[str, type[Block]]]:
-    """The blocks of installed packages, with where they come from."""
-    from importlib.metadata import entry_points  # not before a block is looked for
+    """Yield the blocks of installed packages, each with its origin."""
+    from importlib.metadata import entry_points  # imported only when blocks are searched
 
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
         package = point.dist.name if point.dist is not None else point.name
@@ -86,7 +86,7 @@ def _of_places(places: str) -> Iterator[tuple[str, type[Block]]]:
 
 
 def _held(origin: str, place: str) -> list[type[Block]]:
-    """The concrete blocks at a place: those that a module and the modules below it define, or a class."""
+    """Return the concrete blocks at a place: those defined by a module and its submodules, or a single class."""
     try:
         module, name = module_at(place)
         blocks = [getattr(module, name)] if name else _own_blocks(module)
@@ -103,7 +103,7 @@ def _held(origin: str, place: str) -> list[type[Block]]:
 
 
 def _line_in(error: BaseException) -> str:
-    """The last line of the text that was being imported."""
+    """Return line and file name of the innermost user code in a traceback; an empty string if there is none."""
     trace, place = error.__traceback__, ""
     while trace is not None:
         code = trace.tb_frame.f_code
@@ -114,9 +114,9 @@ def _line_in(error: BaseException) -> str:
 
 
 def module_at(place: str) -> tuple[ModuleType, str]:
-    """The imported module of a place, and the name of a class in it or nothing.
+    """Import the module of a place; return it with the name of the class, or with an empty string.
 
-    Modules are looked for where Python does, and then in the working directory; those of files in their folder.
+    Modules are searched on Python's path, then in the working directory; a file is imported from its own folder.
     """
     head, _, name = place.rpartition(":") if not place.endswith(".py") else (place, "", "")
     if not head:
@@ -135,7 +135,7 @@ def module_at(place: str) -> tuple[ModuleType, str]:
 
 
 def fault_of_own(error: Exception) -> FeeddriveError | None:
-    """Return an error of a user-defined block's code as one sentence with its line; None for any other error.
+    """Return an exception in the code of a user-defined block as one sentence with file and line; None for any other.
 
     Python users get the error itself; the command line has no traceback to show.
     """
@@ -148,7 +148,7 @@ def fault_of_own(error: Exception) -> FeeddriveError | None:
 
 
 def _holds_own(module: Mapping[str, Any]) -> bool:
-    """True if the globals are those of a module outside of this package that defines blocks."""
+    """Return True if the globals are those of a module outside this package that defines blocks."""
     name = str(module.get("__name__", ""))
     return name.partition(".")[0] != "feeddrive" and any(
         isinstance(block, type) and issubclass(block, Block) and block.__module__ == name for block in module.values()
@@ -165,7 +165,7 @@ def _is_concrete(value: Any) -> bool:
 
 
 def _own_blocks(module: ModuleType) -> list[type[Block]]:
-    """The concrete blocks that a module shows and it or a module below it defines."""
+    """Return the concrete blocks in the namespace of a module that are defined in it or in one of its submodules."""
     below = f"{module.__name__}."
     return [
         member for member in vars(module).values() if _is_concrete(member) and f"{member.__module__}.".startswith(below)
@@ -176,7 +176,7 @@ def _own_blocks(module: ModuleType) -> list[type[Block]]:
 def with_blocks(places: Sequence[str]) -> Generator[None]:
     """Add the blocks of these files or modules to the catalogue within this context, also in child processes.
 
-    Raises as `catalogue`.
+    Raises the errors of `catalogue`.
     """
     before = os.environ.get(OWN)
     resolved = [str(Path(place).resolve()) if place.endswith(".py") else place for place in places]
@@ -194,17 +194,17 @@ def with_blocks(places: Sequence[str]) -> Generator[None]:
 
 
 def members(family: type[B]) -> Mapping[str, type[B]]:
-    """The blocks of one family by kind."""
+    """Return the blocks of a family by kind."""
     return catalogue().get(family, {})  # type: ignore[return-value]
 
 
 def modules() -> Iterator[str]:
-    """Dotted names of the modules that hold blocks: those one folder down."""
+    """Return the dotted names of the modules that hold blocks, one package below `feeddrive.blocks`."""
     return modules_below("feeddrive.blocks")
 
 
 def blocks_of(module: str) -> list[type[Block]]:
-    """The concrete blocks defined in a module; imported ones do not count."""
+    """Return the concrete blocks defined in a module, without imported ones."""
     values = vars(importlib.import_module(module)).values()
     return [value for value in values if _is_concrete(value) and value.__module__ == module]
 
@@ -212,9 +212,10 @@ def blocks_of(module: str) -> list[type[Block]]:
 def imported(family: type[B], place: str) -> type[B]:
     """Import the block that a user names by PACKAGE.MODULE:CLASS; this runs the code of its module.
 
-    Modules are looked for where Python does, and then in the working directory.  For what stands on a command line,
-    never for what is only read in a file.
-    Raises ParameterError if there is no such module or class, or if it is no concrete block of the family.
+    Modules are searched on Python's path, then in the working directory. Use it for names on a command line, never for
+    names read from a file.
+
+    Raises ParameterError if there is no such module or class, or if it is not a concrete block of the family.
     """
     try:
         module, name = module_at(place)
@@ -226,7 +227,7 @@ def imported(family: type[B], place: str) -> type[B]:
 
 
 def required(value: Any, family: type[B], place: str, missing: str = "it is no class") -> type[B]:
-    """Return an object if it is a concrete block of a family; else raise ParameterError with the reason."""
+    """Return `value` if it is a concrete block class of a family; else raise ParameterError with the reason."""
     if not isinstance(value, type):
         raise ParameterError(f"'{place}': {missing}")
     if not issubclass(value, family) or inspect.isabstract(value):
@@ -237,12 +238,15 @@ def required(value: Any, family: type[B], place: str, missing: str = "it is no c
 
 
 def family_of(block: type[Block]) -> type[Block]:
-    """The abstract class directly under Block from which the block derives, or the block itself."""
+    """Return the class directly below Block from which a block derives; the block itself if it derives from Block."""
     return next(base for base in reversed(block.__mro__) if issubclass(base, Block) and base is not Block)
 
 
 def find(family: type[B], kind: str) -> type[B]:
-    """The block of a family with a name such as `two_mass`. Raises ParameterError, with similar names."""
+    """Return the block class of a kind, such as `two_mass`, in a family.
+
+    Raises ParameterError, with similar names, for an unknown kind.
+    """
     known = members(family)
     if kind in known:
         return known[kind]

@@ -1,23 +1,19 @@
-"""The families of blocks, and what becomes of a state when parameters change in a running loop.
-
-The state of a block after its parameters change in a running loop: `retune`.
-
-There is no default for a block with a state.  The old state is right only where no parameter scales what it holds, and
-a state that is continuous for any block does not exist: the last output fixes one number of several.
-
-The families of blocks: their abstract interfaces, which every block of a family implements.
+"""The families of blocks: the abstract interfaces that every block of a family implements.
 
 A block is final: it implements the abstract methods and overrides no method with a body but the empty hooks `prepare`,
 `start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`, `listen` and
 `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`,
 `fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `carries` and `moved`.
 
-    prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
+    prepare(T)   values that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
     step(...)    one sample: a pure function from the old state to the new one
-    retune(...)  the state after a live change: forces and estimates stay continuous; equal parameters change no bit;
-                 a block with a state that has none is refused at a live change and by an export
+    retune(...)  the state after a live change: forces and estimates stay continuous; equal parameters change no bit
     begin(axis)  start values of its parameters for the tuning on an axis
+
+`retune` has no default for a block with a state: the old state is right only where no parameter scales its contents,
+and no general rule keeps every block continuous, since the last output determines only one of several state variables.
+Without it, such a block is refused at a live change and by an export.
 """
 
 from __future__ import annotations
@@ -39,25 +35,27 @@ from feeddrive.language.matrix import Matrix, Row
 
 
 class Retuned:
-    """A block of a control with prepared numbers."""
+    """The base class of control blocks with prepared values."""
 
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, without a bump (hook; without it a
-        block with a state raises StructureError).
+        """Return the state after a live change from the block `old` to this one, without a bump (hook).
+
+        Raises StructureError for a block with a state that does not override it.
         """
         return _without_numbers(self.kind, state, "state, old, old_prepared, prepared")
 
 
 class RetunedUnprepared:
-    """A block of a control without prepared numbers."""
+    """The base class of control blocks without prepared values."""
 
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, without a bump (hook; without it a
-        block with a state raises StructureError).
+        """Return the state after a live change from the block `old` to this one, without a bump (hook).
+
+        Raises StructureError for a block with a state that does not override it.
         """
         return _without_numbers(self.kind, state, "state, old")
 
@@ -79,7 +77,9 @@ class Nothing(NamedTuple):
 
 
 class Mechanics(NamedTuple):
-    """M q'' + C q' + K q = Sᵀ f, positions of the bodies x = S q, and which body carries drive and encoders."""
+    """The equations of motion M q'' + C q' + K q = Sᵀ f, body positions x = S q, and the bodies of drive and
+    encoders.
+    """
 
     mass: Matrix  # M (n, n), kg, positive definite
     damping: Matrix  # C (n, n), N s/m
@@ -91,7 +91,7 @@ class Mechanics(NamedTuple):
     rigid: Row = ()  # q after a rigid motion of the axis by 1 m, springs relaxed; empty if each q is a body's position
 
     def rigid_motion(self) -> Row:
-        """The coordinates of a rigid motion by 1 m: S q = 1 and K q = 0."""
+        """Return the coordinates of a rigid motion by 1 m: S q = 1 and K q = 0."""
         return self.rigid or (1.0,) * len(self.mass)
 
 
@@ -100,10 +100,10 @@ class Plant(Block, ABC):
 
     @abstractmethod
     def mechanics(self) -> Mechanics:
-        """The matrices in plain arithmetic; literal 0.0 and 1.0 in the code cost no operations in the step."""
+        """Return the matrices in plain arithmetic; literal 0.0 and 1.0 in the code cost no operations in the step."""
 
     def rigid_mass(self) -> Number:
-        """The mass of the rigid motion, kg."""
+        """Return the mass of the rigid motion, kg."""
         mechanics = self.mechanics()
         along = mechanics.rigid_motion()
         return matrix.dot([matrix.dot(row, along) for row in mechanics.mass], along)
@@ -114,17 +114,17 @@ class Friction(Block, ABC):
 
     @abstractmethod
     def start(self, velocity: Number = 0.0) -> Any:
-        """The state after a long motion at this velocity."""
+        """Return the state after a long motion at this velocity."""
 
     @abstractmethod
     def linear(self) -> Number:
-        """The viscous part, N s/m: the linear core holds it exactly and `contact` leaves it out."""
+        """Return the viscous coefficient, N s/m: the linear core applies it exactly, and `contact` omits it."""
 
     @abstractmethod
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """The new state, the force F in N, and whether the body is stuck; F is held over the implicit step.
+        """Return the new state, the force F in N, and True if the body is stuck; F is held over the implicit step.
 
         step, velocity  s, length of the substep; m/s at its start
         free_velocity   m/s at its end if F were 0; with it, v = free_velocity + mobility · F, exactly 0 if it is stuck
@@ -133,22 +133,23 @@ class Friction(Block, ABC):
 
     @abstractmethod
     def steady(self, velocity: Number) -> Number:
-        """The friction force in N at a constant velocity, with the linear part; for plots and feedforward."""
+        """Return the friction force in N at a constant velocity, with the linear part; for plots and feedforward."""
 
 
 class Force(Block, ABC):
     """A force that depends on motion, drive force, time or its own past: cogging, backlash, gravity, regeneration."""
 
     def start(self, plant: Plant, motion: Motion) -> Any:
-        """The state after a long motion at this velocity (empty hook)."""
+        """Return the state after a long motion at this velocity (empty hook)."""
         return Nothing()
 
     @abstractmethod
     def step(
         self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
     ) -> tuple[Any, Number, Number]:
-        """One substep of h seconds: the new state, and the force in N on the motor's and on the load's body; `motion`
-        is predicted for the middle of the substep, `time` is that instant; `drive` is the drive's mean force.
+        """Compute a substep of h seconds: the new state, and the force in N on the motor's and on the load's body.
+
+        `motion` is predicted for the middle of the substep, at the instant `time`; `drive` is the drive's mean force.
         """
 
     def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
@@ -160,21 +161,21 @@ class Force(Block, ABC):
 
 
 class Motor(Block, ABC):
-    """What makes the force: converts N at the table into the drive's unit (A, V, N m)."""
+    """The source of the force: it converts N at the table into the drive's unit (A, V, N m)."""
 
     unit: ClassVar[str] = ""
 
     @abstractmethod
     def force_per_unit(self) -> Number:
-        """N at the table per unit of the drive's command."""
+        """Return the force in N at the table per unit of the drive's command."""
 
     @abstractmethod
     def limits(self) -> tuple[Number | None, Number | None]:
-        """Peak and continuous (RMS) force in N at the table; None where it is not stated."""
+        """Return the peak and continuous (RMS) force in N at the table; None if not stated."""
 
     @abstractmethod
     def velocity_limit(self) -> Number | None:
-        """Largest speed in m/s at the table; None where it is not stated."""
+        """Return the largest speed in m/s at the table; None if not stated."""
 
 
 class Sensor(Block, ABC):
@@ -182,15 +183,15 @@ class Sensor(Block, ABC):
 
     @abstractmethod
     def start(self, position: Number) -> Any:
-        """The state when the axis has been at rest at `position`."""
+        """Return the state of an encoder whose axis has been at rest at `position`."""
 
     @abstractmethod
     def still(self, position: Number) -> Number:
-        """The reading in m when the body stands at `position`, without noise."""
+        """Return the reading in m of a body at rest at `position`, without noise."""
 
     @abstractmethod
     def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
-        """The new state and the reading in m, from the true position (m) and velocity (m/s) at t = kT."""
+        """Return the new state and the reading in m, from the true position (m) and velocity (m/s) at t = kT."""
 
 
 class Law(Block, Retuned, ABC):
@@ -213,7 +214,7 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def to_tune(cls) -> tuple[str, ...]:
-        """`tunables`, or, if the law lists none, every positive parameter without a default except the plant model."""
+        """Return `tunables`, or else every positive parameter without a default except the plant model."""
         fields = ((spec, declarations(cls)[spec.name]) for spec in dataclasses.fields(cls))  # type: ignore[arg-type]
         free = [
             spec.name
@@ -224,8 +225,11 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Start values of a search on an axis whose control has the law `present`, for one form of the law or several,
-        by default by unit (`begun`); empty: no comparison.  Raises StructureError with why the law does not go (hook).
+        """Return the start values of a search for one or several forms of the law (hook).
+
+        `present` is the law of the axis's current controller. By default the values follow from their units (`begun`).
+        An empty tuple leaves the law out of the comparison. Raises StructureError, with the reason, if the law cannot
+        be used on the axis.
         """
         return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
 
@@ -235,26 +239,26 @@ class Law(Block, Retuned, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> Any:
-        """The state from which the law starts without a bump at the reading; pure and traced, since enable uses it."""
+        """Return the state for a bumpless start at the reading; pure and traced, since enabling uses it."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number) -> tuple[Any, Number]:
-        """One sample: the new state and the force in N."""
+        """Compute one sample: the new state and the force in N."""
 
     def period(self) -> int:
-        """Period in samples of a law that varies with time; more than 1 for a law with a slow part (empty hook)."""
+        """Return the period in samples of a time-varying law; more than 1 for a law with a slower part (empty hook)."""
         return 1
 
     def position_gain(self) -> Any:
-        """Velocity in 1/s that the law commands per position error; None if it commands none (empty hook)."""
+        """Return the velocity in 1/s that the law commands per position error; None if none (empty hook)."""
         return None
 
     def positions(self) -> int:
-        """The number of positions that the law needs as measurements of their own (empty hook)."""
+        """Return the number of positions that the law needs as separate measurements (empty hook)."""
         return self.encoders
 
     def settled(self) -> Law:
-        """The block without its internal limits, for linear models (empty hook)."""
+        """Return the block without its internal limits, for linear models (empty hook)."""
         return self
 
 
@@ -263,15 +267,15 @@ class Filter(Block, Retuned, ABC):
 
     @abstractmethod
     def prepare(self, T: Number) -> Any:
-        """The coefficients of the filter."""
+        """Return the coefficients of the filter."""
 
     @abstractmethod
     def start(self, prepared: Any, value: Number) -> Any:
-        """The state after a constant input `value`."""
+        """Return the state after a constant input `value`."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Any, Number]:
-        """One sample: the new state and the output."""
+        """Compute one sample: the new state and the output."""
 
 
 FEEDS = ("acceleration", "velocity", "friction")  # parts of the set motion that can be fed forward
@@ -290,54 +294,54 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """True if a comparison tries it beside a law, under its `title`, from `begin` on (empty hook)."""
+        """Return True if a comparison combines it with a law, under its `title`, starting from `begin` (empty hook)."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Start values on an axis.  Raises StructureError, with the reason, if there are none (empty hook)."""
+        """Return start values on an axis.  Raises StructureError, with the reason, if there are none (empty hook)."""
         return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
-        """The parts that this block feeds: fewer than `feeds` if parameters are absent (empty hook)."""
+        """Return the parts of the set motion that it feeds: fewer than `feeds` if some are absent (empty hook)."""
         return self.feeds
 
     def start(self, setpoint: Setpoint) -> Any:
-        """The state at a constant setpoint (empty hook)."""
+        """Return the state at a constant setpoint (empty hook)."""
         return Nothing()
 
     @abstractmethod
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
-        """One sample: the new state and the force in N to act over [kT, (k+1)T]."""
+        """Compute one sample: the new state and the force in N that acts over [kT, (k+1)T]."""
 
 
 class Prefilter(Block, RetunedUnprepared, ABC):
-    """Changes the setpoint before law and feedforward see it."""
+    """A block that changes the setpoint before law and feedforward see it."""
 
     title: ClassVar[str] = ""
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """True if a comparison combines it with a law, under its `title`, fitted to the move (empty hook)."""
+        """Return True if a comparison combines it with a law, under its `title`, fitted to the move (empty hook)."""
         return False
 
     @abstractmethod
     def start(self, setpoint: Setpoint) -> Any:
-        """The state at a constant setpoint."""
+        """Return the state at a constant setpoint."""
 
     @abstractmethod
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Setpoint]:
-        """One sample: the new state and the setpoint."""
+        """Compute one sample: the new state and the setpoint."""
 
 
 class Observer(Block, Retuned, ABC):
-    """Estimates what is not measured, from reading and `applied`; `tunables` are what to tune, positive."""
+    """An estimator of quantities that are not measured, from reading and `applied`; its `tunables` are positive."""
 
     tunables: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Start values of a search on an axis. Raises StructureError if there are none (empty hook)."""
+        """Return start values of a search on an axis. Raises StructureError if there are none (empty hook)."""
         return begun(cls, axis)
 
     def prepare(self, T: Number) -> Any:
@@ -346,30 +350,33 @@ class Observer(Block, Retuned, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, reading: Reading) -> Any:
-        """The state at rest at the reading, with `reading.applied` acting: the disturbance balances it."""
+        """Return the state at rest at the reading, with `reading.applied` balanced by the disturbance."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Estimate]:
-        """One sample: the new state and the estimate at kT."""
+        """Compute one sample: the new state and the estimate at kT."""
 
     def lag(self, prepared: Any, T: Number) -> Number:
-        """The delay of the estimate of a slow disturbance, s; 0.0 where it is not known (empty hook)."""
+        """Return the delay of the estimate of a slow disturbance, s; 0.0 if it is unknown (empty hook)."""
         return 0.0
 
 
 class Compensation(Block, Retuned, ABC):
-    """Combined with any law: from the reading it moves the setpoint (structural modes) or adds a force (rejection)."""
+    """A block combined with any law: from the reading it moves the setpoint (modes) or adds a force (rejection)."""
 
     title: ClassVar[str] = ""
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """True if a comparison tries it beside a law, under its `title`, from `begin` on (empty hook)."""
+        """Return True if a comparison combines it with a law, under its `title`, starting from `begin` (empty hook)."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """One form of it, or several; by default by unit. Raises StructureError, with the reason (empty hook)."""
+        """Return one or several forms of the compensation, by default with start values by unit (empty hook).
+
+        Raises StructureError, with the reason, if there are none.
+        """
         return (Beside(cls.title, begun(cls, axis)),)
 
     def prepare(self, T: Number) -> Any:
@@ -378,28 +385,30 @@ class Compensation(Block, Retuned, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> Any:
-        """The state at rest at the reading."""
+        """Return the state at rest at the reading."""
 
     @abstractmethod
     def step(
         self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[Any, Setpoint, Number]:
-        """One sample: the new state, the setpoint for law and feedforward, and a force in N behind the filters."""
+        """Compute one sample: new state, setpoint for law and feedforward, and force in N behind the filters."""
 
     def carries(self, reading: Reading) -> Any:
-        """The part of the force acting at the start that it holds, N; the law holds the rest (empty hook)."""
+        """Return the part of the force acting at the start that it provides, N; the law provides the rest
+        (empty hook).
+        """
         return 0.0
 
     def moved(self, state: Any) -> Any:
-        """The part of the set position's shift that concerns the reading only, m (empty hook)."""
+        """Return the part of the shift of the set position that concerns the reading only, m (empty hook)."""
         return 0.0
 
     def settled(self) -> Compensation:
-        """The block after a long time, with blended parts fully active, for linear models (empty hook)."""
+        """Return the block after a long time, with blended parts fully active, for linear models (empty hook)."""
         return self
 
     def suits(self, law: Law) -> None:
-        """Raise StructureError, with the reason, if it makes no sense with this law (empty hook)."""
+        """Raise StructureError, with the reason, if it cannot be combined with this law (empty hook)."""
 
 
 class Reference(Block, ABC):
@@ -408,14 +417,17 @@ class Reference(Block, ABC):
     @property
     @abstractmethod
     def duration(self) -> float:
-        """s; after it the setpoint rests at the end."""
+        """The duration in s, after which the setpoint rests at the end."""
 
     @abstractmethod
     def at(self, t: np.ndarray) -> Setpoint:
-        """Setpoints at times t (s, shape (n,)), each field of shape (n,); before 0 and after the end at rest."""
+        """Return the setpoints at times t (s, shape (n,)), each field of shape (n,).
+
+        The axis is at rest before 0 and after the end.
+        """
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """The motion from t = 0 on in polynomials of time, for machine code to sample; none: only `at` can (hook)."""
+        """Return the motion from t = 0 as polynomials of time, for machine code; empty if only `at` can (hook)."""
         return ()
 
 
@@ -424,4 +436,4 @@ class Load(Block, ABC):
 
     @abstractmethod
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Force in N at times t (s, shape (n,)); it is held over the sample."""
+        """Return the force in N at times t (s, shape (n,)); it is held over the sample."""

@@ -12,7 +12,7 @@ from feeddrive.language.block import Block, Number, Rule, choice
 
 
 class SharedMode(NamedTuple):
-    """A mode of the structure that several axes feel: mass η'' + damping η' + stiffness η = Σ shape · f."""
+    """A structure mode shared by several axes: mass η'' + damping η' + stiffness η = Σ shape · f."""
 
     mass: Number  # kg
     damping: Number  # N s/m
@@ -29,8 +29,8 @@ class SharedSpring(NamedTuple):
 
 
 class Coupling(Block, ABC):
-    """What acts between the axes of a machine: structure modes that they share, or forces at common substeps; or what
-    runs on the controller between their controls.
+    """A coupling between the axes of a machine: shared structure modes, forces at common substeps, or a contour
+    controller between the controllers of the axes.
 
     A coupling implements `modes`, `springs`, or `step` with `start` and `prepare`, or several of them; with `controls`
     it implements `listen` and `correct`, which run on the controller once a sample.
@@ -40,18 +40,18 @@ class Coupling(Block, ABC):
 
     @abstractmethod
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes on which it acts."""
+        """Return the names of the axes on which it acts."""
 
     def modes(self) -> tuple[SharedMode, ...]:
-        """Modes that move with these axes in one exact hold (empty hook)."""
+        """Return the modes that move with these axes in one exact hold (empty hook)."""
         return ()
 
     def springs(self) -> tuple[SharedSpring, ...]:
-        """Springs between tables, which then move in one exact hold (empty hook)."""
+        """Return the springs between tables, which then move in one exact hold (empty hook)."""
         return ()
 
     def follows(self) -> dict[str, str]:
-        """By axis, the axis whose word of a part program moves it, too (empty hook)."""
+        """Return, by follower, the axis whose words of a part program move it, too (empty hook)."""
         return {}
 
     def prepare(self, h: Number) -> Any:
@@ -59,27 +59,28 @@ class Coupling(Block, ABC):
         return Nothing()
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> Any:
-        """The state after a long motion of the axes at these velocities (empty hook)."""
+        """Return the state after a long motion of the axes at these velocities (empty hook)."""
         return Nothing()
 
     def step(
         self, prepared: Any, state: Any, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[Any, Mapping[str, tuple[Number, Number]]]:
-        """One substep of h seconds: the new state, and by axis the force in N on its motor's and its load's body.
+        """Compute a substep of h seconds: the new state, and by axis the force in N on its motor's and its load's body.
 
-        Motions are predicted for the middle of the substep, `time` is that instant (empty hook).
+        Motions are predicted for the middle of the substep, at the instant `time` (empty hook).
         """
         return state, {}
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> Any:
-        """The state on the controller when the axes start at these setpoints (empty hook)."""
+        """Return the state on the controller when the axes start at these setpoints (empty hook)."""
         return Nothing()
 
     def correct(
         self, state: Any, setpoints: Mapping[str, Setpoint], positions: Mapping[str, Number]
     ) -> tuple[Any, Mapping[str, Number]]:
-        """One sample on the controller, from the positions that it read (m): the new state, and by axis the velocity in
-        m/s that is added to what the law of the axis commands (empty hook).
+        """Compute one sample on the controller from the positions read (m): state and corrections (empty hook).
+
+        The corrections, by axis in m/s, are added to the velocity that the law of the axis commands.
         """
         return state, {}
 
@@ -89,10 +90,10 @@ class Coupling(Block, ABC):
 
 
 class Edge(NamedTuple):
-    """What the edges of a tool are, with those of all its teeth alike and helical."""
+    """The edges of a tool, which are helical and alike on all its teeth."""
 
     teeth: int
-    slices: int  # an edge is cut into so many pieces, each with one contact
+    slices: int  # number of pieces of an edge, each in contact or not
     diameter: Number  # m
     axial_depth: Number  # m
     helix_angle: Number  # rad
@@ -100,8 +101,8 @@ class Edge(NamedTuple):
     exit: Number  # rad
     cutting: tuple[Number, Number, Number]  # Ktc, Krc, Kac: force along, towards the axis, along it, N/m2
     rubbing: tuple[Number, Number, Number] | None = None  # Kte, Kre, Kae of the edge itself, N/m; None: none
-    run_out: tuple[Number, Number] | None = None  # offset of the tool's axis in m, and the angle of it in rad
-    flute_length: Number | None = None  # m, of the cutting edges; None: not stated, no depth is too much
+    run_out: tuple[Number, Number] | None = None  # offset of the tool's axis in m, and its angle in rad
+    flute_length: Number | None = None  # m, of the cutting edges; None: not stated, any depth is admissible
 
 
 class Cutter(Block, ABC):
@@ -112,16 +113,17 @@ class Cutter(Block, ABC):
 
     @abstractmethod
     def edge(self) -> Edge:
-        """Its edges, for a chip that follows from the motion of the tool."""
+        """Return the edges of the tool, for a chip that follows from its motion."""
 
     @abstractmethod
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
-        """Force in N on the tool along the feed, along the normal (spindle axis x feed) and along the spindle axis.
+        """Return the force in N on the tool along the feed, along the normal (spindle axis x feed) and along the
+        spindle axis.
 
-        `angle` of the spindle in rad: the tip of the first tooth has turned by it since the chip began in a slot.
-        `chip_load` is the feed of a tooth in m.
+        `angle` is the rotation of the spindle in rad since the tip of the first tooth entered the chip of a slot.
+        `chip_load` is the feed per tooth in m.
         """
 
     @abstractmethod
     def torque(self, angle: Number, chip_load: Number) -> Number:
-        """The torque of the spindle at the same angle and chip load, N m."""
+        """Return the spindle torque at the same angle and chip load, N m."""

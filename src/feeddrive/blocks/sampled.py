@@ -1,4 +1,4 @@
-"""The common part of references and loads: they are sampled before the run, not traced, and have no variants."""
+"""Common checks of references and loads, which are sampled before the run, not traced, and have no variants."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 
-LONGEST = 1e7  # s, nearly four months; beyond it a time says more about a wrong unit than about the motion
-_ROUNDING = 1e-6  # share of a row spacing by which kT may miss a row; a run would need 1e9 samples to round that far
+LONGEST = 1e7  # s, nearly four months; a longer time indicates a wrong unit
+_ROUNDING = 1e-6  # share of a row spacing by which kT may miss a row; rounding reaches it only after 1e9 samples
 
 
 def check_single(block: Block) -> None:
-    """Raise StructureError if a parameter holds variants: a batch varies loops, all of them over the same work."""
+    """Raise StructureError if a parameter holds variants: all loops of a batch share their references and loads."""
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
         if declared.role == "parameter" and value is not None and not isinstance(value, float):
@@ -23,12 +23,12 @@ def check_single(block: Block) -> None:
 
 
 def are_all(parts: object, family: type[Block]) -> bool:
-    """True for a tuple of at least one block, all of a family: what a part may hold is not checked elsewhere."""
+    """Return True for a tuple of at least one block, all of one family. Parts are not checked elsewhere."""
     return isinstance(parts, tuple) and bool(parts) and all(isinstance(part, family) for part in parts)
 
 
 def check_duration(kind: str, duration: float) -> None:
-    """Raise StructureError for a motion that would never end."""
+    """Raise StructureError for a duration that is negative or longer than `LONGEST`."""
     if not 0.0 <= duration <= LONGEST:
         raise StructureError(
             f"{kind} would take {Quantity(duration, 's'):3 SI}, more than {Quantity(LONGEST, 's'):6 SI}: check the "
@@ -46,16 +46,16 @@ def check_order(kind: str, start: float, end: float | None) -> None:
 
 
 def since(t: np.ndarray, start: float) -> np.ndarray:
-    """True from the first sample at or after `start` on, also where kT has been rounded to just before it.
+    """Return True from the first sample at or after `start`, even if rounding puts its kT just before `start`.
 
-    The slack is 1e-12 s and 1e-14 of `start`: far under any sample time, far over what a product kT is off, and enough
-    for a `start` that was written down with 15 digits.
+    The tolerance of 1e-12 s plus 1e-14 of `start` is far below any sample time and far above the rounding error of a
+    product kT, and is enough for a `start` written with 15 digits.
     """
     return t >= start - (1e-12 + 1e-14 * abs(start))
 
 
 def rows_at(t: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times in rows of a table, with those that miss a row by rounding put on it; and which of them lie on a row."""
+    """Return times in table rows, snapped to a row if rounding misses it, and True where they lie on a row."""
     place = t / sample_time
     near = np.rint(place)
     on_row = np.abs(place - near) <= _ROUNDING

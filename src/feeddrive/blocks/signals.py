@@ -10,7 +10,7 @@ from feeddrive.language.units import Unit
 
 
 class Setpoint(NamedTuple):
-    """Where the axis should be at t = kT, with exact derivatives."""
+    """The setpoint of an axis at t = kT, with exact derivatives."""
 
     position: Annotated[Number, Unit("m")]
     velocity: Annotated[Number, Unit("m/s")] = 0.0
@@ -19,7 +19,7 @@ class Setpoint(NamedTuple):
     snap: Annotated[Number, Unit("m/s4")] = 0.0
 
     def backward_velocity(self, T: Number) -> Number:
-        """(x(k) - x(k-1)) / T in m/s, by Taylor to snap: exact while the snap is constant over the last sample.
+        """Return (x(k) - x(k-1)) / T in m/s, by Taylor to snap: exact while the snap is constant over the last sample.
 
         A law that differences its reading needs the reference differenced in the same way.
         """
@@ -28,7 +28,10 @@ class Setpoint(NamedTuple):
         )
 
     def shifted(self, time: Number) -> Setpoint:
-        """The setpoint `time` seconds later, by Taylor to snap. Feedforward that acts over [kT, (k+1)T] uses T/2."""
+        """Return the setpoint `time` seconds later, by Taylor to snap.
+
+        Feedforward that acts over [kT, (k+1)T] uses T/2.
+        """
         snap = self.snap
         jerk = self.jerk + time * snap
         acceleration = self.acceleration + time * (self.jerk + 0.5 * time * snap)
@@ -40,14 +43,14 @@ class Setpoint(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What a law knows of the axis at t = kT, before it computes.
+    """The measurements and past commands that a law has at t = kT, before it computes.
 
-    With one encoder both positions are its reading.  `applied` is the force really commanded in the last sample, after
-    filters, limit and enable; `requested` is the same before the limit.  Anti-windup, observers, disturbance recovery
+    With one encoder both positions are its reading. `applied` is the force actually commanded in the last sample, after
+    filters, limit and enable; `requested` is the same before the limit. Anti-windup, observers, disturbance recovery
     and bumpless enable use only these two.
 
-    Where a law or an observer starts, the positions are those of one sample before, so that its first difference is
-    right, and `velocity` says how fast the axis moves then.
+    At the start of a law or an observer, the positions are those of the previous sample, so that its first difference
+    is right, and `velocity` is the velocity of the axis at that time.
     """
 
     position_motor: Number  # m
@@ -70,7 +73,7 @@ class Estimate(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Position and velocity of the driven and the moved end of an axis; the same for a rigid one (m, m/s)."""
+    """The position and velocity of the driven and the moved end of an axis; equal for a rigid one (m, m/s)."""
 
     position_motor: Number
     position_load: Number
@@ -79,16 +82,16 @@ class Motion(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """Where random numbers come from: they depend on seed, sample and channel only, so a lane equals a single run."""
+    """A source of random numbers that depend on seed, sample and channel only, so that a lane equals a single run."""
 
     seed: Number  # whole number
     sample: Number  # k
     channel: Number = 0.0
 
     def normal(self) -> Number:
-        """A number with mean 0 and standard deviation 1."""
+        """Return a random number with mean 0 and standard deviation 1."""
         return ops.normal(self.seed, self.sample, self.channel)
 
     def on(self, channel: float) -> Noise:
-        """The source of another channel."""
+        """Return the source of another channel."""
         return Noise(self.seed, self.sample, channel)

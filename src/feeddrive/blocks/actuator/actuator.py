@@ -23,6 +23,6 @@ class Actuator(Block):
     motor: Motor | None = part("what makes the force", default=None)
 
     def delay(self) -> Number:
-        """Delay in s of the force behind a slowly changing command: dead time plus the lag 1/(2π current_loop)."""
+        """Return the delay in s behind a slowly changing command: dead time plus the lag 1/(2π current_loop)."""
         lag = 0.0 if self.current_loop is None else 1.0 / (2.0 * ops.pi * self.current_loop)
         return self.dead_time + lag

@@ -21,9 +21,9 @@ class Direct(Motor):
         return self.force_constant
 
     def limits(self) -> tuple[Number | None, Number | None]:
-        """Peak and RMS force, N."""
+        """Return the peak and the RMS force, N."""
         return self.peak_force, self.continuous_force
 
     def velocity_limit(self) -> Number | None:
-        """The largest speed, m/s."""
+        """Return the largest speed, m/s."""
         return self.peak_velocity

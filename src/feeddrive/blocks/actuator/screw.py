@@ -16,7 +16,7 @@ class Screw(Motor):
         force = torque_constant · gear · (2π / lead) · current
         speed = rated_speed · lead / gear
 
-    The drive's own unit is A.  Losses of gear and screw are friction, and stand in the friction blocks.
+    The drive's own unit is A.  Losses of gear and screw are friction and belong to the friction blocks.
     """
 
     unit: ClassVar[str] = "A"
@@ -28,17 +28,17 @@ class Screw(Motor):
     rated_speed: Number | None = parameter("rpm", "largest speed of the motor", above=0, default=None)
 
     def force_per_unit(self) -> Number:
-        """N at the table per A."""
+        """Return the force at the table per ampere, N/A."""
         return self.torque_constant * self.gear * radians_per_metre(self.lead)
 
     def limits(self) -> tuple[Number | None, Number | None]:
-        """Peak and RMS force, N."""
+        """Return the peak and the RMS force, N."""
         peak, continuous = self.peak_current, self.continuous_current
         constant = self.force_per_unit()
         return None if peak is None else constant * peak, None if continuous is None else constant * continuous
 
     def velocity_limit(self) -> Number | None:
-        """Speed of the table at the motor's rated speed, m/s."""
+        """Return the speed of the table at the motor's rated speed, m/s."""
         if self.rated_speed is None:
             return None
         return self.rated_speed * (ops.pi / 30.0) / (self.gear * radians_per_metre(self.lead))

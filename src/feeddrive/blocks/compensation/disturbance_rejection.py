@@ -15,7 +15,7 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import StructureError
 
-_COUNT = 3.4641016151377544  # √12: a count that long has the deviation of one
+_COUNT = 3.4641016151377544  # √12: a count of this length has a standard deviation of 1
 _LEAST = 1e-30  # least share, so that there is no division by 0
 
 
@@ -24,9 +24,9 @@ class DisturbanceRejection(Compensation):
 
         force = -share · F̂d(k),    share rises from 0 over blend_time after the start, along a straight line
 
-    The law then sees an axis with the observer's mass, and only disturbances that are too fast for the observer.  With
-    a share of 1 the rejection has integral action.  Law and observer are then stable only together: check the whole
-    loop with `require_stable`.
+    The law then sees an axis with the observer's mass, and only the disturbances that are too fast for the observer.
+    With a share of 1 the rejection has integral action.  Law and observer are then stable only together: check the
+    whole loop with `require_stable`.
 
     When to use: under a P or P-PI law whose gains are limited by something other than the delay of the force.  When
     not: under a law that subtracts an observer's estimate itself, and with a mode of the axis inside the observer's
@@ -38,15 +38,15 @@ class DisturbanceRejection(Compensation):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """True for a law of one rigid mass that does not subtract an estimate itself."""
+        """Return True for a law of one rigid mass that does not subtract a disturbance estimate itself."""
         return not law.rejects and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Four forms: the inverse of the rigid axis behind a Butterworth filter or two equal poles (DOB), a Kalman
-        filter, and the observer of GPI control.
+        """Return four forms: the inverse of the rigid axis with a Butterworth filter or with two equal poles (DOB), a
+        Kalman filter, and the observer of GPI control.
 
-        The Kalman filter begins with the walk of the force that gives it the bandwidth of the others.
+        The Kalman filter starts with the random walk of the force that gives it the bandwidth of the others.
         """
         encoder, noise = axis.velocity_encoder, axis.reading_noise
         gpi = begun(GpiObserver, axis, taylor_states=1, omega_o=1.5 * axis.rate, zeta_o=1.5, encoder=encoder)
@@ -82,7 +82,7 @@ class DisturbanceRejection(Compensation):
         reached: tuple[Number, ...]
 
     def suits(self, law: Law) -> None:
-        """Refuse a law that subtracts a disturbance itself."""
+        """Raise StructureError for a law that subtracts a disturbance estimate itself."""
         if law.rejects:
             raise StructureError(
                 f"control.compensation: disturbance_rejection under {law.kind}, which subtracts the disturbance of its "
@@ -90,19 +90,19 @@ class DisturbanceRejection(Compensation):
             )
 
     def settled(self) -> DisturbanceRejection:
-        """The block with the whole share."""
+        """Return the block with the full share."""
         return self if self.blend_time is None else replace(self, blend_time=None)
 
     def prepare(self, T: Number) -> Prepared:
         return self.Prepared(self.observer.prepare(T), () if self.blend_time is None else (T / self.blend_time,))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """At rest at the reading."""
+        """Return the state of the observer at rest at the reading, with a share of 0 if it is blended in."""
         zero = ops.zero(reading.applied)
         return self.State(self.observer.start(prepared.observer, reading), () if self.blend_time is None else (zero,))
 
     def carries(self, reading: Reading) -> Number:
-        """Its share of the force that acts, which is what the observer starts with; nothing while the share rises."""
+        """Return the share of the acting force, with which the observer starts; 0 if the share is blended in."""
         return self.share * reading.applied if self.blend_time is None else 0.0
 
     def step(
@@ -116,10 +116,9 @@ class DisturbanceRejection(Compensation):
         return self.State(observer, (reached,)), setpoint, state.reached[0] * force
 
     def retune(self, state: State, old: DisturbanceRejection, old_prepared: Prepared, prepared: Prepared) -> State:
-        """A larger share is reached within `blend_time`, starting from the share reached so far; a smaller one acts at
-        once.
+        """Convert the state: a larger share is reached within `blend_time`, a smaller one acts at once.
 
-        Without a `blend_time` the new share acts at once.
+        The rise starts from the share reached so far. Without a `blend_time` the new share acts at once.
         """
         observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
         if not state.reached:

@@ -1,4 +1,4 @@
-"""A learned feedforward force over time for one motion, as signal-based iterative learning control gives it."""
+"""A learned feedforward force over time for one motion, as computed by signal-based iterative learning control."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class LearnedForce(Compensation):
         sample: Number
 
     def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
-        """At the first row."""
+        """Return the state at the first row."""
         return self.State(ops.zero(reading.applied))
 
     def step(
@@ -38,5 +38,5 @@ class LearnedForce(Compensation):
         return self.State(state.sample + 1.0), setpoint, ops.gather(self.force, state.sample)
 
     def retune(self, state: State, old: LearnedForce, old_prepared: object, prepared: object) -> State:
-        """Return the state as it is: the motion goes on at its row."""
+        """Return the state unchanged: the table continues at its current row."""
         return state

@@ -29,7 +29,7 @@ class MachineMode(Block):
     place: str = choice("part of the machine that moves", options=("tool", "base", "fixture"), default="tool")
 
     def check(self) -> None:
-        """Either stiffness or mass."""
+        """Raise ParameterError unless exactly one of stiffness and mass is given."""
         if (self.stiffness is None) == (self.mass is None):
             which = "both are" if self.mass is not None else "neither is"
             raise ParameterError(
@@ -37,11 +37,11 @@ class MachineMode(Block):
             )
 
     def omega(self) -> Number:
-        """2π frequency in rad/s."""
+        """Return the natural frequency 2π frequency in rad/s."""
         return 2.0 * ops.pi * self.frequency
 
     def modal_mass(self) -> Number:
-        """kg, as given or stiffness/ω²."""
+        """Return the modal mass in kg, as given or stiffness/ω²."""
         if self.mass is not None:
             return self.mass
         assert self.stiffness is not None

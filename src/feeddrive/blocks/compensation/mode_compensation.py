@@ -44,14 +44,14 @@ class ModeCompensation(Compensation):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """True for a law of one rigid mass that does not subtract an estimate itself."""
+        """Return True for a law of one rigid mass that does not subtract a disturbance estimate itself."""
         return not law.rejects and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """One form: the modes of the machine file, with the estimate of `DisturbanceRejection`, not tuned further.
+        """Return one form: the modes of the machine file with the observer of `DisturbanceRejection`, not tuned.
 
-        A comparison measures the table, and not the path of the tool that this block improves.
+        A comparison measures the table, not the path of the tool that this block improves.
         """
         if not axis.machine_modes:
             raise StructureError(
@@ -89,12 +89,12 @@ class ModeCompensation(Compensation):
         velocity: tuple[Number, ...]
 
     def check(self) -> None:
-        """There is a mode."""
+        """Raise ParameterError if there is no mode."""
         if not self.modes:
             raise ParameterError("mode_compensation.modes is empty: give at least one mode, or no compensation")
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """All modes lie below half the sample rate, and the exact hold can predict them."""
+        """Yield the rules that all modes lie below half the sample rate and that the exact hold can predict them."""
         for i, mode in enumerate(self.modes):
             yield below_nyquist(self.kind, f"modes.{i}.frequency", mode.frequency, T)
         lead = self._lead(self.observer.prepare(T), T)
@@ -106,7 +106,7 @@ class ModeCompensation(Compensation):
         return self.observer.lag(made, T) if self.lead_time is None else self.lead_time
 
     def _predictable(self, i: int, lead: Number) -> Rule:
-        """The rule that `matrix.expm1` can compute the motion of a mode over the lead."""
+        """Return the rule that `matrix.expm1` can compute the motion of a mode over the lead."""
         mode = self.modes[i]
         most = matrix.LARGEST_NORM / (2.0 * (1.0 + mode.damping_ratio) * mode.omega())
         whose = "lead_time, the lag of its observer," if self.lead_time is None else "lead_time"
@@ -121,7 +121,7 @@ class ModeCompensation(Compensation):
         )
 
     def prepare(self, T: Number) -> Prepared:
-        """Matrix exponentials of the modes."""
+        """Compute the matrix exponentials of the modes."""
         made = self.observer.prepare(T)
         lead = self._lead(made, T)
         samples, leads, modes = [], [], []
@@ -133,7 +133,7 @@ class ModeCompensation(Compensation):
         return self.Prepared(made, tuple(samples), tuple(leads), tuple(modes))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Modes at rest without force."""
+        """Return the state with the modes at rest and unloaded."""
         zero = ops.zero(reading.applied)
         velocity = () if self.friction is None else (reading.velocity,)
         return self.State(self.observer.start(prepared.observer, reading), ((zero, zero),) * len(self.modes), velocity)
@@ -170,13 +170,13 @@ class ModeCompensation(Compensation):
         return self.State(observer, tuple(after), velocity), moved, 0.0
 
     def retune(self, state: State, old: ModeCompensation, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Convert the state of the observer; position and velocity of the modes stay."""
+        """Convert the state of the observer; position and velocity of the modes remain."""
         observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
         return state._replace(observer=observer)
 
 
 def _hold(mode: MachineMode, span: Number) -> Matrix:
-    """Two rows (Φ - 1, Γ) of x'' + 2ζω x' + ω² x = F/m over `span` in s; inside, velocities are in ω x."""
+    """Return the two rows (Φ - 1, Γ) of x'' + 2ζω x' + ω² x = F/m over `span` in s, using velocities scaled by 1/ω."""
     w = mode.omega()
     turn = w * span
     change = matrix.expm1(((0.0, turn, 0.0), (-turn, -2.0 * mode.damping_ratio * turn, turn), (0.0, 0.0, 0.0)))
@@ -186,7 +186,7 @@ def _hold(mode: MachineMode, span: Number) -> Matrix:
 
 
 def _moved(hold: Matrix, before: tuple[Number, Number], force: Number) -> tuple[Number, Number]:
-    """Position and velocity of a mode after the hold."""
+    """Return position and velocity of a mode after a hold interval with constant force."""
     (a, b, c), (d, e, f) = hold
     x, v = before
     return x + (a * x + b * v + c * force), v + (d * x + e * v + f * force)

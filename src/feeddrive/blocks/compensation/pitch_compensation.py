@@ -1,4 +1,4 @@
-"""Compensation of the errors of a screw and of backlash by a table over the travel."""
+"""Compensation of screw pitch errors and backlash by tables over the travel."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class PitchCompensation(Compensation):
         position: Number
 
     def check(self) -> None:
-        """The tables have the same length."""
+        """Raise ParameterError unless both tables have the same length."""
         if ops.length(self.forward) != ops.length(self.backward):
             raise ParameterError(
                 f"pitch_compensation: forward has {ops.length(self.forward)} entries and backward "
@@ -57,7 +57,7 @@ class PitchCompensation(Compensation):
         return 0.5 * (forward + backward) + side * (0.5 * (forward - backward))
 
     def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
-        """Between both directions."""
+        """Return the state midway between both directions of motion."""
         side = ops.zero(setpoint.position)
         return self.State(side, self._shift(side, setpoint.position), setpoint.position)
 
@@ -65,15 +65,15 @@ class PitchCompensation(Compensation):
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
         side = ops.clip(state.side + 2.0 * T * setpoint.velocity / self.reversal_distance, -1.0, 1.0)
-        # looked up again, not remembered: after a live change of the table's place the old shift would be a jump
+        # looked up again, not stored: after a live change of the table's position the old shift would cause a jump
         before, shift = self._shift(state.side, state.position), self._shift(side, setpoint.position)
         moved = setpoint._replace(position=setpoint.position + shift, velocity=setpoint.velocity + (shift - before) / T)
         return self.State(side, shift, setpoint.position), moved, 0.0
 
     def retune(self, state: State, old: PitchCompensation, old_prepared: object, prepared: object) -> State:
-        """Return the state as it is: the set position steps by what the table gives now, the set velocity does not."""
+        """Return the state unchanged: only the set position jumps to the new table, not the set velocity."""
         return state
 
     def moved(self, state: State) -> Number:
-        """The shift of the last sample."""
+        """Return the shift of the set position in the last sample, m."""
         return state.shift

@@ -1,4 +1,4 @@
-"""Repetitive control: the set position is shifted by what was learned from the errors of earlier periods."""
+"""Repetitive control: the set position is shifted by a correction learned from the errors of earlier periods."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class RepetitiveControl(Compensation):
         |S with it / S| = |(1 - q z^-N)/(1 - q z^-N (1 - learning_gain T_r z^l))|
 
     is 6e-4 at a harmonic of the period and up to 2.7 between two of them.  Learning starts after two periods, and holds
-    while the force is limited; a trip or an enable forgets everything.  An end of the motion does not: enable anew for
-    another one.
+    while the force is limited; a trip or an enable clears the memory. The end of a motion does not: enable again for
+    another motion.
 
     When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  When
     not: for a contour that does not repeat; with a period that is known to 1 % only, which spoils it.
@@ -61,7 +61,7 @@ class RepetitiveControl(Compensation):
         wait: Number
 
     def check(self) -> None:
-        """The period is long enough for filter and lead."""
+        """Raise ParameterError if the period is too short for filter and lead."""
         least = 2 * (self.passes + self.lead_samples)
         if self.period_samples < least:
             raise ParameterError(
@@ -70,15 +70,15 @@ class RepetitiveControl(Compensation):
             )
 
     def settled(self) -> RepetitiveControl:
-        """Learning."""
+        """Return the block with learning enabled."""
         return replace(self, waits=False) if self.waits else self
 
     def prepare(self, T: Number) -> Prepared:
-        """q by n convolutions."""
+        """Compute the taps of q by n convolutions."""
         return self.Prepared(taps(self.weight, self.passes))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Nothing is learned."""
+        """Return the state before anything is learned."""
         zero = ops.zero(setpoint.position)
         kept = self.period_samples - self.lead_samples - self.passes
         wait = zero + (2.0 * float(self.period_samples) if self.waits else 0.0)
@@ -105,12 +105,12 @@ class RepetitiveControl(Compensation):
         return self.State((shift, *state.shifts[:-1]), window, state.past.push(filtered), wait), moved, 0.0
 
     def retune(self, state: State, old: RepetitiveControl, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state as it is: what was learned is in m."""
+        """Return the state unchanged: the learned shifts are in m."""
         return state
 
 
 def taps(weight: Number, count: int) -> tuple[Number, ...]:
-    """The kernel (weight, 1 - 2 weight, weight) convolved `count` times with itself, from the center outwards."""
+    """Return the kernel (weight, 1 - 2 weight, weight) convolved `count` times with itself, center first."""
     middle = 1.0 - 2.0 * weight
     weights: list[Any] = [1.0]
     for _ in range(count):

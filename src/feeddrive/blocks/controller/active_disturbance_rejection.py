@@ -1,4 +1,4 @@
-"""Active disturbance rejection: a PD law on the acceleration, minus the disturbance that an observer estimates."""
+"""Active disturbance rejection: a PD law for the acceleration with compensation of an estimated disturbance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from feeddrive.language.block import Number, Rule, parameter, part
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 
-_SURE = 1.0 - 1e-9  # smallest share worth proposing: below it rounding decides about stability
+_SURE = 1.0 - 1e-9  # largest growth of a proposed remedy: beyond it rounding decides about stability
 
 
 class ActiveDisturbanceRejection(Law):
@@ -52,7 +52,7 @@ class ActiveDisturbanceRejection(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Three forms: with five, three and one Taylor states for the disturbance.
+        """Return three forms: with five, three and one Taylor states for the disturbance.
 
         The observer's poles start well damped and thus wide apart: a fast observer amplifies disturbances near its own
         frequency.
@@ -77,14 +77,14 @@ class ActiveDisturbanceRejection(Law):
         observer: Any
 
     def position_gain(self) -> Number:
-        """α0/α1."""
+        """Return α0/α1, 1/s."""
         return self.omega_c / (2.0 * self.zeta_c)
 
     def prepare(self, T: Number) -> Any:
         return self.observer.prepare(T)
 
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> State:
-        """The observer at rest at the reading, with a disturbance that balances the force that acts."""
+        """Return the state of the observer at rest at the reading, with a disturbance that balances the force."""
         return self.State(self.observer.start(prepared, reading))
 
     def step(
@@ -101,7 +101,7 @@ class ActiveDisturbanceRejection(Law):
         return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """The loop on a rigid axis of this mass is stable, with the dead time that the observer knows of."""
+        """Yield the rule that the loop on a rigid axis of this mass, with the observer's dead time, is stable."""
         yield Rule(
             matrix.decays(self._sample(T)),
             "the loop on a rigid axis of this mass is stable, with the dead time that the observer knows of",
@@ -109,7 +109,7 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _refusal(self, T: float) -> str:
-        """The error: the violated limit, by how much, and the nearest admissible sample time and tunables."""
+        """Return the error text: the excess over the limit, and the nearest admissible sample time and tunables."""
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(self._growth, T)
         if slowest is not None:
@@ -129,16 +129,16 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _with(self, path: str, value: Any) -> ActiveDisturbanceRejection:
-        """Another value, or some in lanes, for a number that has only smaller ones then."""
+        """Return the law with another value, or with a batch of values, for one parameter."""
         return tree.rebuild(self, (value if path == name else old for name, old in tree.leaves(self)))
 
     def _growth(self, T: Number) -> Any:
-        """Largest |z| of law, observer, dead time and a free mass."""
+        """Return the spectral radius of law, observer, dead time and a free mass."""
         return matrix.growth(self._sample(T))
 
     def _sample(self, T: Number) -> list[list[Any]]:
-        """The matrix of one sample of law, observer, dead time and a free mass, transposed, which has the same
-        eigenvalues.
+        """Return the transition matrix of law, observer, dead time and a free mass over one sample, transposed, which
+        leaves its eigenvalues unchanged.
         """
         prepared = self.prepare(T)
         rest = Setpoint(0.0)
@@ -147,7 +147,7 @@ class ActiveDisturbanceRejection(Law):
         first = [0.0] * (3 + late) + [value for _, value in tree.leaves(start)]
 
         def after(x: list[Any]) -> list[Any]:
-            """Position, velocity, commands (newest first) and states one sample after they were x."""
+            """Return position, velocity, commands (newest first) and states one sample later."""
             position, velocity, *commands = x[: 3 + late]
             state = tree.rebuild(start, iter(x[3 + late :]))
             reading = Reading(position, position, commands[0], commands[0])
@@ -166,6 +166,6 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
-    """The largest admissible value below a refused one, searched in small and then in large steps; None if none."""
+    """Return the largest admissible value below a rejected one, by small, then large steps; None if none."""
     steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
     return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

@@ -1,4 +1,4 @@
-"""The two options of the P-PI cascade that have a memory: a slower position loop, and a reference model."""
+"""Two options of the P-PI cascade that have memory: a slower position loop and a reference model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Interpolator(NamedTuple):
 
         command(k + i) = last + (i + 1)/n · (new - last),   i = 0 .. n-1,   new: the command of the position loop at k
 
-    It goes in n equal steps and reaches `new` one sample before the position loop runs again.
+    It changes in n equal steps and reaches `new` one sample before the position loop runs again.
 
     passed     samples since the last run
     last, new  velocity commands before and after the last run, m/s
@@ -25,14 +25,14 @@ class Interpolator(NamedTuple):
 
 
 def interpolator(every: int, zero: Number) -> tuple[Interpolator, ...]:
-    """The state at rest, in which the position loop runs at once; empty if it runs in every sample."""
+    """Return the initial state, in which the position loop runs at once; empty if it runs in every sample."""
     return () if every == 1 else (Interpolator(zero, zero, zero),)
 
 
 def interpolated(
     state: tuple[Interpolator, ...], wanted: Number, every: int
 ) -> tuple[tuple[Interpolator, ...], Number]:
-    """The velocity command of this sample in m/s, from what the position loop would command now."""
+    """Return the new state and the velocity command (m/s) from `wanted`, the current one of the position loop."""
     if not state:
         return (), wanted
     before = state[0]
@@ -52,7 +52,7 @@ class ReferenceModel(NamedTuple):
     The integral then does not wind up while the axis follows as it should: the velocity loop keeps its loop gain and
     loses its overshoot, without the lag of a set filter.
 
-    velocity  v_m one sample before, m/s
+    velocity  v_m one sample earlier, m/s
     forces    past u, newest first, N
     """
 
@@ -61,14 +61,14 @@ class ReferenceModel(NamedTuple):
 
 
 def reference_model(samples: int, velocity: Number, zero: Number) -> ReferenceModel:
-    """The state at a constant velocity in m/s, for a dead time in samples."""
+    """Return the state at a constant velocity in m/s, for a dead time in samples."""
     return ReferenceModel(velocity, (zero,) * (samples + 2))
 
 
 def expected_velocity(
     state: tuple[ReferenceModel, ...], wanted: Number, Kp: Number, mass: Number | None, T: Number
 ) -> tuple[tuple[ReferenceModel, ...], Number]:
-    """The velocity in m/s with which the integral compares the measured one: the command itself without a model."""
+    """Return the new state and the velocity (m/s) that the integral expects: `wanted` itself without a model."""
     if not state or mass is None:
         return (), wanted
     before = state[0]

@@ -68,7 +68,7 @@ class CascadePPI(Law):
     position_every: int = choice("the position loop runs every so many samples", default=1, least=1, most=1000)
 
     def check(self) -> None:
-        """A reference model needs the integral that it is for."""
+        """Raise StructureError for a reference model without an integral."""
         if self.model_mass is not None and self.Tn is None:
             raise StructureError(
                 f"{self.kind}.model_mass is the mass of a reference model in the integral, and there is none without "
@@ -77,9 +77,10 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Start values from the present gains, or from the rate; with an integral, and with the present rates.
+        """Return start values from the present gains or from the rate, with an integral and at the present loop rates.
 
-        Without an integral it is tried with a disturbance observer only, which then is the integral.
+        Without an integral the cascade is tried only with a disturbance observer, which then provides the integral
+        action.
         """
         rate = axis.rate
         law = cls(Kv=0.7 * rate, Kp=2.5 * axis.mass * rate, Tn=1.4 / rate, velocity_encoder=axis.velocity_encoder)
@@ -111,19 +112,20 @@ class CascadePPI(Law):
         model: tuple[ReferenceModel, ...] = ()
 
     def period(self) -> int:
-        """`position_every` samples."""
+        """Return `position_every`, the period of the law in samples."""
         return self.position_every
 
     def position_gain(self) -> Number:
         return self.Kv
 
     def prepare(self, T: Number) -> Prepared:
-        """The sample time, for a start in motion."""
+        """Return the sample time, which a start in motion needs."""
         return self.Prepared(T)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """At the velocity of the reading, with the integral equal to the acting force; the position loop runs at
-        once.
+        """Return the state at the velocity of the reading, with the integral equal to the acting force.
+
+        The position loop runs at once.
         """
         position = self._position(reading)
         zero = ops.zero(position)
@@ -155,10 +157,10 @@ class CascadePPI(Law):
         return self.State(positions, integral, interpolator, model), force + integral
 
     def retune(self, state: State, old: CascadePPI, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state as it is: positions, velocities, and an integral and forces in N."""
+        """Return the state unchanged: positions, velocities, and an integral and forces in N."""
         return state
 
 
 def _observed(law: CascadePPI) -> Start:
-    """The P-P cascade under an observer that integrates."""
+    """Return the P-P cascade, tried only with an observer that provides integral action."""
     return Start("P-P", replace(law, Tn=None), "the observer is its integral", only_with=("DOB",))

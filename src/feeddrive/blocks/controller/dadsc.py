@@ -32,10 +32,9 @@ class DADSC(Law):
     poles of the ideal loop, the denominator of the corrected (8), are then 1/(1 + λT), 1/(1 + KT), 1/(1 + ω_d T): real
     for all positive frequencies.  The law is thus a PID with k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
 
-    What the implementation adds to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is
-    taken in the middle of the sample over which the force acts; the force cut off by the limit in the last sample goes
-    into F̂d (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at
-    the motor.
+    Additions to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the
+    middle of the sample over which the force acts; the force cut off by the limit in the last sample goes into F̂d
+    (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     When to use: linear motors and stiff drives under cutting forces, tuned by three frequencies; with all of them equal
     to p, p <= 0.19/((d + 1) T) keeps Ms <= 2 at d samples of dead time.  When not: with a mode of the axis below three
@@ -70,16 +69,16 @@ class DADSC(Law):
         estimate: Number
 
     def position_gain(self) -> Number:
-        """λ: s sees λ e_x + e_v."""
+        """Return λ: s contains λ e_x + e_v."""
         return self.tracking_rate
 
     def prepare(self, T: Number) -> Prepared:
-        """g1 = m Q ω_d, g2 = adaptation_ratio · g1/Q."""
+        """Compute g1 = m Q ω_d and g2 = adaptation_ratio · g1/Q."""
         g2 = self.mass * self.adaptation_rate
         return self.Prepared(g2 * (1.0 + self.reaching_rate * T), self.adaptation_ratio * g2)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """At rest at the reading on s = 0, with the disturbance that balances the acting force."""
+        """Return the state at rest at the reading with s = 0 and the disturbance that balances the acting force."""
         position = self._position(reading)
         return self.State(position, ops.zero(position), -reading.applied)
 
@@ -89,7 +88,7 @@ class DADSC(Law):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """Equations (3) to (5)."""
+        """Compute equations (3) to (5)."""
         m, b = self.mass, self.viscous
         position = self._position(reading)
         v = (position - state.position) / T
@@ -103,11 +102,11 @@ class DADSC(Law):
         return self.State(position, s, estimate), force
 
     def retune(self, state: State, old: DADSC, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The integral in (5), F̂d + g2 s(k), is a force and stays as it is; the term -g2 s(k) takes the new g2."""
+        """Keep the integral in (5), F̂d + g2 s(k), which is a force; the term -g2 s(k) takes the new g2."""
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """The sampled loop around m x'' = F, without any dead time, is stable at this sample time."""
+        """Yield the rule that the sampled loop around m x'' = F without dead time is stable at this sample time."""
         rates = (self.tracking_rate, self.reaching_rate, self.adaptation_rate)
         yield Rule(
             _stable(rates, self.adaptation_ratio, T),
@@ -116,7 +115,7 @@ class DADSC(Law):
         )
 
     def _refusal(self, rates: tuple[Number, Number, Number], T: Number) -> str:
-        """The error: the violated bounds, and the nearest admissible numbers."""
+        """Return the error text: the violated bounds and the nearest admissible values."""
         ratio = self.adaptation_ratio
         if ratio != 1.0 and _stable(rates, 1.0, T):
             nearest = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))
@@ -151,11 +150,11 @@ class DADSC(Law):
 
 
 def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> Any:
-    """True if the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
+    """Return True if the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
-    In q = z⁻¹ and D = 1 - q it closes as D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
+    In q = z⁻¹ and D = 1 - q its equation is D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
     l = λT, k = KT, w = ω_d T; friction is left out, since the law compensates it.  With q = (1 - y)/(1 + y) the inside
-    of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops keep their
+    of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops lose no
     digits.
     """
     fastest = ops.maximum(ops.maximum(rates[0], rates[1]), rates[2]) * T

@@ -1,4 +1,4 @@
-"""Generalized predictive control of a rigid axis, as three polynomials."""
+"""Generalized predictive control of a rigid axis in polynomial form."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Row
 from feeddrive.language.text import Text
 
-_HORIZON = 7.5  # samples for each from a reading to the end of its force: the best at Ms = 2 on a rigid axis
+_HORIZON = 7.5  # horizon per sample from a reading to the end of its force: the best at Ms = 2 on a rigid axis
 
 
 class GeneralizedPredictive(Law):
@@ -57,7 +57,10 @@ class GeneralizedPredictive(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Two horizons, the shorter one the best on a rigid axis; an observer slow enough to begin with."""
+        """Return start values with a short horizon, the best on a rigid axis, and with one twice as long.
+
+        Both start with a slow observer.
+        """
         shorter = min(max(round(_HORIZON * (axis.delay_samples + 1)), 12), 100)
         return tuple(
             Start(
@@ -85,7 +88,7 @@ class GeneralizedPredictive(Law):
         previews: tuple[Number, ...]
 
     def check(self) -> None:
-        """The horizon reaches beyond the dead time by as many samples as there are moves."""
+        """Raise StructureError unless at least as many errors count beyond the dead time as there are moves."""
         least = self.delay_samples + 1 + self.moves
         if self.horizon < least:
             raise StructureError(
@@ -94,7 +97,7 @@ class GeneralizedPredictive(Law):
             )
 
     def prepare(self, T: Number) -> Prepared:
-        """The divisions, for all j at once: F_j is what is left of C after j steps, E_j and G_j grow by one each."""
+        """Divide for all j at once: F_j is the remainder of C after j steps; each step adds a term to E_j and G_j."""
         A, B = self._model(T)
         pole = ops.exp(-self.omega_o * T)
         C = (1.0, -2.0 * pole, pole * pole)
@@ -119,7 +122,7 @@ class GeneralizedPredictive(Law):
         return self.Prepared(T, R, tuple(S), C[1:], tuple(preview))
 
     def _model(self, T: Number) -> tuple[Row, Row]:
-        """A Δ, and B with the dead time in front: the exact hold of the mass."""
+        """Return A Δ, and B with the dead time in front, from the exact hold of the mass."""
         change = matrix.expm1(((0.0, T, 0.0), (0.0, -self.viscous * T / self.mass, T / self.mass), (0.0, 0.0, 0.0)))
         x_of_v, x_of_u, kept, v_of_u = change[0][1], change[0][2], 1.0 + change[1][1], change[1][2]
         A = (1.0, -(2.0 + kept), 1.0 + 2.0 * kept, -kept)
@@ -127,7 +130,7 @@ class GeneralizedPredictive(Law):
         return A, B
 
     def _first_row(self, steps: list[Any], counted: Iterable[int]) -> list[Any]:
-        """The weights g_j of the first move for the samples j that count."""
+        """Return the weights g_j of the first move for the samples j that count."""
         G = [[_at(steps, j - 1 - i, j) for i in range(self.moves)] for j in counted]
         columns = list(zip(*G, strict=True))
         normal = [[matrix.dot(a, b) for b in columns] for a in columns]
@@ -137,7 +140,7 @@ class GeneralizedPredictive(Law):
         return [matrix.dot(row, [each[0] for each in ahead]) for row in G]
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Moving evenly at the reading, on a set path that passes through it; the force does not change."""
+        """Return the state of steady motion through the reading, on a set path through it and with a constant force."""
         here, speed = self._position(reading), reading.velocity
         before = here - prepared.T * speed
         previews = tuple(prepared.preview[0] * x + prepared.preview[1] * speed for x in (here, before))
@@ -149,7 +152,7 @@ class GeneralizedPredictive(Law):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """S Δu = -R y + C Σ g_j w."""
+        """Compute Δu from S Δu = -R y + C Σ g_j w."""
         here = self._position(reading)
         changes = (state.changes[0] + (reading.applied - reading.requested), *state.changes[1:])
         preview = matrix.dot(prepared.preview, setpoint)
@@ -160,7 +163,10 @@ class GeneralizedPredictive(Law):
         return after, reading.applied + change
 
     def retune(self, state: State, old: GeneralizedPredictive, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the set path that was previewed where it is, at the speed at which the last two previews follow."""
+        """Convert the previews to the new weights, keeping position and velocity of the set path.
+
+        Both are taken from the last two previews.
+        """
         before, now = old_prepared.preview, prepared.preview
         ratio = now[0] / before[0]
         speed = (state.previews[0] - state.previews[1]) / (before[0] * prepared.T)
@@ -169,7 +175,7 @@ class GeneralizedPredictive(Law):
 
 
 def _series(B: Row, A: Row, count: int) -> list[Any]:
-    """The first coefficients of B/A, of an A that begins with 1: the answer to a step where A has the factor Δ."""
+    """Return the first coefficients of B/A, where A begins with 1: the step response if A contains the factor Δ."""
     coefficients = list[Any]()
     for j in range(count):
         total: Any = B[j] if j < len(B) else 0.0
@@ -180,12 +186,12 @@ def _series(B: Row, A: Row, count: int) -> list[Any]:
 
 
 def _at(row: list[Any], place: int, count: int) -> Any:
-    """An entry of the first `count`, 0.0 outside of them."""
+    """Return an entry of the first `count` in a row, 0.0 outside of them."""
     return row[place] if 0 <= place < count else 0.0
 
 
 def _rest(quotients: list[Any], steps: list[Any], B: Row, C: Row, j: int, i: int) -> Any:
-    """The coefficient of qⁱ of H_j = (E_j B - G_j C) / q^j, with E_j and G_j of degree j - 1."""
+    """Return the coefficient of qⁱ of H_j = (E_j B - G_j C) / q^j, with E_j and G_j of degree j - 1."""
     made = matrix.dot(B[i + 1 :], [_at(quotients, j + i - n, j) for n in range(i + 1, len(B))])
     taken = matrix.dot(C[i + 1 :], [_at(steps, j + i - n, j) for n in range(i + 1, len(C))])
     return made - taken

@@ -1,4 +1,4 @@
-"""Linear active disturbance rejection: two bandwidths, one of the control and one of an observer of three states."""
+"""Linear active disturbance rejection with two bandwidths: of the controller and of a third-order observer."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class LinearADRC(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """The observer on the encoder of the velocity, four times as fast as the control."""
+        """Return start values with the observer on the velocity encoder, four times as fast as the controller."""
         encoder = axis.velocity_encoder
         position = "load" if axis.encoders == 2 and encoder == "motor" else "estimate"
         law = begun(cls, axis, omega_c=0.5 * axis.rate, omega_o=2.0 * axis.rate, encoder=encoder, position=position)
@@ -69,11 +69,11 @@ class LinearADRC(Law):
         pending: tuple[Number, ...]
 
     def position_gain(self) -> Number:
-        """omega_c/(2 zeta_c)."""
+        """Return omega_c/(2 zeta_c), 1/s."""
         return self.omega_c / (2.0 * self.zeta_c)
 
     def prepare(self, T: Number) -> Prepared:
-        """The observer's gains."""
+        """Compute the observer's gains."""
         turn = self.omega_o * T
         kept, faded = ops.exp(-turn), -ops.expm1(-turn)
         square = faded * faded
@@ -81,7 +81,7 @@ class LinearADRC(Law):
         return self.Prepared(gain, kept * kept * kept)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Moving as the reading does, with a disturbance that balances the force that acts."""
+        """Return the state that moves with the reading, with a disturbance that balances the acting force."""
         y, force = self._observed(reading), reading.applied
         return self.State(ops.zero(y), reading.velocity, -force, y, (force,) * self.delay_samples)
 
@@ -91,7 +91,7 @@ class LinearADRC(Law):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """The equations above; x⁻ is seen from the last reading."""
+        """Compute the equations of the class, with x⁻ relative to the last reading."""
         y = self._observed(reading)
         commands: tuple[Any, ...] = (reading.applied, *state.pending)
         gained = T * ((commands[-1] + state.disturbance) / self.mass)
@@ -108,5 +108,5 @@ class LinearADRC(Law):
         return after, self.mass * wanted - disturbance
 
     def retune(self, state: State, old: LinearADRC, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state as it is: a distance, a velocity and forces."""
+        """Return the state unchanged: a distance, a velocity and forces."""
         return state

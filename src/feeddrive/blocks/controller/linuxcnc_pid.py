@@ -1,4 +1,4 @@
-"""Control by LinuxCNC's stock `pid` components: one on the position, or two in cascade."""
+"""Control by LinuxCNC's stock `pid` components: one pid on the position, or two in cascade."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class LinuxcncPid(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """No start values, so that a comparison leaves it out: it is the cascade in the numbers of another program."""
+        """Return no start values: a comparison omits it, since it is the cascade with another program's settings."""
         return ()
 
     position: StockPid = part("pid on the position of the load")
@@ -85,16 +85,16 @@ class LinuxcncPid(Law):
         filters: tuple[Any, ...]
 
     def prepare(self, T: Number) -> Prepared:
-        """The sample time, for a start in motion."""
+        """Return the sample time, which a start in motion needs."""
         return self.Prepared(T)
 
     def settled(self) -> LinuxcncPid:
-        """The law without the limits of its pids."""
+        """Return the law without the limits of its pids."""
         velocity = None if self.velocity is None else self.velocity.unlimited()
         return replace(self, position=self.position.unlimited(), velocity=velocity)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """The state of pids that were disabled until now: differences were updated, integrals are empty."""
+        """Return the state of pids that were disabled until now: differences are up to date, integrals are zero."""
         before, units = setpoint.shifted(-prepared.T), self.units
         motor, moved = units * reading.position_motor, units * reading.velocity
         position = self.position.start(
@@ -110,7 +110,7 @@ class LinuxcncPid(Law):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """The functions in the order of the thread: ddt, sum2, the pids, the filters between two sums, the limit."""
+        """Run the functions in thread order: ddt, sum2, the pids, the filters between two sums, the limit."""
         motor = self.units * reading.position_motor
         speed = (motor - state.motor) / T
         forward = self._forward(setpoint)
@@ -131,13 +131,13 @@ class LinuxcncPid(Law):
         return self.State(position, velocity, motor, filters), self.force_per_output * output
 
     def retune(self, state: State, old: LinuxcncPid, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state as it is, as LinuxCNC keeps it: the integral of the error, not its force."""
+        """Return the state unchanged, as LinuxCNC does: a pid keeps the integral of the error, not of the force."""
         return state
 
     def _filtered(
         self, states: tuple[Any, ...], output: Number, forward: Number | None
     ) -> tuple[tuple[Any, ...], Number]:
-        """The filtered feedback part, the feedforward that bypasses the filters, and the limit again."""
+        """Return the filter states and the limited output; the feedforward bypasses the filters."""
         if not self.filters:
             return states, output
         last = self.position if self.velocity is None else self.velocity
@@ -150,7 +150,7 @@ class LinuxcncPid(Law):
         return tuple(after), limited(output + beside, last.maxoutput)
 
     def _forward(self, setpoint: Setpoint) -> Number | None:
-        """The output of sum2 at the pin `bias` of the last pid; None if the pin is not connected."""
+        """Return the output of sum2 at the pin `bias` of the last pid; None if the pin is not connected."""
         if self.acceleration_gain is None and self.velocity_gain is None:
             return None
         last = self.position if self.velocity is None else self.velocity

@@ -19,15 +19,17 @@ DOUBLINGS = 14  # 2¹⁴ samples: exact to rounding where a motion decays by e i
 
 
 def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
-    """P of P = A (P⁻¹ + Y)⁻¹ Aᵀ + Q: the covariance of a filter before its correction, with A, Y = Cᵀ R⁻¹ C and Q.
+    """Solve the Riccati equation P = A (P⁻¹ + Y)⁻¹ Aᵀ + Q for the covariance P of a filter before its correction.
 
-    With A = Φᵀ, Y = Γ R⁻¹ Γᵀ and Q the weight of the states it is the cost of a controller.  By the doubling that goes
-    2ⁿ samples in n steps, with A, Y and P = Q at first:
+    For a filter A = Φ, Y = Cᵀ R⁻¹ C, and Q is the covariance of the process noise. With A = Φᵀ, Y = Γ R⁻¹ Γᵀ and Q the
+    weight of the states, P is the cost of a controller. The doubling algorithm covers 2ⁿ samples in n steps and starts
+    from A, Y and P = Q:
 
         N = 1 + P Y,   P <- P + A N⁻¹ P Aᵀ,   Y <- Y + Aᵀ Y N⁻¹ A,   A <- A N⁻¹ A
 
-    P and Y are symmetric, and of each product that is, one half is computed.  Elimination in N takes no pivots: its
-    eigenvalues are real and at least 1.
+    P and Y are symmetric, and only one half of each symmetric product is computed. Elimination in N takes no pivots:
+    its eigenvalues are real and at least 1.
+
     Source: Anderson & Moore 1979, section 6.7.
     """
     a, y, p = transition, measured, added
@@ -47,7 +49,7 @@ def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
 
 
 def outer(column: Row, factor: Any = 1.0) -> Matrix:
-    """factor · c cᵀ."""
+    """Return factor · c cᵀ."""
     scaled = [factor * x if not matrix.is_zero(x) else 0.0 for x in column]
     return tuple(tuple(0.0 if matrix.is_zero(x) or matrix.is_zero(y) else x * y for y in column) for x in scaled)
 
@@ -57,7 +59,7 @@ def _transposed(a: Matrix) -> Matrix:
 
 
 def _symmetric(a: Sequence[Row], b: Sequence[Row]) -> Matrix:
-    """A·B, of which it is known that it is symmetric."""
+    """Return the product A·B, known to be symmetric."""
     columns = list(zip(*b, strict=True))
     n = len(a)
     upper = [[matrix.dot(a[i], columns[j]) if j >= i else 0.0 for j in range(n)] for i in range(n)]
@@ -65,7 +67,7 @@ def _symmetric(a: Sequence[Row], b: Sequence[Row]) -> Matrix:
 
 
 _GIVE = 0.03  # offset_rate over the rate of the loop: slow enough to cost less than a tenth of the error
-_STRAY = 1e-3  # velocity noise of two masses, over omega_o² T: it keeps the filter from trusting the spring blindly
+_STRAY = 1e-3  # velocity noise of two masses over omega_o² T, so that the filter does not rely on the spring alone
 
 
 class LQG(Law):
@@ -86,7 +88,7 @@ class LQG(Law):
     third order at omega_o.
 
     Two readings and one disturbance: with a wrong spring, with friction at the motor or with encoders that are not
-    aligned a lasting error is left.  With `offset_rate` the motor's reading is shifted until the spring balances:
+    aligned a steady-state error remains.  With `offset_rate` the motor's reading is shifted until the spring balances:
 
         y1 = reading - offset,   offset <- offset + offset_rate T (y1 - y2 - lead(set motion) - (F - F*)/k)
 
@@ -118,7 +120,7 @@ class LQG(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Two masses with two encoders if the axis has them, else one."""
+        """Return start values with two masses and two encoders if the axis has them, else with one mass."""
         model: Plant = Rigid(mass=axis.mass, viscous=axis.viscous)
         model_text = ""
         if axis.encoders > 1:
@@ -158,19 +160,22 @@ class LQG(Law):
         planned: tuple[Number, ...]
 
     def check(self) -> None:
-        """The model is one mass or two."""
+        """Raise StructureError unless the model has one or two masses."""
         self._bodies()
 
     def positions(self) -> int:
-        """The number of masses of the model."""
+        """Return the number of masses of the model."""
         return 1 if self._bodies() is None else 2
 
     def _bodies(self) -> TwoBodies | None:
-        """The matrices of two masses; None for one."""
+        """Return the matrices of a two-mass model; None for one mass."""
         return None if len(self.model.mechanics().mass) == 1 else two_bodies(self.kind, self.model)
 
     def prepare(self, T: Number) -> Prepared:
-        """Both Riccati equations, with lengths 1, times 1/omega and forces m omega²: the gains depend on ωT alone."""
+        """Solve both Riccati equations in normalized units, so that the gains depend on ωT alone.
+
+        The units are 1 for lengths, 1/omega for times and m omega² for forces.
+        """
         hold = self._hold(T)
         n = len(hold)
         feedback, pending = self._feedback(hold, T)
@@ -178,7 +183,7 @@ class LQG(Law):
         return self.Prepared(change, drive, load, self._gain(hold, T), feedback, pending)
 
     def _hold(self, T: Number) -> Matrix:
-        """[Φ - 1, Γ of the drive, Γ at the load] of the model, with velocities in 1/T and forces in m/T²."""
+        """Return [Φ - 1, Γ of the drive, Γ at the load] of the model, with velocities in 1/T and forces in m/T²."""
         mechanics, total = self.model.mechanics(), self.model.rigid_mass()
         bodies = len(mechanics.mass)
         n = 2 * bodies
@@ -193,13 +198,13 @@ class LQG(Law):
         moves = [tuple(1.0 if j == bodies + i else 0.0 for j in range(n + 2)) for i in range(bodies)]
         still = [(0.0,) * (n + 2)] * 2
         pulled = matrix.solve(mechanics.mass, right)
-        if bodies == 1:  # its own mass over itself
+        if bodies == 1:  # the mass divided by itself
             pulled = [(*pulled[0][:n], 1.0, 1.0)]
-        # a force of the whole mass on the lightest one: the norm is 2 or more
+        # a force scaled by the total mass acts on the lighter mass: the norm is at least 2
         return matrix.expm1([*moves, *pulled, *still], at_least=2)[:n]
 
     def _feedback(self, hold: Matrix, T: Number) -> tuple[Row, Row]:
-        """K of positions and velocities (N/m, N s/m), and of the commands that have not acted yet."""
+        """Return K of positions and velocities (N/m, N s/m), and the gains of the commands that have not acted yet."""
         n = len(hold)
         w = self.omega_c * T
         change, drive, _ = _split(_in_units(hold, w, w * w), n)
@@ -217,7 +222,7 @@ class LQG(Law):
         return tuple(x * (slow * self.omega_c if i < n // 2 else slow) for i, x in enumerate(row)), tuple(pending)
 
     def _gain(self, hold: Matrix, T: Number) -> Matrix:
-        """L: a row for each position (1), velocity (1/s) and the force (N/m), a column for each reading."""
+        """Return L: one row for each position (1), velocity (1/s) and the force (N/m), one column for each reading."""
         n, w = len(hold), self.omega_o * T
         bodies = n // 2
         change, drive, load = _split(_in_units(hold, w, w * w), n)
@@ -233,7 +238,7 @@ class LQG(Law):
         return tuple(matrix.scale(unit, [row])[0] for unit, row in zip(units, gains, strict=True))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Moving evenly at the reading, with a disturbance that balances the force that acts, across the spring."""
+        """Return the state of steady motion, with a disturbance that balances the acting force across the spring."""
         bodies = self._bodies()
         speed, steady_force = reading.velocity, self._dragged() * reading.velocity
         disturbance = steady_force - reading.applied
@@ -249,7 +254,7 @@ class LQG(Law):
         return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def _dragged(self) -> Number:
-        """N s/m of viscous friction of the whole model."""
+        """Return the viscous friction of the whole model, N s/m."""
         damping = self.model.mechanics().damping
         ones = (1.0,) * len(damping)
         return matrix.dot([matrix.dot(row, ones) for row in damping], ones)
@@ -257,7 +262,7 @@ class LQG(Law):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """Predict, correct, and the force."""
+        """Predict, correct and compute the force."""
         bodies = self._bodies()
         commands = (reading.applied, *state.pending)
         moved = [
@@ -286,7 +291,9 @@ class LQG(Law):
         return self.State(tuple(motion), disturbance, offset, commands[:late], plans), force
 
     def retune(self, state: State, old: LQG, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The force goes on: another friction is no disturbance, and another spring is stretched as it now must be."""
+        """Convert the state so that the force is continuous: another friction is not counted as a disturbance, and
+        another spring takes the deflection that it now needs.
+        """
         speed = state.motion[-1]
         more = (self._dragged() - old._dragged()) * speed
         after = state._replace(
@@ -301,7 +308,7 @@ class LQG(Law):
     def _targets(
         self, bodies: TwoBodies | None, setpoint: Setpoint, disturbance: Number, T: Number
     ) -> tuple[tuple[Number, ...], Number]:
-        """x* and F*: the set motion of each mass, and its force."""
+        """Return x* and F*: the set motion of each mass, and its force."""
         middle = setpoint.shifted(0.5 * T)
         if bodies is None:
             force = self.model.rigid_mass() * middle.acceleration + self._dragged() * middle.velocity
@@ -322,7 +329,7 @@ _NONE = (0.0,) * 8
 
 
 def _stretch(bodies: TwoBodies, speed: Number, disturbance: Number) -> Number:
-    """m by which the motor is ahead of the load in an even motion against a force on the load."""
+    """Return the distance in m by which the motor leads the load in steady motion under a force on the load."""
     return (bodies.dragged * speed - disturbance) / bodies.k
 
 
@@ -339,7 +346,7 @@ def _times(x: Any, factor: Any) -> Any:
 
 
 def _in_units(hold: Matrix, velocity: Number, force: Number) -> Matrix:
-    """[Φ - 1, Γ, Γ] with other units of velocities and forces, in those that it has."""
+    """Return [Φ - 1, Γ, Γ] with velocities and forces in other units."""
     n = len(hold)
     still = n // 2
     over: Row = (1.0,) * still + (velocity,) * still + (force,) * 2
@@ -351,5 +358,5 @@ def _in_units(hold: Matrix, velocity: Number, force: Number) -> Matrix:
 
 
 def _split(hold: Matrix, n: int) -> tuple[Matrix, Row, Row]:
-    """Φ - 1 and both Γ."""
+    """Split [Φ - 1, Γ, Γ] into Φ - 1 and both Γ."""
     return tuple(row[:n] for row in hold), tuple(row[n] for row in hold), tuple(row[n + 1] for row in hold)

@@ -1,4 +1,4 @@
-"""Pole placement on screw and table: active damping of the axial mode from two encoders."""
+"""Pole placement for screw and table: active damping of the axial mode with two encoders."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class PolePlacement(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Start values from screw and table of the axis's plant, with the inverse dynamics of the same model."""
+        """Return start values from screw and table of the axis's plant, with the inverse dynamics of the same model."""
         if axis.encoders < 2:
             raise StructureError(
                 "pole placement needs the position of the motor and that of the load; the controller reads one encoder"
@@ -121,11 +121,11 @@ class PolePlacement(Law):
         lead: Any
 
     def check(self) -> None:
-        """The model has two bodies."""
+        """Raise StructureError unless the model has two bodies."""
         two_bodies(self.kind, self.model)
 
     def rules(self) -> Iterator[Rule]:
-        """The model lets its poles be moved; the exact lag is stable."""
+        """Yield the rules that the model is controllable and that the exact filter is stable."""
         bodies = two_bodies(self.kind, self.model)
         yield controllable(self.kind, bodies)
         if self.commands == "exact" and not matrix.is_zero(bodies.m12):
@@ -136,7 +136,7 @@ class PolePlacement(Law):
             )
 
     def _unstable_lag(self, bodies: TwoBodies) -> str:
-        """The error: why the exact filter of the screw's set position cannot be used."""
+        """Return the error text: why the exact filter of the screw's set position cannot be used."""
         m12, c, k = bodies.m12, -bodies.c12, bodies.k
         if m12 > 0.0:
             pole = (c + ops.sqrt(c * c + 4.0 * m12 * k)) / (2.0 * m12)
@@ -156,7 +156,7 @@ class PolePlacement(Law):
         )
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """All poles lie below half the sample rate."""
+        """Yield the rules that all poles lie below half the sample rate."""
         for name, frequency, damping in (
             ("bandwidth", self.bandwidth, 1.0),
             ("rigid_frequency", self._rigid(), self.rigid_damping),
@@ -174,7 +174,7 @@ class PolePlacement(Law):
         return AXIAL_SHARE * two_bodies(self.kind, self.model).mode / (2.0 * ops.pi)
 
     def polynomial(self) -> list[Any]:
-        """The desired characteristic polynomial, coefficients from s⁰ to s⁵."""
+        """Return the desired characteristic polynomial, coefficients from s⁰ to s⁵."""
         turn = 2.0 * ops.pi
         return polynomial(
             turn * self.bandwidth,
@@ -183,11 +183,11 @@ class PolePlacement(Law):
         )
 
     def gains(self) -> Gains:
-        """The five gains."""
+        """Return the five gains."""
         return place(two_bodies(self.kind, self.model), self.polynomial())
 
     def prepare(self, T: Number) -> Prepared:
-        """The gains; for the exact lag of c/k the first-order hold e^(-T k/c)."""
+        """Compute the gains; for the exact lag of c/k also its coefficients with a first-order hold."""
         if self.commands != "exact":
             return self.Prepared(self.gains())
         samples = ops.maximum(lag(two_bodies(self.kind, self.model)) / T, 1e-15)  # no division by 0 without damping
@@ -196,7 +196,7 @@ class PolePlacement(Law):
         return self.Prepared(self.gains(), kept, mean - kept, 1.0 - mean)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """At rest at the reading, encoders aligned, with the integral holding the force that acts."""
+        """Return the state at rest at the reading, with aligned encoders and the integral equal to the acting force."""
         zero = ops.zero(reading.position_load)
         lead: Any = Nothing()
         if self.commands == "exact":
@@ -232,9 +232,9 @@ class PolePlacement(Law):
         return after, force
 
     def retune(self, state: State, old: PolePlacement, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Ki Σ T e stays continuous as a force, including the force of K1 on the deflected spring.
+        """Keep Ki Σ T e continuous as a force, including the force of K1 on the deflected spring.
 
-        At standstill under load the error of the screw is not 0 but the deflection of the spring, and K1 acts on it.
+        At standstill under load the error of the screw is the deflection of the spring, not 0, and K1 acts on it.
         """
         before, now = old_prepared.gains, prepared.gains
         stretch = state.position_load - (state.position_motor - state.offset)
@@ -247,7 +247,7 @@ class PolePlacement(Law):
         return state._replace(integral=integral, added=ratio * state.added)
 
     def _followed(self, prepared: Prepared, state: Lead, setpoint: Setpoint) -> Lead:
-        """One sample of (c s + k) lead = k relaxed, for the lead and its derivative, inputs straight in between."""
+        """Advance (c s + k) lead = k relaxed and its derivative by one sample, with inputs linear in between."""
         made = relaxed_lead(two_bodies(self.kind, self.model), setpoint)
         now = (made.position, made.velocity)
         position, velocity = (
@@ -258,7 +258,7 @@ class PolePlacement(Law):
 
 
 def _below_nyquist(kind: str, name: str, frequency: Number, damping: Number, spread: Number, nyquist: Number) -> Rule:
-    """A pair whose fastest pole, `spread` times its frequency, lies below half the sample rate (Hz)."""
+    """Return the rule that a pair's fastest pole, `spread` times its frequency, is below half the sample rate (Hz)."""
     fastest = frequency * spread
     return Rule(
         fastest < nyquist,

@@ -1,4 +1,4 @@
-"""Stability of a polynomial, for rules, on numbers and in a trace."""
+"""Stability of a polynomial, for rules evaluated on numbers or in a trace."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from feeddrive.language.block import Number
 
 
 def is_stable(coefficients: Sequence[Number]) -> Any:
-    """True if c0 + c1 w + ... + cn wⁿ has all roots in Re w < 0 (Routh 1877); cn > 0."""
+    """Return True if c0 + c1 w + ... + cn wⁿ has all roots in Re w < 0 (Routh 1877); cn > 0."""
     above, below = list(coefficients[::-2]), list(coefficients[-2::-2])
     holds: Any = True
     while below:
@@ -22,7 +22,7 @@ def is_stable(coefficients: Sequence[Number]) -> Any:
 
 
 def product(a: Sequence[Number], b: Sequence[Number]) -> list[Any]:
-    """The product of two polynomials."""
+    """Return the product of two polynomials."""
     coefficients: list[Any] = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
@@ -31,7 +31,10 @@ def product(a: Sequence[Number], b: Sequence[Number]) -> list[Any]:
 
 
 def largest_share(admits: Callable[[float], bool]) -> float:
-    """The largest share in [0, 1] that is admitted, if all below it are; to 12 digits, from below. 0 if none is."""
+    """Return the largest admissible share in [0, 1], to 12 digits from below; 0 if there is none.
+
+    All smaller shares must be admissible too.
+    """
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""The `biquad` component of LinuxCNC, computed as in its source."""
+"""The `biquad` component of LinuxCNC, with the arithmetic of its source."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class StockBiquad(Block):
         s2: Number
 
     def start(self, zero: Number) -> State:
-        """Empty, as HAL loads it."""
+        """Return the state with which HAL loads the component: zeros."""
         return self.State(zero, zero)
 
     def step(self, state: State, value: Number) -> tuple[State, Number]:

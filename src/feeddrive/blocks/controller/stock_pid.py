@@ -1,4 +1,4 @@
-"""The `pid` component of LinuxCNC, computed as in its source."""
+"""The `pid` component of LinuxCNC, with the arithmetic of its source."""
 
 from __future__ import annotations
 
@@ -63,13 +63,16 @@ class StockPid(Block):
         index_enable: Number
 
     def start(self, command: Number, feedback: Number, commandD: Number = 0.0, feedbackD: Number = 0.0) -> State:
-        """Disabled, with command and feedback moving at constant rates; HAL loads the component with all zeros."""
+        """Return the state of a disabled pid with constant rates of command and feedback.
+
+        HAL itself loads the component with all zeros.
+        """
         zero = ops.zero(command)
         rate, back = zero + commandD, zero + feedbackD
         return self.State(command, feedback, rate, back, limited(rate, self.maxcmdD), zero, zero, zero, zero)
 
     def unlimited(self) -> StockPid:
-        """The pid without its limits; the dead band stays."""
+        """Return the pid without its limits but with its dead band."""
         return replace(
             self, maxerror=0.0, maxerrorI=0.0, maxerrorD=0.0, maxcmdD=0.0, maxcmdDD=0.0, maxcmdDDD=0.0, maxoutput=0.0
         )
@@ -87,7 +90,11 @@ class StockPid(Block):
         enable: Number | None = None,
         index_enable: Number | None = None,
     ) -> tuple[State, Number]:
-        """One call of do-pid-calcs.  A pin that is None is not connected; `enable` is then on; `bias` replaces."""
+        """Compute one call of do-pid-calcs.
+
+        A pin that is None is not connected: without `enable` the pid is enabled. A connected `bias` replaces the
+        parameter.
+        """
         per_second = 1.0 / T
         falls = None if index_enable is None else ops.both(state.index_enable > 0.5, ops.no(index_enable > 0.5))
 
@@ -127,10 +134,10 @@ class StockPid(Block):
 
 
 def limited(value: Number, most: Number) -> Number:
-    """The value within ±most; a `most` of 0 is no limit."""
+    """Return the value clipped to ±most; a `most` of 0 means no limit."""
     return ops.where(most > 0.0, ops.clip(value, -most, most), value)
 
 
 def _unless(falls: object, held: Number, value: Number) -> Number:
-    """`held` in the sample in which the index enable falls, else the value."""
+    """Return `held` in the sample in which the index enable falls, else the value."""
     return value if falls is None else ops.where(falls, held, value)

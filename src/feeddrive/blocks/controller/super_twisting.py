@@ -1,4 +1,4 @@
-"""Super-twisting sliding mode in three sampled forms."""
+"""Super-twisting sliding-mode control in three sampled forms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
 _QUIET = 3.0  # standard deviations of the noise in s that stay inside the zone
-_USUAL = 5e4  # m/s³: a disturbance that changes by a force of 5 g in a millisecond
+_USUAL = 5e4  # m/s³: a disturbance that changes by 5 g in a millisecond
 
 
 class SuperTwisting(Law):
@@ -40,15 +40,15 @@ class SuperTwisting(Law):
     s ∈ z + h k1 √|z| sgn z + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone has no end, and the law is that PID.
 
     What is added: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the middle of the
-    sample over which the force acts; what the limit cut off in the last sample goes into w (back-calculation through
-    `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
+    sample over which the force acts; the force cut off by the limit in the last sample goes into w (back-calculation
+    through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     Tune λ and 1/h like two frequencies; zone_time = 3.75 (d + 1) T at d samples of dead time gives Ms = 2 on a rigid
     axis.  Then take L from the disturbance, and so large that noise stays inside the zone, h² k2 >= 3 σ(s).
     When to use: to bound the rate of the force of a stiff PID.  When not: in the hope of more robustness than a PID of
     equal delay margin has; in a well tuned loop the zone is hardly ever left.  The explicit form always chatters.  The
-    implicit form keeps an error of T F_d/(m λ), and chatters from one sample of dead time on.  A linear model says
-    nothing of either: that of the explicit form is refused, the implicit one is taken inside its zone.
+    implicit form keeps an error of T F_d/(m λ), and chatters from one sample of dead time on.  A linear model shows
+    neither: that of the explicit form is refused, that of the implicit form is the one inside its zone.
     Source: Levant 1993 (the law, and L); Brogliato, Polyakov & Efimov 2020 (the implicit form); the zone is this
     library's.
     """
@@ -76,7 +76,11 @@ class SuperTwisting(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """The zone, slow; its width for disturbances of some g in a millisecond and for the noise of the reading."""
+        """Return slow start values in the zone form.
+
+        L, and thus the width of the zone, is set for disturbances of some g in a millisecond and for the noise of the
+        reading.
+        """
         zone_time = 0.6 / axis.rate
         noise = 1.4142135623730951 * axis.reading_noise / axis.sample_time
         fastest = 0.25 * zone_time  # the tuning may make the zone narrower
@@ -98,7 +102,7 @@ class SuperTwisting(Law):
         twist: Number
 
     def check(self) -> None:
-        """Each form has the parameters that it needs."""
+        """Raise StructureError unless the form has the parameters that it needs, and no others."""
         if self.form == "zone" and self.zone_time is None:
             raise StructureError(f"{self.kind}.zone_time is missing: form = 'zone' needs it, in s")
         if self.form != "zone" and self.zone_time is not None:
@@ -110,15 +114,15 @@ class SuperTwisting(Law):
             raise StructureError(f"{self.kind}.disturbance_rate is missing: form = 'explicit' needs it, in m/s3")
 
     def position_gain(self) -> Number:
-        """λ: s sees λ e_x + e_v."""
+        """Return λ: s contains λ e_x + e_v."""
         return self.tracking_rate
 
     def settled(self) -> SuperTwisting:
-        """The law with a zone without end."""
+        """Return the law with an unbounded zone."""
         return self if self.form == "explicit" else replace(self, disturbance_rate=None)
 
     def prepare(self, T: Number) -> Prepared:
-        """h, k1 and k2; without L they are not used."""
+        """Compute h, k1 and k2; without L, k1 and k2 are not used."""
         h = T if self.zone_time is None else self.zone_time
         if self.disturbance_rate is None:
             return self.Prepared(h, 0.0, 0.0)
@@ -127,7 +131,7 @@ class SuperTwisting(Law):
         )
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """At rest at the reading on s = 0, with the force that acts."""
+        """Return the state at rest at the reading with s = 0 and the acting force."""
         return self.State(self._position(reading), reading.applied / self.mass)
 
     def _position(self, reading: Reading) -> Number:
@@ -157,7 +161,7 @@ class SuperTwisting(Law):
         return self.State(position, twist), force
 
     def _split(self, prepared: Prepared, s: Number) -> tuple[Number, Number]:
-        """The part of s inside the zone (m/s), and the acceleration k1 y sgn s of the part beyond it (m/s²)."""
+        """Return the part of s inside the zone (m/s) and the acceleration k1 y sgn s of the part beyond it (m/s²)."""
         if self.disturbance_rate is None:
             return s, 0.0
         h, k1, k2 = prepared
@@ -170,11 +174,11 @@ class SuperTwisting(Law):
         return held, k1 * y * ops.sign(s)
 
     def retune(self, state: State, old: SuperTwisting, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The force of w goes on."""
+        """Convert w so that its force is continuous."""
         return state._replace(twist=state.twist * (old.mass / self.mass))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Inside its zone the loop around m x'' = F, without any dead time, is stable at this sample time."""
+        """Yield the rule that inside its zone the loop around m x'' = F without dead time is stable."""
         if self.form != "explicit":
             yield Rule(
                 self._stable(1.0, T),
@@ -183,10 +187,11 @@ class SuperTwisting(Law):
             )
 
     def _stable(self, slower: Number, T: Number) -> Any:
-        """True if the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
+        """Return True if the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
 
-        In q = z⁻¹ and D = 1 - q it closes, with l = λT and η = T/h, as D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)];
-        the implicit form as D² + q (1 + q)/2 · [l D + D + l].  With q = (1 - y)/(1 + y) the inside of the unit circle
+        In q = z⁻¹ and D = 1 - q, with l = λT and η = T/h, its polynomial is
+        D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)], that of the implicit form is
+        D² + q (1 + q)/2 · [l D + D + l].  With q = (1 - y)/(1 + y) the inside of the unit circle
         becomes the half plane Re y < 0.
         """
         l = slower * self.tracking_rate * T  # noqa: E741
@@ -200,7 +205,7 @@ class SuperTwisting(Law):
         return is_stable([*outer[:3], outer[3] + 8.0, 8.0])
 
     def _refusal(self, T: float) -> str:
-        """The error: how much slower the law must be."""
+        """Return the error text: how much slower the law must be."""
         share = largest_share(lambda slower: bool(self._stable(slower, T)))
         most = Quantity(share * self.tracking_rate, "1/s", bare=True)
         bounds = Text(f"tracking_rate = {Quantity(self.tracking_rate, '1/s'):6} (must be below {most})")

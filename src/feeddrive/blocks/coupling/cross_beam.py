@@ -1,4 +1,4 @@
-"""The beam between two drives of one axis: a gantry."""
+"""The beam between the two drives of a gantry axis."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ class CrossBeam(Coupling):
         f = stiffness (x_axis - x_follower) + damping (x_axis' - x_follower'),   on both tables, against each other
 
     Both drives have a plant, a control and an encoder of their own; half of the beam is part of the mass of each.  The
-    word of a part program that moves `axis` moves both.  They move in one exact hold, so that the beam may be as stiff
-    as it is.  What is left between their tables is the skew, in m; over their distance it is an angle.
+    word of a part program that moves `axis` moves both.  They move in one exact hold, so that the beam may be of any
+    stiffness. The remaining difference between their tables is the skew, in m; divided by their distance it is an
+    angle.
     When not to use it: for a slide on the beam whose mass changes the share of the two drives, which is constant here;
-    for a beam that is guided so softly that its turning has a mass of its own: then add a structure mode.
+    for a beam guided so softly that its rotation is a degree of freedom of its own: then add a structure mode.
     """
 
     axis: str = choice("axis whose word of a part program moves both drives", default="y")
@@ -25,19 +26,19 @@ class CrossBeam(Coupling):
     damping: Number = parameter("N s/m", "damping of the skew", least=0, default=0)
 
     def check(self) -> None:
-        """Two different axes."""
+        """Raise StructureError unless the two drives are different axes."""
         if self.axis == self.follower:
             raise StructureError(
                 f"cross_beam: axis and follower are both '{self.axis}': a beam lies between two drives"
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Both drives."""
+        """Return both drives."""
         return (self.axis, self.follower)
 
     def springs(self) -> tuple[SharedSpring, ...]:
         return (SharedSpring(self.stiffness, self.damping, {self.axis: 1.0, self.follower: -1.0}),)
 
     def follows(self) -> dict[str, str]:
-        """The second drive follows the first."""
+        """Return the second drive as follower of the first."""
         return {self.follower: self.axis}

@@ -1,4 +1,4 @@
-"""Cross-coupled control: the controls of axes that make a contour together."""
+"""Cross-coupled control: a contour controller between the controllers of the axes that trace a contour."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class CrossCoupled(Coupling):
         direction: tuple[Number, ...]
 
     def check(self) -> None:
-        """Two or three axes, each once."""
+        """Raise StructureError unless two or three different axes are named."""
         names = self.contour_axes
         if len(names) not in (2, 3) or len(set(names)) < len(names):
             raise StructureError(
@@ -55,18 +55,18 @@ class CrossCoupled(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """The axes of the contour."""
+        """Return the axes of the contour."""
         return self.contour_axes
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> State:
-        """The state in the direction of the set motion."""
+        """Return the state with the direction of the set motion."""
         zero = ops.zero(next(iter(setpoints.values())).position)
         return self.State(self._direction(tuple(zero for _ in setpoints), setpoints)[0])
 
     def _direction(
         self, last: tuple[Number, ...], setpoints: Mapping[str, Setpoint]
     ) -> tuple[tuple[Number, ...], Any, Number]:
-        """The unit tangent, the truth value that the path moves, and the square of its feed, or 1 where it stands."""
+        """Return the unit tangent, True if the path moves, and the square of its feed, or 1 at standstill."""
         speeds = tuple(each.velocity for each in setpoints.values())
         square = _dot(speeds, speeds)
         moves = square > self.freeze_velocity * self.freeze_velocity
@@ -95,7 +95,7 @@ class CrossCoupled(Coupling):
 
 
 def _dot(a: tuple[Any, ...], b: tuple[Any, ...]) -> Any:
-    """The inner product."""
+    """Return the inner product."""
     first, *rest = (x * y for x, y in zip(a, b, strict=True))
     for each in rest:
         first = first + each

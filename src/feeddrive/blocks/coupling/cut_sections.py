@@ -14,7 +14,7 @@ from feeddrive.language.quantity import Quantity
 
 
 class Settings(NamedTuple):
-    """Cutting conditions within one section."""
+    """The cutting conditions within one section."""
 
     edge: Edge
     spindle_speed: Any  # rpm
@@ -39,7 +39,7 @@ class CutSections(Block):
     direction: Any = table("rad", "direction of the feed, from x towards y", default=None)
 
     def check(self) -> None:
-        """Sections follow each other, and each can be cut."""
+        """Raise ParameterError unless the sections are in order and each can be cut."""
         rows = self.rows()
         if not rows:
             return  # a trace
@@ -73,7 +73,7 @@ class CutSections(Block):
                 )
 
     def rows(self) -> dict[str, list[float]]:
-        """The rows that are there, as numbers; none in a trace."""
+        """Return the rows that are given, as numbers; none in a trace."""
         names = ("start", "axial_depth", "entry", "exit", "spindle_speed", "direction")
         present: dict[str, Any] = {name: row for name in names if (row := getattr(self, name)) is not None}
         if isinstance(self.start, Symbol):
@@ -81,12 +81,12 @@ class CutSections(Block):
         return {name: row.tolist() for name, row in present.items()}
 
     def cutting(self) -> list[bool]:
-        """True for each section in which the tool is in the work."""
+        """Return True for each section in which the tool is engaged."""
         rows = self.rows()
         return [depth > 0.0 for depth in rows.get("axial_depth", [1.0] * len(rows["start"]))]
 
     def section(self, before: Any, time: Number) -> Any:
-        """The section at a time in s, at most one after that of the substep before."""
+        """Return the section at a time in s, at most one after that of the previous substep."""
         start: Any = self.start
         after = before + 1.0
         there = ops.both(after < float(ops.length(start)), time >= ops.gather(start, after))

@@ -29,7 +29,7 @@ class DynamometerForce(Coupling):
     offset: Number = parameter("s", "instant of the first sample", default=0)
 
     def check(self) -> None:
-        """Each axis once."""
+        """Raise StructureError unless at least one axis is named, and each only once."""
         names = self.axes()
         if len(set(names)) < len(names) or not names:
             raise StructureError(
@@ -38,7 +38,7 @@ class DynamometerForce(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """The axes with a component."""
+        """Return the axes with a component."""
         return tuple(component.axis for component in self.components)
 
     def step(

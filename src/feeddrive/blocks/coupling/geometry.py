@@ -1,4 +1,4 @@
-"""The geometry errors of a machine: where the tool point is while its axes stand somewhere."""
+"""The geometric errors of a machine: the tool point as a function of the axis positions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Geometry(Block):
     straightness: tuple[Straightness, ...] = part("straightness errors of the guideways", default=())
 
     def check(self) -> None:
-        """Each direction has an axis of its own, and straightness errors are across."""
+        """Raise StructureError if two directions share an axis, or if a straightness error is not across a motion."""
         if len(set(self.axes().values())) < len(self.axes()):
             raise StructureError(
                 f"geometry: x, y and z must be moved by different axes, not {', '.join(self.axes().values())}"
@@ -52,12 +52,12 @@ class Geometry(Block):
                     raise StructureError(f"geometry.straightness.{i}: no axis moves the tool along {way}")
 
     def axes(self) -> dict[str, str]:
-        """The axis that moves the tool, by direction."""
+        """Return the axis that moves the tool, by direction."""
         third = {} if self.along_z is None else {"z": self.along_z}
         return {"x": self.along_x, "y": self.along_y, **third}
 
     def tool(self, position: Mapping[str, Number]) -> dict[str, Number]:
-        """The tool point by direction (m), from the position of the table of each axis by name (m)."""
+        """Return the tool point by direction (m) from the table position of each axis by name (m)."""
         at = {way: position[axis] for way, axis in self.axes().items()}
         point = {
             "x": at["x"] + self.scale_x * at["x"] + self.squareness_xy * at["y"],

@@ -1,4 +1,4 @@
-"""The force of a milling tool, with the chip from the actual relative motion of tool and table."""
+"""The force of a milling tool, with the chip from the actual relative motion of tool and workpiece."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Track
 from feeddrive.language.text import Text
 
-_SLOWEST = 1e-6  # 1/s; a spindle that turns slower stands
+_SLOWEST = 1e-6  # 1/s; a slower spindle counts as stopped
 
 
 class MillingCut(Coupling):
@@ -39,14 +39,13 @@ class MillingCut(Coupling):
     enters, of a helical one where its slice turns by less than the spindle in a substep.
 
     Without `direction` the feed has the direction of the motion over the last turn of the spindle, which vibration of
-    the size of the feed turns: give a direction, or sections with it, where the tool may chatter.
-    At the start the tool has stood outside the work: the chip is 0 and grows over the first tooth periods.  A table
-    moves the workpiece: where `moves` says "table", r is minus the position of the axis, and the force on the axis is
-    the opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or
-    direction in each; the spindle always turns.  Where its speed changes, τ is the time since the spindle stood a tooth
-    before, found in the ring of its turns.
-    With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting speed) along e_r on each engaged element a, ṙ
-    predicted from the last two.
+    the size of the feed turns: give a direction, or sections with it, where the tool may chatter. At the start the tool
+    has been at rest outside the workpiece: the chip is 0 and grows over the first tooth periods.  A table moves the
+    workpiece: where `moves` says "table", r is minus the position of the axis, and the force on the axis is the
+    opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or direction
+    in each; the spindle always turns.  Where its speed changes, τ is the time since the spindle was one tooth pitch
+    back, found in a ring buffer of its turns. With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting
+    speed) along e_r on each engaged element a, ṙ predicted from the last two.
     When not to use it: with substeps longer than a tenth of τ; for a motion along the spindle, which changes no chip.
     Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
     & Ismail 1981.
@@ -79,7 +78,7 @@ class MillingCut(Coupling):
         turns: Any = None  # of the spindle at the end of the last substep
 
     def check(self) -> None:
-        """Each direction has its own axis; the tool reaches to the bottom of each section."""
+        """Raise StructureError if two directions share an axis, ParameterError if a section is too deep."""
         if len(set(self.axes())) < len(self.axes()):
             raise StructureError(
                 f"milling_cut: x, y and z must be moved by different axes, not {', '.join(self.axes())}"
@@ -94,7 +93,7 @@ class MillingCut(Coupling):
                 )
 
     def rules(self) -> Iterator[Rule]:
-        """The end comes after the beginning; slices are short."""
+        """Yield the rules that the cut ends after it begins and that slices are short."""
         begin, end = self.cut_from, self.cut_to
         if end is not None:
             yield Rule(
@@ -109,19 +108,19 @@ class MillingCut(Coupling):
         yield fits_slices("milling_cut.cutter", edge._replace(axial_depth=max(depths)) if depths else edge)
 
     def _depths(self) -> list[float]:
-        """The axial depths of the sections, m."""
+        """Return the axial depths of the sections, m."""
         return [] if self.sections is None else self.sections.rows().get("axial_depth", [])
 
     def axes(self) -> tuple[str, ...]:
-        """The axes that move the tool or the table."""
+        """Return the axes that move the tool or the table."""
         return (self.along_x, self.along_y, *(() if self.along_z is None else (self.along_z,)))
 
     def period(self) -> Number:
-        """τ in s, the longest of all sections that cut."""
+        """Return τ in s, the longest of all sections that cut."""
         return 60.0 / (self.cutter.teeth * self._speeds()[0])
 
     def _speeds(self) -> list[Any]:
-        """The spindle speeds of the sections that cut, in rpm, the least first."""
+        """Return the spindle speeds of the sections that cut, in rpm, in ascending order."""
         rows = {} if self.sections is None else self.sections.rows()
         if self.sections is not None and "spindle_speed" in rows:
             pairs = zip(rows["spindle_speed"], self.sections.cutting(), strict=True)
@@ -129,7 +128,7 @@ class MillingCut(Coupling):
         return [self.spindle_speed]
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """The stored substeps cover the tooth periods, and a substep is a short part of one."""
+        """Yield the rules that the stored substeps cover the tooth periods and that a turn has at least 4 substeps."""
         period, turn = self.period(), 60.0 / self._speeds()[-1]
         told = self.direction is not None or (self.sections is not None and self.sections.direction is not None)
         count = self.surfaces if told else max(self.surfaces, self.cutter.teeth)
@@ -152,7 +151,7 @@ class MillingCut(Coupling):
         )
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> State:
-        """The tool has been at rest at its present position."""
+        """Return the state of a tool that has been at rest at its present position."""
         place, _ = self._relative(motions)
         nothing = ops.zero(place[0])
         if self.sections is None:
@@ -180,7 +179,7 @@ class MillingCut(Coupling):
     def forces(
         self, state: State, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[State, tuple[Any, Any], Cut]:
-        """The state after a substep, the direction of the feed, and the forces on the tool whether it acts or not."""
+        """Return the state after a substep, the direction of the feed, and the forces, active or not."""
         place, velocity = self._relative(motions)
         ends: list[Any] = [x - 0.5 * h * v for x, v in zip(place, velocity, strict=True)]
         section, now = self._section(state.section, time)
@@ -200,7 +199,7 @@ class MillingCut(Coupling):
             along, across = ops.cos(now.direction), ops.sin(now.direction)
         rubbing = None
         if self.process_damping is not None:
-            before = path.rates_ago(0.0)  # a straight line from there leads to the middle of the substep
+            before = path.rates_ago(0.0)  # extrapolated linearly from there to the middle of the substep
             x, y = (v + 0.5 * (v - old) for v, old in zip(velocity, before, strict=False))
             speed = ops.pi * now.edge.diameter * ops.maximum(rate, 1e-9)
             rubbing = Rubbing(x * along + y * across, y * along - x * across, self.process_damping / speed)
@@ -222,24 +221,24 @@ class MillingCut(Coupling):
         return section, self.sections.settings(section, usual)
 
     def _ago(self, teeth: int, path: Track, turns: Any, rate: Any, h: Any) -> Any:
-        """Substeps since the spindle stood so many teeth before, by Newton's method where its speed changes."""
+        """Return the substeps since the spindle was this many teeth behind, by Newton's method if its speed changes."""
         if len(path.values) == 2:
             return float(teeth) / (self.cutter.teeth * rate * h)
         turned = float(teeth) / float(self.cutter.teeth)
         ago = turned / (ops.maximum(rate, _SLOWEST) * h)
-        for _ in range(2):  # the turns are straight lines between changes of the speed
+        for _ in range(2):  # the turns are piecewise linear between changes of the speed
             then = path.rates_ago(ago)[2]
             then = ops.where(then > _SLOWEST, then, ops.maximum(rate, _SLOWEST))
             ago = ago + (path.ago(ago, h, 0.5)[2] - (turns - turned)) / (then * h)
         return ago
 
     def _moved(self, place: tuple[Any, Any], path: Track, ago: Any, h: Any) -> tuple[Any, Any]:
-        """The way of the tool along x and y in a number of substeps."""
+        """Return the displacement of the tool along x and y over a number of substeps."""
         x, y = path.ago(ago, h, 0.5)[:2]
         return place[0] - x, place[1] - y
 
     def _relative(self, motions: Mapping[str, Motion]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Position and velocity of the tool against the workpiece."""
+        """Return position and velocity of the tool relative to the workpiece."""
         x, y = motions[self.along_x], motions[self.along_y]
         if self.moves == "tool":
             return (x.position_load, y.position_load), (x.velocity_load, y.velocity_load)

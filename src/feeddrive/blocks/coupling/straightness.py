@@ -24,5 +24,5 @@ class Straightness(Block):
     spacing: Number = parameter("m", "distance between entries", above=0)
 
     def at(self, position: Number) -> Number:
-        """The error in m."""
+        """Return the error at a position, m."""
         return ops.interpolate(self.row, (position - self.start) / self.spacing)

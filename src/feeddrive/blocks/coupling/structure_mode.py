@@ -1,4 +1,4 @@
-"""A structure mode of the machine that several axes share."""
+"""A structure mode of the machine shared by several axes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class StructureMode(Coupling):
     shapes: tuple[ModeShape, ...] = part("mode shape at each axis that feels it")
 
     def check(self) -> None:
-        """Each axis once."""
+        """Raise StructureError unless at least one axis is named, and each only once."""
         names = self.axes()
         if len(set(names)) < len(names) or not names:
             raise StructureError(
@@ -39,7 +39,7 @@ class StructureMode(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """The axes with a shape."""
+        """Return the axes with a shape."""
         return tuple(shape.axis for shape in self.shapes)
 
     def modes(self) -> tuple[SharedMode, ...]:

@@ -1,6 +1,6 @@
-"""The engaged part of helical edges: entry and exit of the chip, and the force from what the tool moved since each cut.
+"""The engagement of helical edges: entry and exit of the chip, and the force from the tool motion since earlier cuts.
 
-The angle of an edge is v: from the normal n = spindle axis x feed t towards t, clockwise seen from the spindle.
+The angle v of an edge is measured from the normal n = spindle axis x feed t towards t, clockwise seen from the spindle.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from feeddrive.language.block import Number, Rule
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-LEAST_CHIP = 1e-12  # m; below it are the roundings of positions, and no chip
-LEAST_ANGLE = 1e-6  # rad; a straight edge enters and leaves over it at least
+LEAST_CHIP = 1e-12  # m; smaller values are rounding errors of positions, not a chip
+LEAST_ANGLE = 1e-6  # rad; least angle over which a straight edge enters and leaves the cut
 
 
 def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[Any, Any]:
-    """Entry and exit of the chip in rad of a cut of this width in m; a slot without a width.
+    """Return entry and exit of the chip in rad for a radial depth in m; those of a slot without a depth.
 
     up 0 .. a,   down π - a .. π,   a = arccos(1 - 2 radial_depth / diameter)
     symmetric π/2 ∓ arcsin(radial_depth / diameter)
@@ -30,19 +30,19 @@ def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[An
     if milling == "symmetric":
         half = ops.atan2(share, ops.sqrt(ops.maximum(1.0 - share * share, 0.0)))
         return 0.5 * ops.pi - half, 0.5 * ops.pi + half
-    # arccos(1 - 2 share) over the half angle, which keeps its digits at both ends
+    # arccos(1 - 2 share) by the half angle, which loses no digits at either end
     angle = 2.0 * ops.atan2(ops.sqrt(share), ops.sqrt(ops.maximum(1.0 - share, 0.0)))
     return (0.0, angle) if milling == "up" else (ops.pi - angle, ops.pi)
 
 
 def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *, concave: bool) -> Any:
-    """The arc in rad over which a tooth cuts while the center of the tool moves on a circle of this radius in m.
+    """Return the arc in rad over which a tooth cuts while the tool center moves on a circle with a radius in m.
 
         concave wall: cos ψ = ((r_c + R - a_e)² - r_c² - R²) / (2 r_c R)
         convex wall:  cos ψ = (r_c² + R² - (r_c - R + a_e)²) / (2 r_c R)
 
-    a_e = radial_depth, R = diameter / 2, r_c = path_radius.  Inside a corner a tool is in the work longer than along a
-    straight wall of the same width, around a corner shorter.
+    a_e = radial_depth, R = diameter / 2, r_c = path_radius.  In an inside corner a tooth cuts longer than
+    along a straight wall with the same radial depth, around an outside corner shorter.
     """
     radius = 0.5 * diameter
     if concave:
@@ -55,20 +55,20 @@ def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *
 
 
 def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) -> Any:
-    """The chip in m of a tooth on its true path, a trochoid; chip_load · sin angle is its first order.
+    """Return the chip thickness in m of a tooth on its true path, a trochoid; chip_load · sin angle is its first order.
 
-        R sin δ = (c - ρδ) cos v,   h = R (1 - cos δ) + (c - ρδ) sin v,   ρ = c teeth / 2π, the feed of a rad
+        R sin δ = (c - ρδ) cos v,   h = R (1 - cos δ) + (c - ρδ) sin v,   ρ = c teeth / 2π, the feed per rad
 
-    angle      v of the tooth, rad
-    chip_load  c, feed of a tooth, m
-    radius     R of the tool, m
+    angle      angle v of the tooth, rad
+    chip_load  feed per tooth c, m
+    radius     radius R of the tool, m
 
-    It differs most at entry and exit, by c²/2R, where a tooth is in the work a little before 0 and after π.
+    It differs most at entry and exit, by c²/2R, where a tooth already cuts before 0 and still cuts after π.
     """
     feed = chip_load * float(teeth) / (2.0 * ops.pi)
     sine, cosine = ops.sin(angle), ops.cos(angle)
     delta = chip_load * cosine / radius
-    for _ in range(4):  # Newton; the first guess is right to chip_load / radius
+    for _ in range(4):  # Newton; the relative error of the first guess is chip_load / radius
         left = radius * ops.sin(delta) - (chip_load - feed * delta) * cosine
         delta = delta - left / (radius * ops.cos(delta) + feed * cosine)
     half = ops.sin(0.5 * delta)
@@ -76,7 +76,7 @@ def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) 
 
 
 class Cut(NamedTuple):
-    """Force on the tool along feed, normal and spindle axis in N, the spindle's torque in N m."""
+    """The force on the tool along feed, normal and spindle axis in N, and the spindle torque in N m."""
 
     feed: Any
     normal: Any
@@ -85,7 +85,7 @@ class Cut(NamedTuple):
 
 
 class Rubbing(NamedTuple):
-    """The damping of an edge in the cut: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
+    """The process damping of an edge: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
 
     along: Any
     across: Any
@@ -93,12 +93,15 @@ class Rubbing(NamedTuple):
 
 
 def lag(edge: Edge) -> Any:
-    """The turn from the tip of an edge to its top, rad."""
+    """Return the lag angle of an edge from its tip to its top, rad."""
     return 2.0 * edge.axial_depth * ops.tan(edge.helix_angle) / edge.diameter
 
 
 def fits_slices(kind: str, edge: Edge) -> Rule:
-    """What the closed forms ask for: no slice reaches around what is not engaged."""
+    """Return the rule that a slice turns by at most a quarter of a turn.
+
+    The closed forms require that no slice reaches around the unengaged part.
+    """
     turn, slices = lag(edge), edge.slices
     return Rule(
         turn <= 0.5 * ops.pi * float(slices),
@@ -113,18 +116,18 @@ def fits_slices(kind: str, edge: Edge) -> Rule:
 def cut(
     edge: Edge, angle: Number, sweep: Number, steps: Sequence[tuple[Any, Any]], rubbing: Rubbing | None = None
 ) -> Cut:
-    """The force of all teeth at an angle of the spindle in rad, in the mean over the angle `sweep` around it.
+    """Return the force of all teeth at an angle of the spindle in rad, averaged over the angle `sweep` around it.
 
-    steps  the motion of the tool along t and n in m since the first, second, ... tooth before stood at this angle
+    steps  the motion of the tool along t and n in m since each earlier tooth, latest first, was at this angle
 
-    A slice of an edge cuts the least chip over the surfaces that earlier teeth left, and nothing where that is not
-    above 0, its edge forces included:
+    The chip of a slice is the least over the surfaces left by earlier teeth; where it is not above 0 there is no
+    force, not even an edge force:
 
         h(v) = min over m of (step_m + o(angle) - o(angle - 2π m/teeth)) · e(v),    e = (sin v, cos v)
 
-    with the run-out o as a motion of the tool's centre, which it is to first order in offset / diameter.  Over the
-    engaged part of a slice h sin v, h cos v and h are integrated in closed form, with what an edge
-    turns through where that is more than its own lag: then a straight edge enters in the mean over the sweep.
+    with the run-out o as a motion of the tool's centre, exact to first order in offset / diameter.  Over the
+    engaged part of a slice h sin v, h cos v and h are integrated in closed form, over the sweep where it exceeds the
+    lag of the slice: a straight edge then enters in the mean over the sweep.
     """
     slices, teeth = float(edge.slices), float(edge.teeth)
     turn = lag(edge)
@@ -136,8 +139,8 @@ def cut(
     back = ops.sin(width), ops.cos(width)
     begin = (tip - 0.5 * (edge.entry + edge.exit)) / (2.0 * ops.pi) + 0.5
     step = width / (2.0 * ops.pi)
-    short = slices * width <= ops.pi - arms.half  # the edge does not reach around what is not engaged
-    begin_of_work = 0.5 - 0.5 * arms.half / ops.pi  # in turns from the middle of what is not engaged
+    short = slices * width <= ops.pi - arms.half  # the edge does not reach around the unengaged part
+    begin_of_work = 0.5 - 0.5 * arms.half / ops.pi  # in turns from the middle of the unengaged part
     total = [ops.zero(sine)] * 9
     for tooth in range(edge.teeth):
         s, c = _turned(sine, cosine, *_of_tooth(tooth, edge.teeth))
@@ -149,7 +152,7 @@ def cut(
             after = arms.end(s, c, place - float(slice_) * step)
             own = [a + b for a, b in zip(own, _slice(after, before, moved), strict=True)]
             before = after
-        # in a single run an edge out of the work costs nothing, one that is in contact all along that of one slice
+        # in a single run an edge out of the cut costs nothing, and one in full contact as much as one slice
         past = place - begin_of_work
         works = past - ops.floor(past) < arms.half / ops.pi + slices * step
         whole = ops.both(short, _in_contact(before, tip_end, moved))
@@ -160,7 +163,7 @@ def cut(
 
 
 class _End(NamedTuple):
-    """An end of a slice, held to the engaged part: its angle, sin, cos, sin cos and sin²."""
+    """One end of a slice, limited to the engaged part: its angle, sin, cos, sin cos and sin²."""
 
     angle: Any
     sine: Any
@@ -170,7 +173,7 @@ class _End(NamedTuple):
 
 
 class _Arms(NamedTuple):
-    """Entry and exit: half the angle between them, their sines and cosines."""
+    """The entry and exit of an edge: half the angle between them, and their sines and cosines."""
 
     half: Any
     entry: tuple[Any, Any]
@@ -178,12 +181,12 @@ class _Arms(NamedTuple):
 
     @classmethod
     def of(cls, edge: Edge) -> _Arms:
-        """The arms of the engaged part of a turn."""
+        """Return entry and exit of an edge."""
         begin, end = edge.entry, edge.exit
         return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))
 
     def end(self, sine: Any, cosine: Any, turns: Any) -> _End:
-        """An end with these, at `turns` from the middle of what is not engaged."""
+        """Return the end of a slice with this sine and cosine, at `turns` from the middle of the unengaged part."""
         angle = 2.0 * ops.pi * (turns - ops.floor(turns)) - ops.pi
         below, above = angle < -self.half, angle > self.half
         held = ops.where(below, -self.half, ops.where(above, self.half, angle))
@@ -193,9 +196,10 @@ class _Arms(NamedTuple):
 
 
 def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
-    """True if an edge cuts the surface of the tooth before along all of its length.
+    """Return True if an edge cuts the surface left by the previous tooth over its whole length.
 
-    The chip is a sine over the angle: what is not below 0 at two ends less than π apart is not below 0 between them.
+    The chip thickness is a sine of the angle: if it is not negative at two ends less than π apart, it is not negative
+    between them.
     """
     (x, y), *others = moved
     signs = [(x, y), *((other_x - x, other_y - y) for other_x, other_y in others)]
@@ -208,7 +212,7 @@ def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
 
 
 def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]:
-    """2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice, or 0 out of the cut."""
+    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice; 0 out of the cut."""
     angle, ds, dc = high.angle - low.angle, high.sine - low.sine, low.cosine - high.cosine
     both, mixed = high.both - low.both, high.square - low.square
     sines, cosines = angle - both, angle + both
@@ -219,14 +223,14 @@ def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]
         less = other < chip
         chip = ops.where(less, other, chip)
         x, y = ops.where(less, other_x, x), ops.where(less, other_y, y)
-    # an edge that has its ends on both sides of the middle of what is not engaged has a negative angle here
+    # the angle is negative here for an edge with its ends on both sides of the middle of the unengaged part
     cuts = ops.both(angle > 0.0, chip > LEAST_CHIP * angle)
     found = (x * sines + y * mixed, x * mixed + y * cosines, chip, dc, ds, angle, sines, mixed, cosines)
     return [ops.where(cuts, value, 0.0) for value in found]
 
 
 def _forces(edge: Edge, total: list[Any], depth: Any, rubbing: Rubbing | None) -> Cut:
-    """The forces from the sums over all slices; `depth` is the height of edge in m that a rad of it stands for."""
+    """Return the forces from the sums over all slices; `depth` is the height of edge per rad, m."""
     sine, cosine, chip, dc, ds, angle, sines, mixed, cosines = total
     tangential, radial, axial = edge.cutting
     along, across = 0.5 * sine, 0.5 * cosine
@@ -246,7 +250,7 @@ def _forces(edge: Edge, total: list[Any], depth: Any, rubbing: Rubbing | None) -
 
 
 def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
-    """The motions of the axis that a tooth turns about, with the tool's own offset from it."""
+    """Return the motions of the tool center since earlier teeth, with the run-out included."""
     if edge.run_out is None:
         return list(steps)
     offset, place = edge.run_out
@@ -259,13 +263,13 @@ def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> l
 
 
 def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:
-    """Sine and cosine of the sum of two angles."""
+    """Return sine and cosine of the sum of two angles."""
     if s == 0.0 and c == 1.0:
         return sine, cosine
     return sine * c + cosine * s, cosine * c - sine * s
 
 
 def _of_tooth(tooth: int, teeth: int) -> tuple[float, float]:
-    """Sine and cosine of the angle between teeth."""
+    """Return sine and cosine of the angle of a tooth from the first one."""
     angle = 2.0 * ops.pi * (float(tooth % teeth) / float(teeth))
     return (0.0, 1.0) if tooth % teeth == 0 else (float(ops.sin(angle)), float(ops.cos(angle)))

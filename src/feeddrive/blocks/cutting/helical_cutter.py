@@ -1,4 +1,4 @@
-"""A helical end mill: the force of each edge in closed form."""
+"""A helical end mill, with the force of each edge in closed form."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class HelicalCutter(Cutter):
     axial_ratio: Number = parameter("", "axial over tangential force, K_a", least=0, default=0.2)
 
     def check(self) -> None:
-        """The cut is not wider than the tool."""
+        """Raise ParameterError if the cut is wider than the tool."""
         width, diameter = self.radial_depth, self.diameter
         if isinstance(width, float) and isinstance(diameter, float) and width > diameter:
             raise ParameterError(
@@ -65,7 +65,7 @@ class HelicalCutter(Cutter):
 
     @classmethod
     def beltran2013(cls) -> HelicalCutter:
-        """The paper's tool in a slot, with u_s = 3 GJ/m³: what steel needs at a chip load of 0.05 mm."""
+        """Return the paper's tool in a slot, with u_s = 3 GJ/m³, the value for steel at a chip load of 0.05 mm."""
         return cls(
             teeth=2,
             diameter=0.010,
@@ -78,10 +78,10 @@ class HelicalCutter(Cutter):
 
     @classmethod
     def beltran2013_as_printed(cls) -> HelicalCutter:
-        """The paper's tool with the printed u_s = 0.5 kW/(cm³/min) = 30 GJ/m³, with a warning.
+        """Return the paper's tool with the printed u_s = 0.5 kW/(cm³/min) = 30 GJ/m³, and warn.
 
-        It is ten times what handbooks give for steel; with the chip load of 1 mm printed with it the force reaches 141
-        kN and the spindle power 90 kW. Use it only to show this.
+        This is ten times the handbook value for steel; with the printed chip load of 1 mm the force reaches 141 kN and
+        the spindle power 90 kW. Use it only to show this.
         """
         warnings.warn(
             "the printed specific energy of 30 GJ/m3 (0.5 kW per cm3/min) is ten times that of steel; "
@@ -99,7 +99,7 @@ class HelicalCutter(Cutter):
         )
 
     def edge(self) -> Edge:
-        """Ktc = specific_energy, Krc and Kac by the ratios; the edge itself has no force."""
+        """Return the edges with Ktc = specific_energy and Krc, Kac by the ratios; there is no edge force."""
         entry, leave = arc(self.milling, self.radial_depth, self.diameter)
         cutting = (
             self.specific_energy,
@@ -109,7 +109,7 @@ class HelicalCutter(Cutter):
         return Edge(self.teeth, self.slices, self.diameter, self.axial_depth, self.helix_angle, entry, leave, cutting)
 
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
-        """The equations above; `angle` of the spindle in rad, any number of turns."""
+        """Compute the equations of the class at the spindle `angle` in rad, any number of turns."""
         sines, areas, cosines = self._sums(angle)
         force = self.specific_energy * chip_load * self.axial_depth
         feed = -force * (sines + self.radial_ratio * areas)
@@ -117,15 +117,15 @@ class HelicalCutter(Cutter):
         return feed, normal, force * self.axial_ratio * cosines
 
     def torque(self, angle: Number, chip_load: Number) -> Number:
-        """A (cos v0 - cos vm) diameter / 2, summed over the teeth: the tangential forces about the spindle."""
+        """Return A (cos v0 - cos vm) diameter / 2, summed over the teeth: the torque of the tangential forces."""
         force = self.specific_energy * chip_load * self.axial_depth
         return 0.5 * self.diameter * force * self._sums(angle)[2]
 
     def _sums(self, angle: Number) -> tuple[Any, ...]:
-        """Changes of S, W and -cos over the engaged parts of all teeth, divided by the lag."""
+        """Return the changes of S, W and -cos over the engaged parts of all teeth, divided by the lag."""
         edge = self.edge()
         entry, leave, turn = edge.entry, edge.exit, lag(edge)
-        # an edge that winds around the tool more than once: whole turns cut the whole chip, the rest follows below
+        # an edge with more than one turn around the tool: whole turns cut the whole chip, the rest follows below
         turns = ops.floor(turn / (2.0 * ops.pi))
         rest = turn - 2.0 * ops.pi * turns
         whole = self.teeth * turns * (leave - entry) / ops.maximum(turn, _SMALL)
@@ -133,7 +133,7 @@ class HelicalCutter(Cutter):
         for tooth in range(self.teeth):
             share = angle / (2.0 * ops.pi) + float(tooth) / float(self.teeth)
             tip = 2.0 * ops.pi * (share - ops.floor(share))
-            # the rest of the edge reaches back by less than a turn: into this passage of the chip and the one before
+            # the rest of the edge reaches back by less than a turn: into this passage of the chip and the previous one
             for begin, end in ((entry, leave), (entry - 2.0 * ops.pi, leave - 2.0 * ops.pi)):
                 for i, piece in enumerate(_engagement(tip, rest, turn, begin, end)):
                     sums[i] = sums[i] + piece
@@ -141,7 +141,7 @@ class HelicalCutter(Cutter):
 
 
 def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[Any, ...]:
-    """Changes of S, W and -cos over the part of the edge (tip - rest, tip) inside (begin, end), each over `turn`.
+    """Return the changes of S, W and -cos over the part of (tip - rest, tip) inside (begin, end), each over `turn`.
 
     The length is computed as the whole edge less the parts outside, not as a difference of its ends, which would lose
     all digits at a small lag.  A straight edge cuts with its whole length or not at all.
@@ -155,7 +155,7 @@ def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[A
 
 
 def _pieces(first: Any, length: Any) -> tuple[Any, ...]:
-    """Changes of S, W and -cos from v = first to first + length, each over length: also defined at length = 0.
+    """Return the changes of S, W and -cos from v = first to first + length, each over length, which may be 0.
 
     With the middle m and sinc = sin(length/2) / (length/2):
         S: sin m cos m · sinc cos(length/2),   W: (1 - (cos²m - sin²m) sinc cos(length/2)) / 2,   -cos: sin m · sinc

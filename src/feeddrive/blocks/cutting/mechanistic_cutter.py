@@ -1,4 +1,4 @@
-"""An end mill by its cutting coefficients: a force of the chip and a force of the edge, with run-out."""
+"""An end mill with cutting and edge force coefficients and run-out."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 
-_CUTTING = 1e6, 1e11  # N/m2: foam and the hardest alloys are within, 600 N/mm2 written as 600 N/m2 is not
-_EDGE = 100.0, 1e6  # N/m: 27.7 N/mm written as 27.7 N/m is not within
+_CUTTING = 1e6, 1e11  # N/m2: from foam to the hardest alloys; excludes 600 N/mm2 written as 600 N/m2
+_EDGE = 100.0, 1e6  # N/m: excludes 27.7 N/mm written as 27.7 N/m
 
 
 class MechanisticCutter(Cutter):
@@ -73,7 +73,7 @@ class MechanisticCutter(Cutter):
     Kae: Number = parameter("N/m", "axial force per length of edge", least=0, default=0)
 
     def check(self) -> None:
-        """The engagement is given in one way."""
+        """Raise ParameterError if the engagement is incomplete or given twice."""
         if (self.entry is None) != (self.exit is None):
             raise ParameterError(
                 "mechanistic_cutter.entry and .exit (rad) belong together: give both, or neither and a radial_depth"
@@ -84,7 +84,7 @@ class MechanisticCutter(Cutter):
             )
 
     def rules(self) -> Iterator[Rule]:
-        """The cut fits the tool, and the coefficients are those of a material."""
+        """Yield the rules that the cut fits the tool and that the coefficients are those of a material."""
         diameter, depth = self.diameter, self.axial_depth
         width, flute, entry, leave = self.radial_depth, self.flute_length, self.entry, self.exit
         if width is not None:
@@ -125,7 +125,7 @@ class MechanisticCutter(Cutter):
             yield _material(name, getattr(self, name), "N/m", "N_per_mm", "N/mm", _EDGE)
 
     def edge(self) -> Edge:
-        """The parameters above."""
+        """Return the edges with the parameters of the class."""
         entry, leave = self.entry, self.exit
         if entry is None or leave is None:
             entry, leave = arc(self.milling, self.radial_depth, self.diameter)
@@ -144,12 +144,12 @@ class MechanisticCutter(Cutter):
         )
 
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
-        """The equations above; `angle` of the spindle in rad, any number of turns."""
+        """Compute the equations of the class at the spindle `angle` in rad, any number of turns."""
         found = self._static(angle, chip_load)
         return found.feed, found.normal, found.axial
 
     def torque(self, angle: Number, chip_load: Number) -> Number:
-        """diameter / 2 times the tangential forces of all teeth."""
+        """Return diameter / 2 times the tangential forces of all teeth, N m."""
         return self._static(angle, chip_load).torque
 
     def _static(self, angle: Number, chip_load: Number) -> Cut:
@@ -159,7 +159,7 @@ class MechanisticCutter(Cutter):
 
 
 def _material(name: str, value: Any, unit: str, key: str, other: str, bounds: tuple[float, float]) -> Rule:
-    """A coefficient is 0 or within what materials have, from foam to the hardest alloy."""
+    """Return the rule that a coefficient is 0 or in the range of materials, from foam to the hardest alloys."""
     least, most = bounds
     factor = 1e6 if other == "N/mm2" else 1e3
 
@@ -184,7 +184,7 @@ def _material(name: str, value: Any, unit: str, key: str, other: str, bounds: tu
 
 
 class Oblique(NamedTuple):
-    """Cutting coefficients of an oblique edge in N/m2."""
+    """The cutting coefficients of an oblique edge, N/m2."""
 
     Ktc: float
     Krc: float
@@ -194,7 +194,7 @@ class Oblique(NamedTuple):
 def oblique(
     shear_stress: float, shear_angle: float, friction_angle: float, rake_angle: float, inclination: float
 ) -> Oblique:
-    """Cutting coefficients of an edge of a helix from the data of an orthogonal cut (Armarego's transformation).
+    """Return the cutting coefficients of a helical edge from the data of an orthogonal cut (Armarego's transformation).
 
         tan β_n = tan β_a cos i,   q = √(cos²(φ + β_n - α) + tan²i sin²β_n)
         Ktc = τ/sin φ · (cos(β_n - α) + tan²i sin β_n) / q

@@ -1,4 +1,4 @@
-"""Feedforward of motion and friction, linear in its parameters, as iterative tuning learns it."""
+"""Feedforward of motion and friction that is linear in its parameters, for tuning by iterative learning."""
 
 from __future__ import annotations
 
@@ -41,15 +41,16 @@ class DisturbanceCompensator(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """True for a law of one rigid mass without its own feedforward."""
+        """Return True for a law of one rigid mass without feedforward of its own."""
         return not law.feeds and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> DisturbanceCompensator:
-        """Start from the axis's mass and viscous friction, and columns of friction fitted to its steady curve.
+        """Return start values: the axis's mass and viscous friction, and friction columns fitted to its steady curve.
 
-        Least squares over speeds from 0.1 mm/s to 0.3 m/s, evenly in their logarithm and alike in both directions; of
-        the Stribeck velocities that are tried the one that leaves least.  A curve without dry friction is refused.
+        The least-squares fit uses speeds from 0.1 mm/s to 0.3 m/s, evenly spaced on a logarithmic scale and equal in
+        both directions; of the Stribeck velocities tried, the one with the smallest residual is taken. Raises
+        StructureError for a curve without dry friction.
         """
         forces = [tuple(sign * axis.dry_friction(sign * speed) for speed in _SPEEDS) for sign in (1.0, -1.0)]
         if max(abs(force) for row in forces for force in row) < _NO_FRICTION:
@@ -94,11 +95,11 @@ class DisturbanceCompensator(Feedforward):
     dead_band: Number = parameter("m/s", "speed below which the axis counts as at rest", least=0, default=1e-9)
 
     def check(self) -> None:
-        """The Stribeck column has its velocity."""
+        """Raise ParameterError unless the Stribeck column and its velocity are given together."""
         check_pair(self.kind, "stribeck", self.stribeck, "stribeck_velocity", self.stribeck_velocity)
 
     def fed(self) -> tuple[str, ...]:
-        """The parts of the set motion fed forward by the given parameters."""
+        """Return the parts of the set motion fed forward by the given parameters."""
         friction = (self.coulomb_positive, self.coulomb_negative, self.stribeck)
         present = (
             any(value is not None for value in (self.mass, self.jerk_feedforward, self.snap_feedforward)),
@@ -108,7 +109,7 @@ class DisturbanceCompensator(Feedforward):
         return tuple(name for name, is_there in zip(self.feeds, present, strict=True) if is_there)
 
     def parameters(self) -> dict[str, Number]:
-        """θ by name: the parameters that are given, in the order of the columns."""
+        """Return θ by name: the given parameters, in the order of the columns."""
         named = {
             "mass": self.mass,
             "viscous": self.viscous,
@@ -121,7 +122,7 @@ class DisturbanceCompensator(Feedforward):
         return {name: value for name, value in named.items() if value is not None}
 
     def regressors(self, setpoint: Setpoint, T: Number) -> dict[str, Number]:
-        """φ by name, for the parameters that are given; the numbers may be floats, symbols or arrays over time."""
+        """Return φ by name for the given parameters; the values may be floats, symbols or arrays over time."""
         middle = setpoint.shifted(0.5 * T)
         v = middle.velocity
         forward, backward = v > self.dead_band, v < -self.dead_band
@@ -145,7 +146,7 @@ class DisturbanceCompensator(Feedforward):
         return regressors
 
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
-        """φᵀ θ."""
+        """Compute φᵀ θ."""
         columns, parameters = self.regressors(setpoint, T), self.parameters()
         terms = [columns[name] * value for name, value in parameters.items()]
         if not terms:
@@ -159,7 +160,7 @@ class DisturbanceCompensator(Feedforward):
 def _left(
     forces: Sequence[Sequence[Number]], levels: Sequence[Number], extra: Sequence[Number], share: Number
 ) -> Number:
-    """Residual sum of squares of a fit by Coulomb levels for each direction and a share of the Stribeck curve."""
+    """Return the residual sum of squares of a fit with a Coulomb level per direction and a Stribeck curve."""
     return sum(
         (force - level - share * e) * (force - level - share * e)
         for row, level in zip(forces, levels, strict=True)

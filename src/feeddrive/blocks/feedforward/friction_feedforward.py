@@ -40,11 +40,11 @@ class FrictionFeedforward(Feedforward):
     dead_band: Number = parameter("m/s", "speed below which the axis counts as at rest", least=0, default=1e-9)
 
     def check(self) -> None:
-        """The Stribeck curve is given whole or not at all."""
+        """Raise ParameterError unless both parameters of the Stribeck curve are given, or neither."""
         check_pair(self.kind, "breakaway", self.breakaway, "stribeck_velocity", self.stribeck_velocity)
 
     def rules(self) -> Iterator[Rule]:
-        """The levels of the Stribeck curve fall with speed."""
+        """Yield the rules that the levels of the Stribeck curve fall with speed."""
         yield from levels(self.kind, "coulomb_positive", self.coulomb_positive, "breakaway", self.breakaway)
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 

@@ -1,4 +1,6 @@
-"""Learned friction feedforward: stops in parallel on the set position, and what they leave as bells over the speed."""
+"""Learned friction feedforward: parallel stops on the set position, and bell functions of the speed for the
+residual.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,12 @@ class FrictionStops(Feedforward):
         e_i(k) = clip(e_i(k-1) + x(k) - x(k-1), ±δ_i),    x = x_set(t + T/2)
         force  = c Σ k_i e_i + c r(v),    c = clip(travel/(2 δ_max) - 1, 0, 1)
 
-    A stop forgets how it began when the axis has moved by 2 δ.  travel is the largest set position since the start less
-    the smallest: in the first 2 δ_max, where no one knows what the friction remembers, nothing is fed forward, and
-    after 4 δ_max all of it.  Viscous friction is not among it: give it to `Inertia`.
+    A stop loses its initial state once the axis has moved by 2 δ.  travel is the largest set position since the start
+    less the smallest: in the first 2 δ_max, while the state of the friction is unknown, nothing is fed forward, and
+    after 4 δ_max all of it. Viscous friction is not included: give it to `Inertia`.
 
-    What the stops leave, a Stribeck curve for instance, is r: bells over the set speed, never a polynomial, which at
-    twice the range of its data is thousands of newtons.
+    The residual r, a Stribeck curve for instance, is a sum of bells over the set speed, not a polynomial, which at
+    twice the range of its data reaches thousands of newtons.
 
         r(v) = clip(Σ w_j e^-½((v - v_j)/residual_width)², ±residual_limit),   0 beyond 3 widths outside of all v_j
 
@@ -43,12 +45,15 @@ class FrictionStops(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """True for the cascade, whose errors at reversals it takes; they are learned from a log of that loop."""
+        """Return True for the P-PI cascade, whose reversal errors the stops reduce; they are learned from its log."""
         return issubclass(law, CascadePPI)
 
     @classmethod
     def begin(cls, axis: AxisModel) -> FrictionStops:
-        """Stops that bear nothing, to be learned.  Refused where the axis has no dry friction."""
+        """Return stops without force, to be learned.
+
+        Raises StructureError if the axis has no dry friction.
+        """
         if abs(axis.dry_friction(_CREEP)) + abs(axis.dry_friction(-_CREEP)) == 0.0:
             raise StructureError("the axis has no dry friction to be fed forward: leave the stops out")
         return cls(width=(1e-6, 1e-5), stiffness=(0.0, 0.0))
@@ -69,7 +74,7 @@ class FrictionStops(Feedforward):
         stretch: tuple[Any, ...]
 
     def check(self) -> None:
-        """Tables that belong together have one length, and a residual has all of its four parts or none."""
+        """Raise ParameterError unless paired tables have one length and a residual has all four parts or none."""
         if ops.length(self.width) != ops.length(self.stiffness):
             raise ParameterError(
                 f"{self.kind}: width has {ops.length(self.width)} entries and stiffness {ops.length(self.stiffness)}: "
@@ -88,7 +93,7 @@ class FrictionStops(Feedforward):
             )
 
     def start(self, setpoint: Setpoint) -> State:
-        """Nothing is known yet."""
+        """Return the state before any motion."""
         x = setpoint.position
         return self.State(x, x, x, (ops.zero(x),) * ops.length(self.width))
 
@@ -110,11 +115,11 @@ class FrictionStops(Feedforward):
         return self.State(x, lowest, highest, tuple(stretch)), known * force
 
     def retune(self, state: State, old: FrictionStops) -> State:
-        """Return the state as it is: positions and distances in m."""
+        """Return the state unchanged: positions and distances in m."""
         return state
 
     def residual(self, v: Number) -> Number:
-        """r(v) in N, without the factor c."""
+        """Return r(v) in N, without the factor c."""
         assert self.residual_width is not None
         assert self.residual_limit is not None
         total: Any = 0.0

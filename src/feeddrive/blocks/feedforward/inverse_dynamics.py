@@ -31,7 +31,7 @@ class InverseDynamics(Feedforward):
     order: str = choice("with the spring, or as one rigid mass", options=("full", "rigid"), default="full")
 
     def check(self) -> None:
-        """The model has two bodies."""
+        """Raise StructureError unless the model has two bodies."""
         two_bodies(self.kind, self.model)
 
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:

@@ -1,4 +1,4 @@
-"""A force pulse after each reversal, against the quadrant glitch."""
+"""A force pulse after each reversal to reduce the quadrant glitch."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ReversalPulse(Feedforward):
         level: Number
 
     def start(self, setpoint: Setpoint) -> State:
-        """Moving as the setpoint does, long after a reversal."""
+        """Return the state moving with the setpoint, long after a reversal."""
         return self.State(ops.sign(setpoint.velocity), ops.zero(setpoint.velocity))
 
     def step(self, state: State, setpoint: Setpoint, T: Number) -> tuple[State, Any]:
@@ -42,5 +42,5 @@ class ReversalPulse(Feedforward):
         return self.State(direction, level), level
 
     def retune(self, state: State, old: ReversalPulse) -> State:
-        """Return the state as it is: a pulse goes on from the force that it has."""
+        """Return the state unchanged: a pulse continues from its present force."""
         return state

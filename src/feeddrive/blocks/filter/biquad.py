@@ -1,4 +1,4 @@
-"""Second-order sections (biquads): Tustin with prewarping, the step in direct form II transposed, their family."""
+"""Second-order sections (biquads): Tustin with prewarping, steps in direct form II transposed, and their family."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ class Delayed(NamedTuple):
 
 
 class Polynomial(NamedTuple):
-    """1 + 2 damping s/ω + (s/ω)² times 1 + 2 z⁻¹ + z⁻², after s -> (2/T)(z - 1)/(z + 1): three coefficients of z⁻¹."""
+    """The polynomial 1 + 2 damping s/ω + (s/ω)², times 1 + 2 z⁻¹ + z⁻², after s -> (2/T)(z - 1)/(z + 1): three
+    coefficients of z⁻¹.
+    """
 
     c0: Number
     c1: Number
@@ -40,12 +42,12 @@ class Polynomial(NamedTuple):
 
 
 def prewarped(frequency: Number, T: Number) -> Number:
-    """w = tan(π frequency T), so that s/ω -> (1/w)(z - 1)/(z + 1) is exact at s = jω, z = e^jωT."""
+    """Return w = tan(π frequency T), so that s/ω -> (1/w)(z - 1)/(z + 1) is exact at s = jω, z = e^jωT."""
     return ops.tan(ops.pi * frequency * T)
 
 
 def tustin(frequency: Number, damping: Number, T: Number) -> Polynomial:
-    """The polynomial with natural frequency in Hz, prewarped at that frequency, times w²."""
+    """Return the polynomial with a natural frequency in Hz, prewarped at that frequency, times w²."""
     w = prewarped(frequency, T)
     base = 1.0 + w * w
     slope = 2.0 * damping * w
@@ -53,7 +55,7 @@ def tustin(frequency: Number, damping: Number, T: Number) -> Polynomial:
 
 
 def section(numerator: Polynomial, denominator: Polynomial, gain: Number) -> Section:
-    """gain · numerator / denominator."""
+    """Return the section gain · numerator / denominator."""
     scale = 1.0 / denominator.c0
     up = gain * scale
     return Section(
@@ -66,24 +68,24 @@ def section(numerator: Polynomial, denominator: Polynomial, gain: Number) -> Sec
 
 
 def notch_section(frequency: Number, damping_zero: Number, damping_pole: Number, T: Number) -> Section:
-    """Numerator and denominator at one frequency share their middle coefficient, which saves a product a sample."""
+    """Return a notch section, whose numerator and denominator share the middle coefficient to save a product."""
     zeros, poles = tustin(frequency, damping_zero, T), tustin(frequency, damping_pole, T)
     return section(zeros, poles, 1.0)._replace(a1=None)
 
 
 def low_pass_section(frequency: Number, damping: Number, T: Number) -> Section:
-    """ω²/(s² + 2 damping ω s + ω²): after the transform its numerator is w² (1 + z⁻¹)²."""
+    """Return the section ω²/(s² + 2 damping ω s + ω²): after the transform its numerator is w² (1 + z⁻¹)²."""
     w = prewarped(frequency, T)
     return section(Polynomial(1.0, 2.0, 1.0), tustin(frequency, damping, T), w * w)
 
 
 def settled(made: Section, value: Number) -> Delayed:
-    """The state after a constant input of a section with H(1) = 1."""
+    """Return the state of a section with H(1) = 1 after a constant input."""
     return Delayed((1.0 - made.b0) * value, (made.b2 - made.a2) * value, value)
 
 
 def advance(made: Section, state: Delayed, value: Number) -> tuple[Delayed, Number]:
-    """One sample: the new state and the output."""
+    """Compute one sample: the new state and the output."""
     output = made.b0 * value + state.first
     if made.a1 is None:
         first = made.b1 * (value - output) + state.second
@@ -93,8 +95,7 @@ def advance(made: Section, state: Delayed, value: Number) -> tuple[Delayed, Numb
 
 
 def retuned(state: Delayed, old: Section, new: Section) -> Delayed:
-    """The state after a live change of the section: its steady part is converted from the old `settled` state to the
-    new one.
+    """Return the state after a live change, with its steady part converted from the old `settled` state to the new one.
 
     The output is continuous: with an input equal to the last output, the next output is that of the old section.
     """
@@ -105,7 +106,7 @@ def retuned(state: Delayed, old: Section, new: Section) -> Delayed:
 
 
 def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
-    """The rule that a frequency in Hz lies below half the sample rate, for a sample time in s."""
+    """Return the rule that a frequency in Hz lies below half the sample rate, for a sample time in s."""
     return Rule(
         frequency < 0.5 / T,
         f"{name} is below half the sample rate",
@@ -117,7 +118,7 @@ def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
 
 
 class SecondOrderSection(Filter, ABC):
-    """The family of filters that are one section with H(1) = 1: such a filter is its parameters and its `prepare`.
+    """The base class of filters with one section and H(1) = 1, each defined by its parameters and its `prepare`.
 
     Each parameter in Hz must lie below half the sample rate, where the prewarping ends.
     Source of the form: Oppenheim & Schafer, Discrete-Time Signal Processing, section 6.3 (direct form II transposed).
@@ -125,7 +126,7 @@ class SecondOrderSection(Filter, ABC):
 
     @abstractmethod
     def prepare(self, T: Number) -> Section:
-        """The coefficients at a sample time in s."""
+        """Return the coefficients at a sample time in s."""
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
         for name, declared in declarations(type(self)).items():

@@ -34,7 +34,7 @@ class LowPass(Filter):
         output: Number
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """The corner lies below half the sample rate."""
+        """Yield the rule that the corner lies below half the sample rate."""
         yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
@@ -42,7 +42,7 @@ class LowPass(Filter):
         return self.Prepared(w / (1.0 + w), (w - 1.0) / (w + 1.0))
 
     def start(self, prepared: Any, value: Number) -> State:
-        """At rest with output = input = value."""
+        """Return the state at rest with output = input = value."""
         return self.State((prepared.b - prepared.a) * value, value)
 
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[State, Number]:
@@ -50,8 +50,6 @@ class LowPass(Filter):
         return self.State(prepared.b * value - prepared.a * output, output), output
 
     def retune(self, state: State, old: LowPass, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The output is continuous: the steady part of the state is converted from the old start state to the new
-        one.
-        """
+        """Keep the output continuous: convert the steady part of the state from the old start state to the new one."""
         steady = (prepared.b - prepared.a) - (old_prepared.b - old_prepared.a)
         return state._replace(delayed=state.delayed + steady * state.output)

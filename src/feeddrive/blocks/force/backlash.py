@@ -30,7 +30,7 @@ class Backlash(Force):
     lead_error: LeadError | None = part("lead error of the screw, if there is one too", default=None)
 
     def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
-        """The plant has a spring, and a lead error stands in `lead_error` only."""
+        """Raise StructureError if the plant has no spring, or if another force deflects the same spring."""
         check_spring(self.kind, plant)
         if any(isinstance(other, (Backlash, ScrewError)) for other in beside):
             raise StructureError(

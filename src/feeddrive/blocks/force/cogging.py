@@ -26,7 +26,7 @@ class Cogging(Force):
     harmonics: tuple[Harmonic, ...] = part("harmonics of the period", default=(Harmonic(order=1, share=1.0),))
 
     def check(self) -> None:
-        """There is at least one harmonic."""
+        """Raise StructureError unless there is at least one harmonic."""
         if not self.harmonics:
             raise StructureError("cogging.harmonics is empty: give at least one harmonic, or leave cogging out")
 

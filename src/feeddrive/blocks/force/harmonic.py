@@ -14,13 +14,13 @@ class Harmonic(Block):
     phase: Number = parameter("rad", "phase at x = 0", default=0)
 
     def at(self, angle: Number) -> Number:
-        """Its value at the angle 2π x / period of the fundamental."""
+        """Return its value at the angle 2π x / period of the fundamental."""
         turned = angle if self.order == 1 else float(self.order) * angle
         return self.share * ops.sin(turned + self.phase)
 
 
 def total(harmonics: tuple[Harmonic, ...], position: Number, period: Number) -> Number:
-    """The sum of all harmonics at a position; there is at least one."""
+    """Return the sum of all harmonics, at least one, at a position."""
     angle = 2.0 * ops.pi * position / period
     value = harmonics[0].at(angle)
     for harmonic in harmonics[1:]:

@@ -1,4 +1,4 @@
-"""A regenerative cutting force: it depends on the surface of the previous cut."""
+"""A regenerative cutting force, which depends on the surface left by the previous cut."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Regeneration(Force):
     remembered: int = choice("substeps of motion that are stored; they must cover the delay", default=4096, least=2)
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """The stored substeps cover the delay."""
+        """Yield the rule that the stored substeps cover the delay."""
         yield Rule(
             self.delay / h <= float(self.remembered - 1),
             "the substeps that the regeneration stores are not shorter than its delay",
@@ -41,7 +41,7 @@ class Regeneration(Force):
         )
 
     def start(self, plant: Plant, motion: Motion) -> History:
-        """The axis has been at rest."""
+        """Return the state of an axis that has been at rest."""
         return History.start(self.remembered, motion.position_load)
 
     def step(

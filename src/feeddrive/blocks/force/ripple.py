@@ -24,7 +24,7 @@ class Ripple(Force):
     harmonics: tuple[Harmonic, ...] = part("harmonics of the period; their shares are of the drive force")
 
     def check(self) -> None:
-        """There is at least one harmonic."""
+        """Raise StructureError unless there is at least one harmonic."""
         if not self.harmonics:
             raise StructureError("ripple.harmonics is empty: give at least one harmonic, or leave ripple out")
 

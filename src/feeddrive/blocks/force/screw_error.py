@@ -24,7 +24,7 @@ class ScrewError(Force):
     lead_error: LeadError = part("the error along the travel")
 
     def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
-        """The plant has a spring."""
+        """Raise StructureError if the plant has no spring."""
         check_spring(self.kind, plant)
 
     def step(self, state: Any, plant: Any, motion: Motion, drive: Any, time: Any, h: Number) -> tuple[Any, Any, Any]:

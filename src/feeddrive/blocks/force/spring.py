@@ -1,4 +1,4 @@
-"""Plants with a spring between motor and load body that a force block can modify."""
+"""The check for a spring between motor and load body that a force block can modify."""
 
 from __future__ import annotations
 

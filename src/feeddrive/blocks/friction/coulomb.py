@@ -30,10 +30,10 @@ class Coulomb(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """F = clip(-v_free / mobility, ±coulomb)."""
+        """Compute F = clip(-v_free / mobility, ±coulomb)."""
         stopping = -free_velocity / mobility
         return state, ops.clip(stopping, -self.coulomb, self.coulomb), ops.absolute(stopping) <= self.coulomb
 
     def steady(self, velocity: Number) -> Number:
-        """coulomb · sign(v) + viscous · v."""
+        """Return coulomb · sign(v) + viscous · v."""
         return self.coulomb * ops.sign(velocity) + self.viscous * velocity

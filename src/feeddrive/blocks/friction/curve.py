@@ -1,4 +1,4 @@
-"""The Stribeck curve, common to all friction laws that have one."""
+"""The Stribeck curve shared by the friction laws."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from feeddrive.language.text import Text
 def stribeck_level(
     velocity: Number, coulomb: Number, breakaway: Number, stribeck_velocity: Number, exponent: int = 2
 ) -> Number:
-    """coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent in N. Armstrong-Hélouvry et al. 1994."""
+    """Return coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent in N.
+
+    Source: Armstrong-Hélouvry et al. 1994.
+    """
     ratio = velocity / stribeck_velocity
     if exponent == 1:
         return coulomb + (breakaway - coulomb) * ops.exp(-ops.absolute(ratio))
@@ -24,7 +27,7 @@ def stribeck_level(
 def levels(
     kind: str, coulomb_name: str, coulomb: Number | None, breakaway_name: str, breakaway: Number | None
 ) -> Iterator[Rule]:
-    """The breakaway level is not below the Coulomb level, if both are given."""
+    """Yield the rule that the breakaway level is not below the Coulomb level, if both are given."""
     if coulomb is not None and breakaway is not None:
         yield Rule(
             breakaway >= coulomb,

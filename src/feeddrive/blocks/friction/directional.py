@@ -28,13 +28,13 @@ class Directional(Friction):
         return Nothing()
 
     def linear(self) -> Number:
-        """The smaller viscous part."""
+        """Return the smaller viscous coefficient, N s/m."""
         return ops.minimum(self.viscous_positive, self.viscous_negative)
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """F = clip(-v_free / mobility, -upper, lower) with levels at the velocity in the middle of the substep."""
+        """Compute F = clip(-v_free / mobility, -upper, lower) with levels at the middle velocity of the substep."""
         stopping = -free_velocity / mobility
         guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb_positive, self.coulomb_negative)
         middle = 0.5 * (velocity + guess)
@@ -45,7 +45,7 @@ class Directional(Friction):
         return state, ops.clip(stopping, -upper, lower), stuck
 
     def steady(self, velocity: Number) -> Number:
-        """The curve of the direction of v."""
+        """Return the curve for the direction of v."""
         forward = self.coulomb_positive + self.viscous_positive * velocity
         backward = -self.coulomb_negative + self.viscous_negative * velocity
         return ops.where(velocity > 0.0, forward, ops.where(velocity < 0.0, backward, 0.0))

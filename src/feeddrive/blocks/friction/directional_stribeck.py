@@ -31,7 +31,7 @@ class DirectionalStribeck(Friction):
     exponent: int = choice("2: Gaussian curve, 1: exponential curve (Tustin)", options=(1, 2), default=2)
 
     def rules(self) -> Iterator[Rule]:
-        """The breakaway levels are not below the Coulomb levels."""
+        """Yield the rules that the breakaway levels are not below the Coulomb levels."""
         for way, coulomb, breakaway in (
             ("positive", self.coulomb_positive, self.breakaway_positive),
             ("negative", self.coulomb_negative, self.breakaway_negative),
@@ -45,7 +45,7 @@ class DirectionalStribeck(Friction):
         return self.viscous
 
     def levels(self, velocity: Number) -> tuple[Number, Number]:
-        """The two curves in N at |v|: for motion towards v > 0 and towards v < 0."""
+        """Return the two curves in N at |v|: for motion towards v > 0 and towards v < 0."""
         v = self.stribeck_velocity
         return (
             stribeck_level(velocity, self.coulomb_positive, self.breakaway_positive, v, self.exponent),
@@ -55,7 +55,7 @@ class DirectionalStribeck(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """F = clip(-v_free / mobility, -positive level, negative level)."""
+        """Compute F = clip(-v_free / mobility, -positive level, negative level)."""
         stopping = -free_velocity / mobility
         guess = free_velocity + mobility * ops.clip(stopping, -self.breakaway_positive, self.breakaway_negative)
         positive, negative = self.levels(0.5 * (velocity + guess))
@@ -63,7 +63,7 @@ class DirectionalStribeck(Friction):
         return state, ops.clip(stopping, -positive, negative), stuck
 
     def steady(self, velocity: Number) -> Number:
-        """level(v) · sign(v) + viscous · v."""
+        """Return level(v) · sign(v) + viscous · v."""
         positive, negative = self.levels(velocity)
         dry = ops.where(velocity > 0.0, positive, ops.where(velocity < 0.0, -negative, 0.0))
         return dry + self.viscous * velocity

@@ -1,4 +1,4 @@
-"""Generalized Maxwell slip: friction as springs in parallel, each of which sticks or slips for itself."""
+"""Generalized Maxwell slip: friction as parallel springs, each of which sticks or slips independently."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class GeneralizedMaxwellSlip(Friction):
     With breakaway = coulomb it is a sum of stops (Masing, Prandtl-Ishlinskii), whatever the attraction: after a
     reversal the force runs along the curve of the first loading at twice its scale.  Steady, it is the Stribeck curve.
 
-    When to use: quadrant errors of some micrometers, where what the table does after a reversal depends on how it came
-    there.  When not: if presliding does not matter (`Stribeck` costs a tenth); there is no exact standstill.  A mass m
-    vibrates in presliding at √(Σ k_i/m), 78 Hz for 9.6 N/um and 40 kg: substeps should be a fifth of 1/ω.
+    When to use: quadrant errors of some micrometers, where the motion of the table after a reversal depends on its
+    history.  When not: if presliding does not matter (`Stribeck` costs a tenth); there is no exact standstill.  A mass
+    m vibrates in presliding at √(Σ k_i/m), 78 Hz for 9.6 N/um and 40 kg: substeps should be a fifth of 1/ω.
     Source: Lampaert, Al-Bender & Swevers 2003; Al-Bender, Lampaert & Swevers 2005. The implicit step is this library's.
     """
 
@@ -49,7 +49,7 @@ class GeneralizedMaxwellSlip(Friction):
         slips: tuple[Any, ...]
 
     def check(self) -> None:
-        """Both tables have an entry for each element."""
+        """Raise ParameterError unless both tables have an entry for each element."""
         if ops.length(self.stiffness) != ops.length(self.share):
             raise ParameterError(
                 f"{self.kind}: stiffness has {ops.length(self.stiffness)} entries and share {ops.length(self.share)}: "
@@ -57,11 +57,11 @@ class GeneralizedMaxwellSlip(Friction):
             )
 
     def rules(self) -> Iterator[Rule]:
-        """The breakaway level is not below the Coulomb level."""
+        """Yield the rule that the breakaway level is not below the Coulomb level."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> State:
-        """Every element slips with its share; at rest none bears anything."""
+        """Return the state in which every element slips with its share; at rest all forces are 0."""
         going, level = ops.sign(velocity), self.level(velocity)
         elements = range(ops.length(self.stiffness))
         return self.State(tuple(self._most(i, level) * going for i in elements), tuple(going for _ in elements))
@@ -70,13 +70,13 @@ class GeneralizedMaxwellSlip(Friction):
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """The Stribeck curve in N."""
+        """Return the Stribeck curve in N."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity)
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[State, Number, Any]:
-        """The equations above; never stuck."""
+        """Compute the equations of the class; the body is never stuck."""
         lines = [
             self._line(i, step, force, slips, velocity)
             for i, (force, slips) in enumerate(zip(state.force, state.slips, strict=True))
@@ -93,7 +93,7 @@ class GeneralizedMaxwellSlip(Friction):
         return self.State(forces, slips), -total, False
 
     def _line(self, i: int, h: Number, force: Number, slips: Number, velocity: Number) -> tuple[Any, ...]:
-        """Of element i: F_i at standstill, its slope in the velocity, two bounds, α_i s, and sgn(v) if it slips on."""
+        """Return for element i: F_i at standstill, its slope versus v, two bounds, α_i s, and sgn(v) if it slips."""
         level = self.level(velocity)
         most = self._most(i, level)
         slope = ops.gather(self.stiffness, float(i)) * h
@@ -106,22 +106,22 @@ class GeneralizedMaxwellSlip(Friction):
         return base, slope, low, high, most, going
 
     def _most(self, i: int, level: Number) -> Any:
-        """α_i s, N."""
+        """Return α_i s, N."""
         whole: Any = 0.0
         for j in range(ops.length(self.share)):
             whole = whole + ops.gather(self.share, float(j))
         return ops.gather(self.share, float(i)) / whole * level
 
     def steady(self, velocity: Number) -> Number:
-        """level(v) · sign(v) + viscous · v."""
+        """Return level(v) · sign(v) + viscous · v."""
         return self.level(velocity) * ops.sign(velocity) + self.viscous * velocity
 
 
 def _end(lines: list[tuple[Any, ...]], free: Number, mobility: Number) -> Any:
-    """The one v with v = free - mobility Σ clip(base + slope v, low, high).
+    """Return the unique root v of v = free - mobility Σ clip(base + slope v, low, high).
 
-    miss(v) = v - free + mobility Σ ... rises; v lies between the last corner at which it is <= 0 and the first at which
-    it is >= 0, on a straight line, and beyond all corners every element is at its bound.
+    miss(v) = v - free + mobility Σ ... increases with v. The root lies on the straight line between the last corner
+    with miss <= 0 and the first with miss >= 0; beyond all corners every element is at its bound.
     """
 
     def total(values: list[Any]) -> Any:
@@ -147,7 +147,7 @@ def _end(lines: list[tuple[Any, ...]], free: Number, mobility: Number) -> Any:
 
 
 def _miss(lines: list[tuple[Any, ...]], v: Any, free: Number, mobility: Number) -> Any:
-    """The residual of the equation of motion at v, m/s."""
+    """Return the residual of the equation of motion at v, m/s."""
     force: Any = 0.0
     for i, (base, slope, low, high, _, _) in enumerate(lines):
         each = ops.clip(base + slope * v, low, high)

@@ -43,24 +43,27 @@ class Lugre(Friction):
         deflection: Number
 
     def rules(self) -> Iterator[Rule]:
-        """The breakaway level is not below the Coulomb level."""
+        """Yield the rule that the breakaway level is not below the Coulomb level."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> State:
-        """Bristles straight."""
+        """Return the state with undeflected bristles."""
         return self.State(0.0)
 
     def linear(self) -> Number:
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """The Stribeck curve in N."""
+        """Return the Stribeck curve in N."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity)
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[State, Number, Any]:
-        """The equations above, once with the level at the start and once with that at the middle; never stuck."""
+        """Compute the equations of the class, with the level at the initial and then at the middle velocity.
+
+        The body is never stuck.
+        """
         guess, _ = self._solve(step, state.deflection, self.level(velocity), free_velocity, mobility)
         level = self.level(0.5 * (velocity + guess))
         _, deflection = self._solve(step, state.deflection, level, free_velocity, mobility)
@@ -70,7 +73,7 @@ class Lugre(Friction):
     def _solve(
         self, h: Number, z: Number, level: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Number, Number]:
-        """Velocity and deflection at the end of the substep for a given level."""
+        """Return velocity and deflection at the end of the substep for a given level."""
         a = h * self.bristle_stiffness / level
         A = mobility * (self.bristle_stiffness + self.bristle_damping / h)
         B = free_velocity + mobility * self.bristle_damping * z / h
@@ -84,5 +87,5 @@ class Lugre(Friction):
         return s * w, (z + h * s * w) / (1.0 + a * w)
 
     def steady(self, velocity: Number) -> Number:
-        """level(v) · sign(v) + viscous · v."""
+        """Return level(v) · sign(v) + viscous · v."""
         return self.level(velocity) * ops.sign(velocity) + self.viscous * velocity

@@ -44,11 +44,11 @@ class Regularised(Friction):
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
 
     def check(self) -> None:
-        """The Stribeck curve is given whole or not at all."""
+        """Raise ParameterError unless both parameters of the Stribeck curve are given, or neither."""
         check_pair(self.kind, "breakaway", self.breakaway, "stribeck_velocity", self.stribeck_velocity)
 
     def rules(self) -> Iterator[Rule]:
-        """The levels of the Stribeck curve fall with speed."""
+        """Yield the rules that the levels of the Stribeck curve fall with speed."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 
@@ -72,7 +72,7 @@ class Regularised(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """The force with the level at the velocity in the middle of the substep; never stuck."""
+        """Compute the force with the level at the velocity in the middle of the substep; the body is never stuck."""
         if self.breakaway is None:
             level = self._coulomb(free_velocity)
         else:
@@ -81,7 +81,7 @@ class Regularised(Friction):
         return state, self._force(level, free_velocity, mobility), False
 
     def _force(self, level: Number, free_velocity: Number, mobility: Number) -> Number:
-        """-level tanh(v / v_t) with v = v_free + mobility F."""
+        """Return F = -level tanh(v / v_t) with v = v_free + mobility F."""
         c = mobility * level / self.transition_velocity
         s = ops.absolute(free_velocity) / self.transition_velocity
         # three estimates, each good in one range: both terms linear, tanh = 1, and u small against c tanh u
@@ -98,6 +98,6 @@ class Regularised(Friction):
         return ops.where(free_velocity < 0.0, force, -force)
 
     def steady(self, velocity: Number) -> Number:
-        """level(v) tanh(v / transition_velocity) + viscous · v."""
+        """Return level(v) tanh(v / transition_velocity) + viscous · v."""
         smooth = ops.tanh(velocity / self.transition_velocity)
         return self._level(velocity, velocity) * smooth + self.viscous * velocity

@@ -29,7 +29,7 @@ class Stribeck(Friction):
     exponent: int = choice("2: Gaussian curve, 1: exponential curve (Tustin)", options=(1, 2), default=2)
 
     def rules(self) -> Iterator[Rule]:
-        """The breakaway level is not below the Coulomb level."""
+        """Yield the rule that the breakaway level is not below the Coulomb level."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> Nothing:
@@ -39,18 +39,18 @@ class Stribeck(Friction):
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """The Stribeck curve in N."""
+        """Return the Stribeck curve in N."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity, self.exponent)
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """F = clip(-v_free / mobility, ±level(v_middle))."""
+        """Compute F = clip(-v_free / mobility, ±level(v_middle))."""
         stopping = -free_velocity / mobility
         guess = free_velocity + mobility * ops.clip(stopping, -self.breakaway, self.breakaway)
         level = self.level(0.5 * (velocity + guess))
         return state, ops.clip(stopping, -level, level), ops.absolute(stopping) <= level
 
     def steady(self, velocity: Number) -> Number:
-        """level(v) · sign(v) + viscous · v."""
+        """Return level(v) · sign(v) + viscous · v."""
         return self.level(velocity) * ops.sign(velocity) + self.viscous * velocity

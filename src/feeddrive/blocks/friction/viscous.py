@@ -21,15 +21,15 @@ class Viscous(Friction):
         return Nothing()
 
     def linear(self) -> Number:
-        """The viscous coefficient, N s/m: all of this friction is in the linear core."""
+        """Return the viscous coefficient, N s/m: all of this friction is in the linear core."""
         return self.viscous
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """No force beyond the linear core, never stuck."""
+        """Return no force beyond that of the linear core; the body is never stuck."""
         return state, 0.0, False
 
     def steady(self, velocity: Number) -> Number:
-        """viscous · v."""
+        """Return viscous · v."""
         return self.viscous * velocity

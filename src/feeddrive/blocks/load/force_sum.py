@@ -19,7 +19,7 @@ class ForceSum(Load):
     loads: tuple[Load, ...] = part("loads that are added")
 
     def check(self) -> None:
-        """There is at least one load."""
+        """Raise StructureError unless there is at least one load."""
         if not are_all(self.loads, Load):
             raise StructureError("force_sum.loads must be a tuple of loads, at least one")
 

@@ -48,7 +48,7 @@ class MillingForce(Load):
     end: Number | None = parameter("s", "instant at which it ends; absent: it does not end", default=None)
 
     def check(self) -> None:
-        """Exactly one source of the chip; the end comes after the start."""
+        """Raise StructureError unless there is one source of the chip, ParameterError unless end > start."""
         check_single(self)
         check_single(self.cutter)
         check_order(self.kind, self.start, self.end)
@@ -76,7 +76,7 @@ class MillingForce(Load):
         return np.where(acts, components[self.component], 0.0)
 
     def _feed(self, t: np.ndarray) -> tuple[Any, Any, Any]:
-        """Chip load in m and the direction of the feed."""
+        """Return the chip load in m and the direction of the feed."""
         if self.chip_load is not None:
             return self.chip_load, float(np.cos(self.direction)), float(np.sin(self.direction))
         x, y = (np.asarray(reference.at(t).velocity) for reference in self.references)

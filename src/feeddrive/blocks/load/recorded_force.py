@@ -20,7 +20,7 @@ class RecordedForce(Load):
     sample_time: Number = parameter("s", "time from row to row", above=0)
 
     def check(self) -> None:
-        """One sample time."""
+        """Raise StructureError if a parameter holds variants."""
         check_single(self)
 
     def at(self, t: np.ndarray) -> np.ndarray:

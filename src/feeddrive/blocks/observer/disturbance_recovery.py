@@ -37,11 +37,11 @@ class DisturbanceRecovery(Observer):
         two_poles    the same twice, one behind the other
         butterworth  second order, by Tustin with prewarping
 
-    It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  `lag` says by how
-    much a force that is held over each sample comes late while the motor's stands: 1.5 T and the delay of the filter,
-    about √2/(2π frequency) of the second order.  A force that rises evenly within the samples comes T late.  Each is
-    T/2 less under a law that cancels the force: F_m(k-1) then is newer than the mean over the two samples that the
-    double difference sees.
+    It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  `lag` is the delay
+    for a force that is held over each sample while the motor force is constant: 1.5 T and the delay of the filter,
+    about √2/(2π frequency) of the second order.  The delay for a force that rises evenly within the samples is T. Each
+    is T/2 shorter under a law that cancels the force: F_m(k-1) then is newer than the mean over the two samples that
+    the double difference sees.
     When to use: under any law, to see a cutting force or to reject it.  When not: with a mode of the axis inside the
     filter's band; and with a coarse encoder take `KalmanRecovery`.
     Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.
@@ -58,7 +58,7 @@ class DisturbanceRecovery(Observer):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> DisturbanceRecovery:
-        """A corner well below the rate of the loop, on the encoder of the velocity."""
+        """Return start values with a corner well below the rate of the loop, on the velocity encoder."""
         return begun(cls, axis, frequency=0.2 * axis.rate, encoder=axis.velocity_encoder)
 
     class Prepared(NamedTuple):
@@ -76,12 +76,12 @@ class DisturbanceRecovery(Observer):
         filter: tuple[Any, ...]
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """The corner of the filter lies below half the sample rate."""
+        """Yield the rule that the corner of the filter lies below half the sample rate."""
         if self.form != "exact":
             yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
-        """The filter's coefficients."""
+        """Compute the coefficients of the filter."""
         if self.form in ("one_pole", "two_poles"):
             return self.Prepared((ops.exp(-2.0 * ops.pi * self.frequency * T),), ())
         if self.form == "butterworth":
@@ -89,7 +89,7 @@ class DisturbanceRecovery(Observer):
         return self.Prepared((), ())
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Moving evenly at the reading: the disturbance is what the force that acts must hold."""
+        """Return the state of steady motion at the reading, with the disturbance that balances the acting force."""
         position, held = self._position(reading), self.viscous * reading.velocity - reading.applied
         kept: tuple[Any, ...] = (held,) * self._poles()
         if prepared.section:
@@ -119,15 +119,16 @@ class DisturbanceRecovery(Observer):
         return after, Estimate(position, velocity, force)
 
     def retune(self, state: State, old: DisturbanceRecovery, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The filtered force goes on."""
+        """Convert the state so that the filtered force is continuous."""
         if not prepared.section:
             return state
         return state._replace(filter=(retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """The delay for a held force beside a motor force that stands, in s; other forces come up to T earlier.
+        """Return the delay in s for a held disturbance at constant motor force; others come up to T earlier.
 
-        1.5 T of the double difference, and of the filter α/(1 - α) T or the slope of its phase at 0 Hz.
+        It is 1.5 T for the double difference, plus α/(1 - α) T for each pole, or the slope of the section's phase at 0
+        Hz.
         """
         samples: Any = 1.5
         if prepared.pole:

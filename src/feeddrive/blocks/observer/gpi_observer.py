@@ -1,4 +1,4 @@
-"""The observer of generalized proportional integral (GPI) control: the disturbance is a Taylor polynomial in time."""
+"""The observer of generalized proportional integral (GPI) control, with a Taylor polynomial in time as disturbance."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class GpiObserver(Observer):
 
         z(k) = F z(k-1) + Gu u(k-1) + Gy0 y(k-1) + Gy1 y(k),    F = e^(A T)
 
-    A reading that stands leaves z = (y, 0, ...) where it is, so that F, Gy0 and Gy1 add up to it; hence only the
-    change of y enters, and z_0 is kept as its distance from y.  No digit is lost far from zero, not even in float32.
+    A constant reading leaves z = (y, 0, ...) unchanged, so that F, Gy0 and Gy1 add up to it; hence only the change of y
+    enters, and z_0 is kept as its distance from y.  No digit is lost far from zero, not even in float32.
 
-    When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  When not: to take out what lies
-    near omega_o or above it.  The estimate there has the wrong size and phase, and subtracting it makes things worse:
+    When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  When not: to reject disturbances
+    near omega_o or above it. Their estimate has the wrong amplitude and phase, and subtracting it increases the error:
     4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Nor with a mode of the axis near it.
     `hold = "zero_order"` keeps the reading instead, for comparison: it allows a fifteenth of the sample time.
     Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is ours.
@@ -81,7 +81,7 @@ class GpiObserver(Observer):
         brake: tuple[Number, ...] = ()
 
     def polynomial(self) -> Row:
-        """Coefficients of the error's polynomial in s / omega_o, from the highest power (1) down to the constant."""
+        """Return the coefficients of the error's polynomial in s / omega_o, from the highest power (1) down."""
         order = 2 + self.taylor_states
         made: Row = (1.0,)
         for _ in range(order // 2):
@@ -91,7 +91,7 @@ class GpiObserver(Observer):
         return made
 
     def gains(self) -> Row:
-        """The λ from that of x̂1 on: the coefficients of the polynomial in s, in 1/s, 1/s², ..."""
+        """Return the gains λ, beginning with that of x̂1: the coefficients of the polynomial in s, in 1/s, 1/s², ..."""
         rate, gains = self.omega_o, []
         for coefficient in self.polynomial()[1:]:
             gains.append(coefficient * rate)
@@ -99,11 +99,11 @@ class GpiObserver(Observer):
         return tuple(gains)
 
     def prepare(self, T: Number) -> Prepared:
-        """The exact sampled form: one matrix exponential, with u and the slope of y as inputs that stay."""
+        """Compute the exact sampled form by one matrix exponential, with u and the slope of y as constant inputs."""
         return self._sampled(matrix.expm1(self._rate(T)), 1.0)
 
     def _rate(self, T: Number) -> Matrix:
-        """A T of the states, of u and of the change of y in a sample."""
+        """Return A T of the states, of u and of the change of y in a sample."""
         order = 2 + self.taylor_states
         turn = self.omega_o * T
         rate = matrix.zeros(order + 2, order + 2)
@@ -112,22 +112,22 @@ class GpiObserver(Observer):
             if i + 1 < order:
                 rate[i][i + 1] = turn
         rate[1][order] = turn  # of u / omega_o²
-        rate[0][order + 1] = -1.0  # of the change of y in a sample, since z_0 is seen from y
+        rate[0][order + 1] = -1.0  # of the change of y in a sample, since z_0 is relative to y
         return tuple(map(tuple, rate))
 
     def _sampled(self, change: Matrix, share: Number) -> Prepared:
-        """The sampled form from e^(share A T) - 1: for a sample that takes this share of T."""
+        """Return the sampled form from e^(share A T) - 1, for a sample that takes this share of T."""
         order = 2 + self.taylor_states
         F = tuple(tuple(x + 1.0 if i == j else x for j, x in enumerate(row[:order])) for i, row in enumerate(change))
         per_force = 1.0 / (self.mass * self.omega_o * self.omega_o)
         Gu = tuple(row[order] * per_force for row in change[:order])
         Gy = tuple(row[order + 1] if matrix.is_one(share) else row[order + 1] / share for row in change[:order])
         if self.hold == "zero_order":
-            Gy = (-1.0, *(0.0,) * (order - 1))  # y jumps at kT, and nothing has answered it yet
+            Gy = (-1.0, *(0.0,) * (order - 1))  # y jumps at kT, and no state has responded yet
         return self.Prepared(F[:order], Gu, Gy)
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Moving evenly at the reading; the disturbance is the one given, or balances the force that acts."""
+        """Return the state of steady motion at the reading; its disturbance is given, or balances the force."""
         position = self._position(reading)
         z = [ops.zero(position)] * (2 + self.taylor_states)
         z[1] = reading.velocity / self.omega_o
@@ -141,7 +141,7 @@ class GpiObserver(Observer):
         return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
-        """The equations above; u is the force that acted in the last sample, as commanded after the limit."""
+        """Compute the equations of the class; u is the force that acted in the last sample, after the limit."""
         y = self._position(reading)
         commands = (reading.applied, *state.pending)
         acted = commands[-1] + state.brake[0] if state.brake else commands[-1]
@@ -155,7 +155,7 @@ class GpiObserver(Observer):
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def retune(self, state: State, old: GpiObserver, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Velocity in m/s, disturbance in N and its derivatives go on: z_i omega_o^i, the disturbance's times mass."""
+        """Keep velocity in m/s, disturbance in N and its derivatives: z_i omega_o^i, for the disturbance times mass."""
         slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
         z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower
         for held in state.z[2:]:
@@ -164,14 +164,15 @@ class GpiObserver(Observer):
         return state._replace(z=tuple(z))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """The delay for a disturbance that rises evenly: 0.0, except for a single Taylor state."""
+        """Return the delay of the estimate of a ramp disturbance: 0.0, except for a single Taylor state."""
         coefficients = self.polynomial()
         return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """omega_o is slow enough for the sample time: subtracting the disturbance from a rigid axis is stable.
+        """Yield the rule that omega_o is slow enough for the sample time.
 
-        It must be so at T/2, T/4, ... as well: what is stable again beyond a gap is so by chance.
+        A rigid axis with the disturbance subtracted must be stable at T, and at T/2, T/4, ... as well: stability beyond
+        a gap is accidental.
         """
         if self.taylor_states:
             halved, squarings = matrix.expm1_doubled(self._rate(T))
@@ -186,7 +187,7 @@ class GpiObserver(Observer):
             )
 
     def _refusal(self, T: float) -> str:
-        """The error: by how much omega_o is too fast, and the nearest admissible numbers."""
+        """Return the error text: by how much omega_o is too fast, and the nearest admissible values."""
         real = 1.0 if self.p0 is None else self.p0 / self.omega_o
         most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
         turn = self.omega_o * T
@@ -198,19 +199,19 @@ class GpiObserver(Observer):
         )
 
     def growth(self, T: Number) -> Any:
-        """The largest |z| of the loop u = -ẑ1 around q'' = u, with the dead time."""
+        """Return the spectral radius of the loop u = -ẑ1 around q'' = u, with the dead time."""
         return matrix.growth(self._rejecting(self.prepare(T), T))
 
     def _rejecting(self, made: Prepared, T: Number) -> list[list[Any]]:
-        """The matrix of one sample of the loop u = -ẑ1 around q'' = u, with the dead time.
+        """Return the transition matrix of the loop u = -ẑ1 around q'' = u over one sample, with the dead time.
 
-        Seen from the true motion (z_0 from q, z_1 from q') the observer is on its own: the loop's other poles, two at 1
+        Relative to the true motion (z_0 to q, z_1 to q') the observer is autonomous: the loop's other poles, two at 1
         without a position controller, drop out.
         """
         order, late = 2 + self.taylor_states, self.delay_samples
         square = self.omega_o * self.omega_o
         rows: list[list[Any]] = [[*row, *(0.0,) * late] for row in made.F] + matrix.zeros(late, order + late)
-        # u = -omega_o² z_2, by way of the commands that have not acted yet
+        # u = -omega_o² z_2, through the commands that have not acted yet
         for i in range(late):
             rows[order + i][2 if i == 0 else order + i - 1] = -square if i == 0 else 1.0
         acting, size = (order + late - 1, 1.0) if late else (2, -square)
@@ -223,7 +224,7 @@ class GpiObserver(Observer):
 
 @cache
 def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samples: int) -> float:
-    """The first omega_o T at which the loop of `growth` is no longer stable; what is stable again beyond is chance."""
+    """Return the first omega_o T at which the loop of `growth` is unstable; stability beyond it is accidental."""
     shape = GpiObserver(
         mass=1.0, omega_o=1.0, p0=p0, taylor_states=taylor_states, zeta_o=zeta_o, hold=hold, delay_samples=delay_samples
     )
@@ -234,7 +235,7 @@ def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samp
 
 
 def _product(a: Row, b: Row) -> Row:
-    """Coefficients of the product of two polynomials."""
+    """Return the coefficients of the product of two polynomials."""
     coefficients: list[Any] = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):

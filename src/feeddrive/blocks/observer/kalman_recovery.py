@@ -1,4 +1,4 @@
-"""Disturbance estimate from a Kalman filter of a rigid axis."""
+"""Disturbance estimate by a Kalman filter of a rigid axis."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.matrix import Matrix, Row
 
-LARGEST_RATIO = 1e5  # of ρ: the gain is nearly the one without noise, and above it the equation loses its digits
-DOUBLINGS = 24  # of the Riccati equation: as many as 2²⁴ samples of the filter, more than the slowest needs to settle
+LARGEST_RATIO = 1e5  # of ρ: the gain is nearly that without noise; above it the Riccati equation loses digits
+DOUBLINGS = 24  # of the Riccati equation: 2²⁴ samples of the filter, more than the slowest one needs to settle
 
 
 class KalmanRecovery(Observer):
@@ -58,7 +58,7 @@ class KalmanRecovery(Observer):
         pending: tuple[Number, ...]
 
     def prepare(self, T: Number) -> Prepared:
-        """Hold and gain, from a problem in which position noise is 1 and the force walks by w, w = ∛ρ."""
+        """Compute hold and gain from a normalized problem: position noise 1, and a force that walks by w = ∛ρ."""
         noise = 0.2886751345948129 * self.resolution  # 1/√12
         ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)
         w = ops.exp(ops.log(ratio) / 3.0)
@@ -67,12 +67,12 @@ class KalmanRecovery(Observer):
         a, b, c, d = change[0][1], change[0][2], change[1][1], change[1][2]
         steady = riccati(((1.0, a, b), (0.0, 1.0 + c, d), (0.0, 0.0, 1.0)), w * w)
         gain = tuple(row[0] / (steady[0][0] + 1.0) for row in steady)
-        # back to SI: v is in noise w/T, the force in m noise w²/T²
+        # back to SI: v is in units of noise w/T, the force in m noise w²/T²
         v, force = w / T, self.mass * w * w / (T * T)
         return self.Prepared(a / v, b / force, c, d * v / force, (gain[0], gain[1] * v, gain[2] * force))
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Moving evenly at the reading: the disturbance is what the force that acts must hold."""
+        """Return the state of steady motion at the reading, with the disturbance that balances the acting force."""
         held = self.viscous * reading.velocity - reading.applied
         return self.State(self._position(reading), reading.velocity, held, (reading.applied,) * self.delay_samples)
 
@@ -80,7 +80,7 @@ class KalmanRecovery(Observer):
         return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
-        """Predict with the command that acted, correct with the reading."""
+        """Predict with the command that acted, and correct with the reading."""
         commands = (reading.applied, *state.pending)
         force = state.disturbance + commands[-1]
         position = state.position + (prepared.x_of_v * state.velocity + prepared.x_of_force * force)
@@ -93,24 +93,25 @@ class KalmanRecovery(Observer):
         return after, Estimate(position, velocity, disturbance)
 
     def retune(self, state: State, old: KalmanRecovery, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state as it is: position, velocity and forces."""
+        """Return the state unchanged: position, velocity and forces."""
         return state
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """The lasting error under a force that rises steadily, over its slope."""
+        """Return the delay: the steady-state error under a ramp force, divided by the slope of the ramp."""
         x, v, force = prepared.gain
         share = prepared.v_of_v / prepared.x_of_v
         return T * (v - share * x) / (force * (prepared.v_of_force - share * prepared.x_of_force))
 
 
 def riccati(transition: Matrix, walk: Number) -> Matrix:
-    """The steady covariance before a correction, of a position measured with noise 1 and a third state that walks.
+    """Return the steady covariance before a correction: a position with noise 1, and a third state on a random walk.
 
-    P = Φ (P⁻¹ + Cᵀ C)⁻¹ Φᵀ + Q, C = (1 0 0), Q = diag(0, 0, walk), by the doubling that goes 2ⁿ samples in n steps:
+    P = Φ (P⁻¹ + Cᵀ C)⁻¹ Φᵀ + Q, C = (1 0 0), Q = diag(0, 0, walk), by doubling, which covers 2ⁿ samples in n steps:
 
         W = (1 + Y P)⁻¹,   P <- P + A P W Aᵀ,   Y <- Y + Aᵀ W Y A,   A <- A Wᵀ A
 
-    with A = Φ, Y = Cᵀ C, P = Q at first.  1 + Y P has a determinant >= 1, and its inverse is written out.
+    with the initial values A = Φ, Y = Cᵀ C, P = Q. 1 + Y P has a determinant >= 1, and its inverse is computed
+    explicitly.
     """
     a: Matrix = transition
     y: Matrix = ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -129,7 +130,7 @@ def _transposed(a: Matrix) -> Matrix:
 
 
 def _inverse(a: Matrix) -> Matrix:
-    """Of three rows, by cofactors: without pivoting."""
+    """Return the inverse of a matrix of three rows, by cofactors and without pivoting."""
 
     def cofactor(i: int, j: int) -> Number:
         up, down, left, right = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3

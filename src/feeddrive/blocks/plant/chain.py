@@ -1,4 +1,4 @@
-"""Mass and stiffness matrices of masses in a row with springs between neighbors."""
+"""Mass, damping and stiffness matrices of a chain of masses with springs between neighbors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def chain(
     viscous: Sequence[Number],
     motor: int,
 ) -> Mechanics:
-    """n masses (kg) in a row; spring i holds (stiffness N/m, damping N s/m) and joins masses i and i+1.
+    """Return the matrices of n masses (kg) in a row; spring i (stiffness N/m, damping N s/m) joins masses i and i+1.
 
     `viscous` is the friction of each mass against the ground, N s/m.  The drive acts on the first mass, the encoder
     `motor` sits on that mass, the load is the last.

@@ -19,5 +19,5 @@ class LeadError(Block):
     spacing: Number = parameter("m", "distance between entries", above=0)
 
     def at(self, position: Number) -> Number:
-        """e in m."""
+        """Return e at a position, m."""
         return ops.interpolate(self.row, (position - self.start) / self.spacing)

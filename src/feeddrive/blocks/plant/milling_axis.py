@@ -24,7 +24,7 @@ class MillingAxis(Plant):
     c_t: Number = parameter("N m s/rad", "viscous friction of the screw's bearings", least=0, default=0)
 
     def mechanics(self) -> Mechanics:
-        """M = carriage_mass + inertia / a², C = c_b + c_t / a², K = 0."""
+        """Return M = carriage_mass + inertia / a², C = c_b + c_t / a², K = 0."""
         ratio = radians_per_metre(self.lead)
         mass = self.carriage_mass + reflected(self.inertia, ratio)
         viscous = self.c_b + reflected(self.c_t, ratio)

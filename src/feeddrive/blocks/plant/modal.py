@@ -24,7 +24,7 @@ class Modal(Plant):
     modes: tuple[Mode, ...] = part("structural modes in parallel", default=())
 
     def mechanics(self) -> Mechanics:
-        """Diagonal matrices; the rigid coordinate is the last, as the axis needs for exact standstill."""
+        """Return the diagonal matrices; the rigid coordinate is the last, as the axis needs for exact standstill."""
         n = len(self.modes) + 1
         mass, damping, stiffness = (matrix.zeros(n, n) for _ in range(3))
         for i, mode in enumerate(self.modes):

@@ -22,10 +22,10 @@ class Mode(Block):
     load: Number = parameter("", "mode shape at the load's body", default=1)
 
     def stiffness(self) -> Number:
-        """mass ω² in N/m."""
+        """Return the stiffness mass ω², N/m."""
         omega = 2.0 * ops.pi * self.frequency
         return self.mass * omega * omega
 
     def damping(self) -> Number:
-        """2 damping_ratio mass ω in N s/m."""
+        """Return the damping 2 damping_ratio mass ω, N s/m."""
         return 4.0 * ops.pi * self.frequency * self.damping_ratio * self.mass

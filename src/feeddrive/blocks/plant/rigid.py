@@ -19,5 +19,5 @@ class Rigid(Plant):
     viscous: Number = parameter("N s/m", "viscous friction of the guideway", least=0, default=0)
 
     def mechanics(self) -> Mechanics:
-        """M = mass, C = viscous, K = 0."""
+        """Return M = mass, C = viscous, K = 0."""
         return Mechanics(mass=((self.mass,),), damping=((self.viscous,),), stiffness=((0.0,),), shape=((1.0,),))

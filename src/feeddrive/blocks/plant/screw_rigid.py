@@ -26,7 +26,7 @@ class ScrewRigid(Plant):
     viscous_load: Number = parameter("N s/m", "viscous friction of the guideway", least=0, default=0)
 
     def mechanics(self) -> Mechanics:
-        """M = total mass, C = the viscous terms, K = 0."""
+        """Return M = total mass, C = the viscous terms, K = 0."""
         ratio = radians_per_metre(self.lead)
         turning = self.inertia_screw + self.gear * self.gear * self.inertia_motor
         total = self.mass + reflected(turning, ratio)

@@ -7,10 +7,10 @@ from feeddrive.language.block import Number
 
 
 def radians_per_metre(lead: Number) -> Number:
-    """Angle of the screw per table motion, 2π / lead, in rad/m."""
+    """Return the angle of the screw per table motion, 2π / lead, in rad/m."""
     return 2.0 * ops.pi / lead
 
 
 def reflected(inertia: Number, ratio: Number) -> Number:
-    """A rotary quantity seen at the table: J ratio² in kg for kg m², or in N s/m for N m s/rad; ratio in rad/m."""
+    """Return a rotary quantity seen at the table: J ratio² in kg for kg m², or N s/m for N m s/rad; ratio in rad/m."""
     return inertia * ratio * ratio

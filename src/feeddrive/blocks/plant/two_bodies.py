@@ -20,11 +20,11 @@ from feeddrive.language.errors import StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-LEAST_CONTROL = 1e-6  # of 1, which is a table that only its screw moves: below it the gains lose all their digits
+LEAST_CONTROL = 1e-6  # 1 for a table that only its screw moves; below this limit the gains lose all their digits
 
 
 class TwoBodies(NamedTuple):
-    """The matrices of the equation above; 0.0 that stands in the text is a term that is not there."""
+    """The matrices of the equation in the module; a literal 0.0 is a term that is absent."""
 
     m11: Number
     m12: Number
@@ -36,30 +36,33 @@ class TwoBodies(NamedTuple):
 
     @property
     def led(self) -> Number:
-        """m22 + m12 in kg: the mass that the spring accelerates when both bodies accelerate alike."""
+        """The mass m22 + m12 in kg that the spring accelerates when both bodies have the same acceleration."""
         return self.m22 if matrix.is_zero(self.m12) else self.m22 + self.m12
 
     @property
     def dragged(self) -> Number:
-        """c22 + c12 in N s/m: the friction on the spring when both bodies move alike, b2 of the guideway."""
+        """The friction b2 = c22 + c12 in N s/m of the guideway, on the spring when both bodies move alike."""
         return self.c22 + self.c12
 
     @property
     def determinant(self) -> Number:
-        """m11 m22 - m12² in kg²."""
+        """The determinant of the mass matrix, m11 m22 - m12², in kg²."""
         plain = self.m11 * self.m22
         return plain if matrix.is_zero(self.m12) else plain - self.m12 * self.m12
 
     @property
     def mode(self) -> Number:
-        """The axial mode without damping, rad/s: ω² = k (m11 + 2 m12 + m22) / (m11 m22 - m12²)."""
+        """The frequency of the undamped axial mode, rad/s: ω² = k (m11 + 2 m12 + m22) / (m11 m22 - m12²)."""
         total = self.m11 + self.m22
         total = total if matrix.is_zero(self.m12) else total + 2.0 * self.m12
         return ops.sqrt(self.k * total / self.determinant)
 
 
 def two_bodies(where: str, plant: Plant) -> TwoBodies:
-    """The matrices of a plant. Raises StructureError, with what to take, for one that is not of this form."""
+    """Return the matrices of a plant.
+
+    Raises StructureError, with a remedy, for a plant that is not of this form.
+    """
     mechanics = plant.mechanics()
     places = (mechanics.drive, mechanics.motor, mechanics.load)
     if mechanics.shape != ((1.0, 0.0), (0.0, 1.0)) or places != (0, 0, 1):
@@ -79,10 +82,10 @@ def two_bodies(where: str, plant: Plant) -> TwoBodies:
 
 
 def two_mass_model(plant: Plant) -> Plant:
-    """The model of screw and table that a law may place poles on, from a plant.
+    """Return the model of screw and table in a plant, on which a law can place poles.
 
-    A chain of motor, screw and table becomes two masses: motor and screw are one body, which holds below the coupling's
-    mode.  Raises StructureError, with the reason, for a plant that has no such model.
+    A chain of motor, screw and table is reduced to two masses: motor and screw become one body, which holds below the
+    mode of the coupling. Raises StructureError, with the reason, for a plant that has no such model.
     """
     if isinstance(plant, ThreeMassChain):
         return TwoMass(
@@ -103,9 +106,9 @@ def two_mass_model(plant: Plant) -> Plant:
 
 
 def controllable(where: str, bodies: TwoBodies) -> Rule:
-    """A force on the screw moves all poles, and not only by gains that are all rounding.
+    """Return the rule that a force on the screw controls all poles, with gains that are not all rounding error.
 
-    With q = dragged/led a motion e^-qt of both bodies alike leaves the spring relaxed; it cannot be moved if it also
+    With q = dragged/led an equal motion e^-qt of both bodies leaves the spring relaxed; it is uncontrollable if it also
     balances the forces on the table: control = |led² - (c q + m12 q²) led²/k| / m22² = 0,  c = -c12.
     """
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
@@ -119,7 +122,7 @@ def controllable(where: str, bodies: TwoBodies) -> Rule:
 
 
 def _uncontrollable(where: str, bodies: TwoBodies, control: float) -> str:
-    """The error: how far the model is from one whose poles can be placed, and the nearest admissible number."""
+    """Return the error text: how far the model is from a controllable one, and the nearest admissible value."""
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
         near = -bodies.m22 * (1.0 - ops.sqrt(LEAST_CONTROL) * (1.0 if led >= 0.0 else -1.0))
@@ -150,7 +153,7 @@ class Gains(NamedTuple):
 
 
 def polynomial(real: Number, *pairs: tuple[Number, Number]) -> list[Any]:
-    """Coefficients of (s + real) Π (s² + 2 ζ ω s + ω²), from that of s⁰ on; pairs are (ω, ζ)."""
+    """Return the coefficients of (s + real) Π (s² + 2 ζ ω s + ω²), from that of s⁰ on; pairs are (ω, ζ)."""
     coefficients: list[Any] = [real, 1.0]
     for frequency, damping in pairs:
         quadratic = (frequency * frequency, 2.0 * damping * frequency, 1.0)
@@ -164,19 +167,19 @@ def polynomial(real: Number, *pairs: tuple[Number, Number]) -> list[Any]:
 
 
 def place(bodies: TwoBodies, desired: list[Any]) -> Gains:
-    """The gains that give the closed loop the polynomial `desired` = [a0, a1, a2, a3, a4, 1], by one linear solve.
+    """Return the gains that give the closed loop the polynomial `desired` = [a0, a1, a2, a3, a4, 1].
 
     Equation (2) closed by the gains has the characteristic polynomial
 
         s Δ + s (K1 + K3 s) P22 - (s K2 + s² K4 + Ki) P12 = (m11 m22 - m12²) · desired,   Pij = mij s² + cij s ± k
 
-    With the sums S1 = K1 + K2 and S3 = K3 + K4 it reads, since P22 + P12 = led s² + dragged s holds no spring,
+    With the sums S1 = K1 + K2 and S3 = K3 + K4 it reads, since P22 + P12 = led s² + dragged s is free of the spring,
 
         s² (K1 + K3 s)(led s + dragged) + (Ki + S1 s + S3 s²)(k - c12 s - m12 s²) = (m11 m22 - m12²) · desired - s Δ
 
     whose coefficients, from s⁰ to s⁴ for (Ki, S1, S3, K1, K3), need no pivoting: the equations are nearly triangular
-    whatever the units, and elimination without pivoting does not depend on a scale of rows and columns.  Repeated poles
-    are as good as any others.
+    in any units, and elimination without pivoting is invariant to scaling of rows and columns.  Repeated poles
+    need no special case.
     """
     m11, m12, m22, c11, c12, c22, k = bodies
     led, dragged = bodies.led, bodies.dragged
@@ -205,7 +208,7 @@ def place(bodies: TwoBodies, desired: list[Any]) -> Gains:
 
 
 class ScrewCommand(NamedTuple):
-    """How far the screw must be ahead of the table for a motion of the table, and the derivatives of that lead."""
+    """The lead of the screw over the table that a motion of the table requires, with its derivatives."""
 
     position: Number  # m
     velocity: Number  # m/s
@@ -213,7 +216,7 @@ class ScrewCommand(NamedTuple):
 
 
 def relaxed_lead(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
-    """The lead that a spring without damping needs, in m, m/s and m/s²: (led a + dragged v) / k and its derivatives."""
+    """Return the lead for an undamped spring in m, m/s and m/s²: (led a + dragged v) / k and its derivatives."""
     per_acceleration, per_velocity = bodies.led / bodies.k, bodies.dragged / bodies.k
     return ScrewCommand(
         per_acceleration * setpoint.acceleration + per_velocity * setpoint.velocity,
@@ -223,12 +226,12 @@ def relaxed_lead(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
 
 
 def lag(bodies: TwoBodies) -> Number:
-    """Time constant in s with which the screw's lead follows the relaxed one: c/k, c = -c12."""
+    """Return the time constant in s with which the screw's lead follows the relaxed one: c/k, c = -c12."""
     return -bodies.c12 / bodies.k
 
 
 def series(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
-    """The lead of the screw by the series in c/k, cut off behind its first term: no state, and stable for any m12.
+    """Return the lead of the screw by the series in c/k, truncated after its first term: no state, stable for any m12.
 
     The second line of equation (2), solved for x1 - x2 = lead:
 

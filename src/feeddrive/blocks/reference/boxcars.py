@@ -1,4 +1,4 @@
-"""Durations of the boxcars of a limited move, and the limits that are not reached if the distance is short."""
+"""The durations of the boxcars of a limited move, and the limits that a short distance does not reach."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from feeddrive.blocks.reference.profile import Profile
 from feeddrive.language.errors import StructureError
 
 _HUGE = 1e150  # its square is still a number
-_TINY = 1e-290  # numbers below are so near to 0 that they lose digits
+_TINY = 1e-290  # products with smaller numbers lose digits (subnormal)
 
 
 def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Profile:
-    """The shortest move of the boxcar family that covers a distance > 0 within `limits`, velocity first (SI).
+    """Return the shortest move of the boxcar family over a distance > 0 within `limits`, velocity first (SI).
 
-    With all limits reached the lengths are the usual ones, for the snap-limited move j/s, a/j, v/a and
-    distance/v.  In general they are chosen from the shortest on, each as long as possible.  L₁ multiplies the highest
-    derivative into the next lower one, and so on; since ramps must not overlap, each length is at least the sum of the
-    shorter ones, so a chosen L₁ = x means at least (x, 2x, 4x) for the others:
+    If all limits are reached, the lengths are the usual ones, for the snap-limited move j/s, a/j, v/a and
+    distance/v.  In general they are chosen in ascending order, each as long as possible.  L₁ times the highest
+    derivative is the peak of the next lower one, and so on.  Since ramps must not overlap, each length is at least the
+    sum of the shorter ones, so that L₁ = x means at least (x, 2x, 4x) for the others:
 
         L₁ = x:  s·x ≤ j,  s·x² ≤ a,  s·2x³ ≤ v,  s·8x⁴ ≤ distance
         L₂ = x:  j'·x ≤ a,  j'·x(x + L₁) ≤ v,  j'·2x(x + L₁)² ≤ distance,             j' = s·L₁
@@ -26,12 +26,12 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
         L₄ = distance / v',                                                           v' = a'·L₃
 
     The highest limit is thus always used in full, and a limit is lowered only if a lower derivative, or the distance,
-    has no room for it: first the velocity gives way (L₃), then the acceleration (L₂), then the jerk (L₁).  Since the
-    lengths' product is given and long ones are bounded below by short ones, making the short ones long makes the sum,
-    the time of the move, least.  The last length is distance / v' as computed, so the distance is exact.
+    has no room for it: first the velocity is lowered (L₃), then the acceleration (L₂), then the jerk (L₁).  Since the
+    product of the lengths is fixed and short lengths are lower bounds of long ones, long short lengths minimize the
+    sum, which is the time of the move.  The last length is distance / v' as computed, so the distance is exact.
 
-    Raises StructureError if the move would take for ever, if the numbers overflow, and, what must not happen, if the
-    finished profile misses a limit.
+    Raises StructureError if the move would take forever, if the numbers overflow, and, as an internal check, if the
+    finished profile violates a limit.
     """
     height, span = limits[-1], 0.0
     goals = [*reversed(limits[:-1]), distance]
@@ -41,7 +41,7 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
         if height < _TINY or distance < _TINY or min(shares) < 1.0 / _HUGE:
             raise StructureError(f"{kind}: distance and limits are too far apart to compute with: check their units")
         longest = min(_longest(min(share, _HUGE), place, span) for place, share in enumerate(shares))
-        length = max(span, longest)  # where a lower goal was just met, rounding may leave `longest` under the sum
+        length = max(span, longest)  # if a lower goal was just met, rounding may leave `longest` below the sum
         lengths.append(length)
         height, span = height * length, span + length
         goals = goals[1:]
@@ -51,7 +51,7 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
 
 
 def _longest(goal: float, place: int, span: float) -> float:
-    """The x for which x, x(x + span), 2x(x + span)² or 8x(x + span)³ (place 0 .. 3, the last with span = 0) is goal."""
+    """Return the x for which x, x(x + span), 2x(x + span)² or 8x(x + span)³ (place 0 .. 3, span = 0 for 3) is goal."""
     if place == 0:
         return goal
     if place == 1:

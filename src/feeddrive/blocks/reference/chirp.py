@@ -40,7 +40,7 @@ class Chirp(Reference):
     )
 
     def check(self) -> None:
-        """The blends fit into the sweep."""
+        """Raise ParameterError unless the blends fit into the sweep."""
         check_single(self)
         check_duration(self.kind, self.duration)
         if 2.0 * self._blend() > self.sweep_time:

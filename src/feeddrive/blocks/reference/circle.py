@@ -40,7 +40,7 @@ class Circle(Reference):
     )
 
     def check(self) -> None:
-        """Run-up and run-down fit into the turns."""
+        """Raise ParameterError unless run-up and run-down fit into the turns."""
         check_single(self)
         check_duration(self.kind, self.duration)
         at_feed = self._time_at_feed()
@@ -60,7 +60,7 @@ class Circle(Reference):
 
     @property
     def duration(self) -> float:
-        """All turns, run-up and run-down, s."""
+        """The duration of all turns with run-up and run-down, s."""
         return self._time_at_feed() + self._run_up()
 
     def at(self, t: np.ndarray) -> Setpoint:

@@ -13,7 +13,7 @@ Derivatives: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, n
 
 
 def product(f: Derivatives, g: Derivatives) -> Derivatives:
-    """f·g by the rule of Leibniz."""
+    """Return f·g by the Leibniz rule."""
     return (
         f[0] * g[0],
         f[1] * g[0] + f[0] * g[1],
@@ -24,7 +24,7 @@ def product(f: Derivatives, g: Derivatives) -> Derivatives:
 
 
 def sine_of(angle: Derivatives) -> Derivatives:
-    """Sine of an angle (rad) that changes in time, by the chain rule (Faà di Bruno)."""
+    """Return the sine of a time-varying angle (rad), by the chain rule (Faà di Bruno)."""
     sine, cosine = np.sin(angle[0]), np.cos(angle[0])
     _, w1, w2, w3, w4 = angle
     square = w1 * w1
@@ -38,7 +38,7 @@ def sine_of(angle: Derivatives) -> Derivatives:
 
 
 def stretched(f: Derivatives, height: float, time: float) -> Derivatives:
-    """height · f(t / time): f is given over t / time, the result holds derivatives in t."""
+    """Return height · f(t / time) with its derivatives in t, from f with its derivatives in t / time."""
     rate = 1.0 / time
     return (
         height * f[0],
@@ -50,7 +50,7 @@ def stretched(f: Derivatives, height: float, time: float) -> Derivatives:
 
 
 def resting(t: np.ndarray, duration: float, motion: Derivatives, first: float, last: float) -> Setpoint:
-    """The motion in 0 <= t < duration, at rest at `first` before it and at `last` from its end on (m)."""
+    """Return the motion in 0 <= t < duration, at rest at `first` before it and at `last` from its end on (m)."""
     before, after = t < 0.0, t >= duration
     position = np.where(before, first, np.where(after, last, motion[0]))
     higher = (np.where(before | after, 0.0, derivative) for derivative in motion[1:])

@@ -16,9 +16,9 @@ class InputShaped(Reference):
     """x(t) = Σ Aᵢ r(t - tᵢ): the reference r convolved with pulses of sum 1, exact in all derivatives at any time.
 
     A mode of the given frequency and damping that the shaped motion excites does not ring after its end ("zv"), hardly
-    so if its frequency is a little off ("zvd", half a period longer), or only by `tolerance` over a wider band ("ei").
-    The motion keeps the limits of r, ends where r ends, and takes one or two half periods of the mode longer.
-    When not: on axes that draw a path together, unless all of them carry the same shaper.
+    so if its frequency is a little off ("zvd", half a period longer), or rings only by `tolerance` over a wider band
+    ("ei"). The motion keeps the limits of r, ends where r ends, and takes one or two half periods of the mode longer.
+    When not: on axes that draw a path together, unless all of them have the same shaper.
     Raises StructureError for a Recorded reference, unless that interpolates: pulses rarely fall on its rows.
     Pulses and sources: `pulses.py`.
     """
@@ -30,26 +30,26 @@ class InputShaped(Reference):
     tolerance: Number = parameter("", "share of the vibration that EI leaves", default=0.05, least=0, below=1)
 
     def check(self) -> None:
-        """There is a reference, and it ends in a finite time."""
+        """Raise StructureError unless there is a reference that ends in a finite time."""
         check_single(self)
         if not are_all((self.reference,), Reference):
             raise StructureError(f"input_shaped.reference must be a reference, not {self.reference!r}")
         check_duration(self.kind, self.duration)
 
     def pulses(self) -> tuple[list[float], list[float]]:
-        """Amplitudes, with sum 1, and times in s."""
+        """Return the amplitudes of the pulses, with sum 1, and their times in s."""
         return pulses(self.shaper, self.frequency, self.damping, self.tolerance)
 
     @property
     def duration(self) -> float:
-        """The duration of the reference and the time of the last pulse together, s."""
+        """The duration of the reference plus the time of the last pulse, s."""
         return self.reference.duration + self.pulses()[1][-1]
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The equation above, written from the last pulse so that it rests exactly where the reference rests."""
+        """Compute the equation of the class, summed from the last pulse to end exactly where the reference rests."""
         times = np.asarray(t, dtype=np.float64)
         heights, delays = self.pulses()
-        # rounding must not let the end come before `duration` is over
+        # rounding must not put the end before `duration`
         ended = np.where(times >= self.duration, self.reference.duration, -np.inf)
         last = self.reference.at(np.maximum(times - delays[-1], ended))
         total = list(last)

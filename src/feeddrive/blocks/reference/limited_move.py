@@ -1,4 +1,4 @@
-"""The common part of all limited moves: a leg composed of boxcars."""
+"""The common part of all limited moves: a leg built of boxcars."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ class LimitedMove(Move, ABC):
 
     @abstractmethod
     def limits(self) -> tuple[float, ...]:
-        """Limits in SI: velocity, acceleration, ... down to the derivative that is piecewise constant."""
+        """Return the limits in SI: velocity, acceleration, ... down to the derivative that is piecewise constant."""
 
     @cached_property
     def profile(self) -> Profile | None:
-        """The leg in pieces, integrated against its limits; its `peaks` are the limits that are reached.
+        """The leg in pieces, checked against its limits by integration; its `peaks` are the limits that are reached.
 
-        None for a distance of 0.
+        It is None for a distance of 0.
         """
         return limited_profile(self.kind, abs(self.distance), self.limits()) if self.distance else None
 
     @property
     def leg_time(self) -> float:
-        """Sum of the boxcars' lengths, s."""
+        """The sum of the boxcars' lengths, s."""
         return self.profile.duration if self.profile else 0.0
 
     def leg(self, t: np.ndarray) -> Derivatives:
@@ -41,7 +41,7 @@ class LimitedMove(Move, ABC):
         return self.profile.at(t)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """The rests and the pieces of every leg."""
+        """Return the rests and the pieces of all legs."""
         stretches = [rest(0.0, self.start)]
         for way, last in self.ways():
             if self.profile is not None:

@@ -36,31 +36,31 @@ class Move(Reference, ABC):
     @property
     @abstractmethod
     def leg_time(self) -> float:
-        """Time of one leg in s, proven against its limits."""
+        """The time of one leg in s, checked against its limits."""
 
     @abstractmethod
     def leg(self, t: np.ndarray) -> Derivatives:
-        """Travel (m, from 0 to |distance|) and its derivatives at times t (s, shape (n,)) in 0 .. leg_time."""
+        """Return travel (m, from 0 to |distance|) and its derivatives at times t (s, shape (n,)) in 0 .. leg_time."""
 
     def check(self) -> None:
-        """The leg keeps its limits and ends in a finite time."""
+        """Raise StructureError unless the leg keeps its limits and ends in a finite time."""
         check_single(self)
         check_duration(self.kind, self.duration)
 
     @property
     def duration(self) -> float:
-        """Dwells and legs together, s."""
+        """The duration of dwells and legs together, s."""
         begins = self._home_at() if self.back else self.dwell_before
         return begins + self.leg_time + self.dwell_after
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """Setpoints at times t in s."""
+        """Return the setpoints at times t in s."""
         times = np.asarray(t, dtype=np.float64)
         out = [np.full(times.shape, self.start), *(np.zeros(times.shape) for _ in range(4))]
         for way, last in self.ways():
             moving = np.flatnonzero((times >= way.begins) & (times < way.ends()))
             if moving.size:
-                run = slice(moving[0], moving[-1] + 1)  # times that rise are one stretch, and quicker than an index
+                run = slice(moving[0], moving[-1] + 1)  # ascending times form one slice, which is faster than an index
                 chosen = run if run.stop - run.start == moving.size else moving
                 travel = self.leg(way.inside(times[chosen]))  # type: ignore[arg-type]
                 for row, values in zip(out, way.placed(travel), strict=True):
@@ -69,13 +69,13 @@ class Move(Reference, ABC):
         return Setpoint(*out)  # type: ignore[arg-type]
 
     def ways(self) -> Iterator[tuple[Way, float]]:
-        """The legs there and home, and the position (m) at which each ends."""
+        """Yield the legs there and back, each with the position (m) at which it ends."""
         sense, far = float(np.sign(self.distance)), self.start + self.distance
         yield Way(self.dwell_before, self.leg_time, self.start, sense), far
         if self.back:
             yield Way(self._home_at(), self.leg_time, far, -sense), self.start
 
     def _home_at(self) -> float:
-        """The start of the way back, s."""
+        """Return the start time of the way back, s."""
         between = self.dwell_after if self.dwell_between is None else self.dwell_between
         return self.dwell_before + self.leg_time + between

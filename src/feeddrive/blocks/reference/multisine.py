@@ -30,8 +30,8 @@ class Multisine(Reference):
     of 32 points per shortest wave, over cos(π/32) (Ehlich & Zeller 1964).  All phases are shifted in time to where the
     sum is 0, with the least speed, so that it starts and ends at the center.
 
-    w is 1, and velocity jumps at the ends, unless `blend_time` is given: then the periodic motion goes on for this time
-    before the first and after the last period, and w rises and falls there.  Whole periods stay untouched.
+    w is 1, and velocity jumps at the ends, unless `blend_time` is given: then the periodic motion is extended by this
+    time before the first and after the last period, and w rises and falls there.  Whole periods stay untouched.
     Source: Schroeder 1970; Pintelon & Schoukens 2012, chapter 5.
     """
 
@@ -55,7 +55,7 @@ class Multisine(Reference):
     blend_time: Number = parameter("s", "length of run-in and run-out; 0 s for none", default=0, least=0)
 
     def check(self) -> None:
-        """There are lines in the band, and not too many of them."""
+        """Raise ParameterError for an empty band, StructureError if there are no lines in it or too many."""
         check_single(self)
         check_duration(self.kind, self.duration)
         if self.highest < self.lowest:
@@ -81,7 +81,7 @@ class Multisine(Reference):
 
     @cached_property
     def numbers(self) -> np.ndarray:
-        """Multiples k of 1/period that carry a line."""
+        """The multiples k of 1/period that carry a line."""
         every = self._all_lines()
         if self.lines == 0 or self.lines >= every.size:
             return every
@@ -92,12 +92,12 @@ class Multisine(Reference):
         return np.unique(np.rint(wanted))
 
     def frequencies(self) -> np.ndarray:
-        """Frequencies of the lines in Hz; on a logarithmic spread low ones may fall together and are then fewer."""
+        """Return the line frequencies in Hz; on a logarithmic spread low ones may coincide and are then fewer."""
         return self.numbers / self.period
 
     @cached_property
     def _waves(self) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes in m and phases in rad of the lines."""
+        """The amplitudes in m and the phases in rad of the lines."""
         k = self.numbers
         weights = k ** -float(("position", "velocity", "acceleration").index(self.flat))
         phases = self._first_phases(weights)
@@ -122,7 +122,7 @@ class Multisine(Reference):
         return -2.0 * np.pi * (self.numbers * below - moments)
 
     def _zero(self, weights: np.ndarray, phases: np.ndarray, low: float, high: float) -> float:
-        """A zero of the sum in a period, by halving an interval over which it changes sign."""
+        """Return a zero of the sum in a period, by bisection of an interval over which it changes sign."""
 
         def value(share: float) -> float:
             return float(np.sum(weights * np.sin(2.0 * np.pi * self.numbers * share + phases)))
@@ -135,7 +135,7 @@ class Multisine(Reference):
 
     @property
     def duration(self) -> float:
-        """All periods, run-in and run-out, s."""
+        """The duration of all periods with run-in and run-out, s."""
         return self.periods * self.period + 2.0 * self.blend_time
 
     def at(self, t: np.ndarray) -> Setpoint:
@@ -147,7 +147,7 @@ class Multisine(Reference):
         return resting(times, self.duration, (self.center + moved[0], *moved[1:]), self.center, self.center)
 
     def _sum(self, place: np.ndarray) -> Derivatives:
-        """The sum and its derivatives at times in periods."""
+        """Return the sum and its derivatives at times in periods."""
         share = place - np.floor(place)
         sums = np.zeros((5, *share.shape))
         for k, height, phase in zip(self.numbers, *self._waves, strict=True):

@@ -18,8 +18,8 @@ from feeddrive.language.quantity import Quantity
 
 _NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
 _UNITS = ("m/s", "m/s2", "m/s3", "m/s4")  # without that of the position
-_ROUNDING = 1e-9  # of a limit or of a distance; what pieces of unequal length round is far below it
-_TINY = 1e-300  # where numbers are too small to round relatively
+_ROUNDING = 1e-9  # relative to a limit or distance; far above the rounding errors of pieces of unequal length
+_TINY = 1e-300  # absolute tolerance for numbers too small for a relative one
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class Profile:
     constant, ± distance / (L₁ ⋯ Lₙ).  Each length is at least the sum of the shorter ones, so that ramps never overlap.
 
     `starts` (s), `spans` (s) and `states` (5, pieces; position .. snap at the start of a piece) are built from the
-    recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant, and the rise taken
-    back.  What is a constant, a zero or a mirror image there is set so and not summed up, so nothing drifts.
+    recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant, and the reversed
+    rise.  Constants, zeros and mirror images are set exactly, not accumulated, so that nothing drifts.
     """
 
     distance: float
@@ -45,7 +45,7 @@ class Profile:
 
     @cached_property
     def peaks(self) -> tuple[float, ...]:
-        """Largest velocity, acceleration, ... in SI, down to the derivative that is piecewise constant."""
+        """The largest velocity, acceleration, ... in SI, down to the derivative that is piecewise constant."""
         peaks, height = [], self.distance
         for length in reversed(self.lengths):
             height = height / length
@@ -74,17 +74,17 @@ class Profile:
 
     @property
     def starts(self) -> np.ndarray:
-        """Times at which pieces start, s."""
+        """The times at which the pieces start, s."""
         return self._pieces[0]
 
     @property
     def spans(self) -> np.ndarray:
-        """Lengths of the pieces, s."""
+        """The lengths of the pieces, s."""
         return self._pieces[1]
 
     @property
     def states(self) -> np.ndarray:
-        """Position, velocity, acceleration, jerk and snap at the start of each piece, shape (5, pieces)."""
+        """The position, velocity, acceleration, jerk and snap at the start of each piece, shape (5, pieces)."""
         return self._pieces[2]
 
     @cached_property
@@ -93,10 +93,10 @@ class Profile:
         return tuple(Piece(*row) for row in np.vstack(self._pieces).T.tolist())
 
     def at(self, t: np.ndarray) -> Derivatives:
-        """Position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
+        """Return position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
         order = None if t.size < 2 or bool(np.all(t[1:] >= t[:-1])) else np.argsort(t, kind="stable")
         rising = t if order is None else t[order]
-        bounds = [*np.searchsorted(rising, self.starts).tolist(), t.size]  # piece by piece: no gathered coefficients
+        bounds = [*np.searchsorted(rising, self.starts).tolist(), t.size]  # by piece: no gathering of coefficients
         out = np.empty((5, t.size))
         for piece, (low, high) in zip(self.pieces, pairwise(bounds), strict=True):
             if low < high:
@@ -107,9 +107,9 @@ class Profile:
         return out[0], out[1], out[2], out[3], out[4]
 
     def check(self, kind: str, limits: Sequence[float]) -> None:
-        """Integrate piece by piece and raise StructureError where a limit (velocity first), or the end, is missed.
+        """Integrate piece by piece and raise StructureError if a limit (velocity first) or the end position is missed.
 
-        In a piece every derivative is monotone, so its ends hold its extremes.
+        Within a piece every derivative is monotone, so that its extremes are at the ends.
         """
         check_duration(kind, self.duration)
         _, spans, states = self._pieces
@@ -131,7 +131,7 @@ class Profile:
 
 
 def _advance(state: np.ndarray, span: float) -> float:
-    """∫ of a polynomial over a span; `state` holds its value and derivatives at the start."""
+    """Return the integral of a polynomial over a span; `state` holds its value and derivatives at the start."""
     total = 0.0
     for order in range(state.size - 1, -1, -1):
         total = span / (order + 1) * (state[order] + total)

@@ -1,4 +1,4 @@
-"""The impulse sequences of input shapers, convolved with a command so that it does not excite a mode."""
+"""The impulse sequences of input shapers: a command convolved with them does not excite a mode."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ SHAPERS = ("zv", "zvd", "ei")
 
 
 def pulses(shaper: str, frequency: float, damping: float, tolerance: float) -> tuple[list[float], list[float]]:
-    """Amplitudes Aᵢ, with sum 1, and times tᵢ (s) of the pulses against a mode.
+    """Return the amplitudes Aᵢ, with sum 1, and the times tᵢ (s) of the pulses for a mode.
 
-        shaper     "zv" (no vibration), "zvd" (nor its slope over frequency), "ei" (`tolerance` at the frequency
+        shaper     "zv" (no vibration), "zvd" (also zero slope versus frequency), "ei" (`tolerance` at the frequency
                    itself and, for an undamped mode, none at two frequencies beside it)
-        frequency  Hz, of the mode without damping
-        damping    ratio ζ of the mode, 0 <= ζ < 1
+        frequency  undamped natural frequency of the mode, Hz
+        damping    damping ratio ζ of the mode, 0 <= ζ < 1
         tolerance  vibration that "ei" leaves, as a share of that of the unshaped motion
 
     tᵢ = i · Tᵈ/2 with the period Tᵈ = 1 / (frequency √(1 - ζ²)), and Aᵢ = aᵢKⁱ / Σ aᵢKⁱ with K = e^(-πζ/√(1 - ζ²)), the

@@ -19,10 +19,11 @@ _HIGHER = ("velocity", "acceleration", "jerk", "snap")
 class Recorded(Reference):
     """Row k of the tables at t = k · sample_time; the first position before the start, the last one after the end.
 
-    Where only positions are known the velocity is the backward difference, 0 in the first row, and all higher
-    derivatives are 0, so that `Setpoint.backward_velocity(sample_time)` gives the recorded difference back bit for bit.
-    Times between the rows are refused; with `between = "linear"` all tables are interpolated on straight lines, and a
-    velocity that is a difference is the slope of that line.  Outside the table it rests: no row is missing there.
+    If only positions are given, the velocity is the backward difference, 0 in the first row, and all higher derivatives
+    are 0, so that `Setpoint.backward_velocity(sample_time)` gives the recorded difference back bit for bit. Times
+    between the rows are refused; with `between = "linear"` all tables are interpolated on straight lines, and a
+    velocity that is a difference is the slope of that line.  Outside the table the axis is at rest, and no time is
+    refused.
     When not: to run a loop at another sample time than the log's, where the steps of a straight line excite it.
     Raises StructureError for tables that do not fit each other and for times that are not rows.
     """
@@ -36,7 +37,7 @@ class Recorded(Reference):
     between: str = choice("what holds between two rows", options=("refused", "linear"), default="refused")
 
     def check(self) -> None:
-        """All tables have the length of the positions, and none stands over one that is missing."""
+        """Raise StructureError unless all tables have one length and each derivative has all lower ones."""
         check_single(self)
         check_duration(self.kind, self.duration)
         missing = ""
@@ -67,7 +68,7 @@ class Recorded(Reference):
         return self.position, first if self.velocity is None else self.velocity, *others
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """The rows at times t in s."""
+        """Return the rows at times t in s."""
         times = np.asarray(t, dtype=np.float64)
         last = self.position.size - 1
         place, on_row = rows_at(times, self.sample_time)
@@ -77,7 +78,7 @@ class Recorded(Reference):
         held = np.clip(place, 0.0, float(last))
         above = np.ceil(held).astype(np.int64)
         below = np.maximum(above - 1, 0)
-        share = above - held  # 0 on a row, which is then taken as it stands
+        share = above - held  # 0 on a row, which is then used unchanged
         rows: list[np.ndarray] = []
         for order, row in enumerate(self._rows):
             value = row[above]

@@ -20,26 +20,26 @@ class Sequence(Reference):
         x(t) = rᵢ(t - tᵢ) - rᵢ(0) + x(tᵢ)   for tᵢ <= t < tᵢ₊₁,   tᵢ₊₁ = tᵢ + duration of rᵢ,   t₀ = 0,   x(0) = r₀(0)
 
     The first keeps its positions; each further one is moved as a whole so that it starts at the end of the last.  At
-    the instant of the change the next one holds.  Nothing is blended: what rests at its ends joins smoothly.
+    the instant of the change the next one holds.  Nothing is blended: references at rest at their ends join smoothly.
     Raises StructureError for an empty sequence.
     """
 
     references: tuple[Reference, ...] = part("references in their order")
 
     def check(self) -> None:
-        """There is at least one reference."""
+        """Raise StructureError unless there is at least one reference."""
         if not are_all(self.references, Reference):
             raise StructureError("sequence.references must be a tuple of at least one reference, and of nothing else")
         check_duration(self.kind, self.duration)
 
     @cached_property
     def _starts(self) -> np.ndarray:
-        """The start of each reference, and the end of the last, s."""
+        """The start of each reference and the end of the last, s."""
         return np.array(list(accumulate((reference.duration for reference in self.references), initial=0.0)))
 
     @cached_property
     def _offsets(self) -> np.ndarray:
-        """The offset of each reference, m."""
+        """The position offset of each reference, m."""
         offsets = [0.0]
         for before, after in zip(self.references, self.references[1:], strict=False):
             end = np.asarray(before.at(np.array([np.nextafter(before.duration, np.inf)])).position)[0]
@@ -49,11 +49,11 @@ class Sequence(Reference):
 
     @property
     def duration(self) -> float:
-        """The duration of all references, s."""
+        """The total duration of all references, s."""
         return float(self._starts[-1])
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """Setpoints of the reference that is active at each time t in s."""
+        """Return the setpoints of the reference that is active at each time t in s."""
         times = np.asarray(t, dtype=np.float64)
         running = np.clip(np.searchsorted(self._starts[:-1], times, side="right") - 1, 0, len(self.references) - 1)
         out = np.empty((5, *times.shape))

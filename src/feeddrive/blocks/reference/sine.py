@@ -32,7 +32,7 @@ class Sine(Reference):
     )
 
     def check(self) -> None:
-        """The blends fit into the cycles."""
+        """Raise ParameterError unless the blends fit into the cycles."""
         check_single(self)
         check_duration(self.kind, self.duration)
         if 2.0 * self.blend_time > self.duration:

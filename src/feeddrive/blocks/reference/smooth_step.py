@@ -8,7 +8,7 @@ from feeddrive.blocks.reference.derivatives import Derivatives
 
 
 def seventh_degree(share: np.ndarray) -> Derivatives:
-    """ψ = 35τ⁴ - 84τ⁵ + 70τ⁶ - 20τ⁷ for τ in 0 .. 1, with derivatives in τ.
+    """Return ψ = 35τ⁴ - 84τ⁵ + 70τ⁶ - 20τ⁷ for τ in 0 .. 1, with derivatives in τ.
 
     Written with σ = 1 - τ, where no digits cancel:  ψ = τ⁴(35σ³ + 21τσ² + 7τ²σ + τ³),  ψ' = 140 τ³σ³.
     """
@@ -24,7 +24,7 @@ def seventh_degree(share: np.ndarray) -> Derivatives:
 
 
 def tenth_degree(share: np.ndarray) -> Derivatives:
-    """ψ = τ⁵(252 - 1050τ + 1800τ² - 1575τ³ + 700τ⁴ - 126τ⁵) for τ in 0 .. 1, with derivatives in τ.
+    """Return ψ = τ⁵(252 - 1050τ + 1800τ² - 1575τ³ + 700τ⁴ - 126τ⁵) for τ in 0 .. 1, with derivatives in τ.
 
     Written with σ = 1 - τ, where no digits cancel:  ψ = Σ C(10, k) τᵏσ¹⁰⁻ᵏ over k = 5 .. 10,  ψ' = 1260 τ⁴σ⁵.
     """
@@ -41,7 +41,7 @@ def tenth_degree(share: np.ndarray) -> Derivatives:
 
 
 def window(t: np.ndarray, duration: float, blend_time: float) -> Derivatives:
-    """1, but rising from 0 in the first and falling to 0 in the last `blend_time` (s) by the 7th degree."""
+    """Return a window of 1 that rises and falls within `blend_time` (s) by the seventh-degree polynomial."""
     if blend_time == 0.0:
         nothing = np.zeros_like(t)
         return np.ones_like(t), nothing, nothing, nothing, nothing
@@ -54,7 +54,7 @@ def window(t: np.ndarray, duration: float, blend_time: float) -> Derivatives:
 
 
 def run_up_angle(t: np.ndarray, turned: float, duration: float, run_up: float) -> Derivatives:
-    """An angle from 0 to `turned` whose rate is `window` times a constant: turned / (duration - run_up).
+    """Return an angle from 0 to `turned` whose rate is `window` times a constant: turned / (duration - run_up).
 
     With the integral of the 7th degree, ∫ψ dτ = τ⁵(7 - 14τ + 10τ² - 2.5τ³), which is 1/2 at τ = 1.
     """

@@ -1,4 +1,4 @@
-"""A motion as stretches that are polynomials of time, in arithmetic that is sampled by numpy or traced."""
+"""A motion as stretches, each a polynomial of time, in arithmetic that numpy can sample and a trace can record."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from feeddrive.language.block import Number
 
 
 class Way(NamedTuple):
-    """When and where a leg is: its time is t - begins, its position first + sense · travel."""
+    """The time and place of a leg: its time is t - begins, its position first + sense · travel."""
 
     begins: Number  # s
     lasts: Number  # s
@@ -19,15 +19,15 @@ class Way(NamedTuple):
     sense: Number  # 1, -1, or 0 for a rest
 
     def ends(self) -> Number:
-        """The end of the leg, s."""
+        """Return the end time of the leg, s."""
         return self.begins + self.lasts
 
     def inside(self, t: Number) -> Number:
-        """Time since the leg began, held within it."""
+        """Return the time since the start of the leg, clipped to its length, s."""
         return ops.clip(t - self.begins, 0.0, self.lasts)
 
     def placed(self, travel: Derivatives) -> Setpoint:
-        """Setpoints from travel and its derivatives."""
+        """Return the setpoints from travel and its derivatives."""
         bases = (self.first, 0.0, 0.0, 0.0, 0.0)
         return Setpoint(
             *(cast(Number, base + self.sense * derivative) for base, derivative in zip(bases, travel, strict=True))
@@ -35,7 +35,7 @@ class Way(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A polynomial of fourth order in the time of a leg, by travel, velocity ... snap at its start (SI)."""
+    """A fourth-order polynomial in the time of a leg, given by travel, velocity ... snap at its start (SI)."""
 
     start: Number  # s
     span: Number  # s
@@ -46,32 +46,32 @@ class Piece(NamedTuple):
     snap: Number
 
     def at(self, time: Number) -> Derivatives:
-        """Taylor to snap; after the span it stands still at its end."""
+        """Return travel and derivatives by Taylor to snap, at a time clipped to the piece."""
         return moved(self[2:], ops.clip(time - self.start, 0.0, self.span))
 
 
 class Stretch(NamedTuple):
-    """A piece of a leg; it holds until the next stretch does."""
+    """A piece of a leg, valid until the next stretch begins."""
 
     way: Way
     piece: Piece
 
     def holds(self, t: Number) -> Number:
-        """True where it has begun at t (s)."""
+        """Return True if the stretch has begun at t (s)."""
         return ops.both(t >= self.way.begins, self.way.inside(t) >= self.piece.start)
 
     def at(self, t: Number) -> Setpoint:
-        """Setpoints at a time in it."""
+        """Return the setpoints at a time within the stretch."""
         return self.way.placed(self.piece.at(self.way.inside(t)))
 
 
 def rest(begins: float, position: float) -> Stretch:
-    """Standing still at a position (m) from a time (s) on."""
+    """Return a standstill at a position (m) from a time (s) on."""
     return Stretch(Way(begins, 0.0, position, 0.0), Piece(*(0.0,) * 7))
 
 
 def moved(state: tuple[Number, ...], span: Number) -> Derivatives:
-    """Taylor to snap from states (5, n) over spans (n,)."""
+    """Return the motion by Taylor to snap, from states (5, n) over spans (n,)."""
     x, v, a, j, s = state
     half, third = 0.5 * span, span / 3.0
     derivatives = (

@@ -18,5 +18,5 @@ class Eccentricity(Block):
     phase: Number = parameter("rad", "phase at x = 0", default=0)
 
     def at(self, position: Number) -> Number:
-        """The error in m."""
+        """Return the error at a position, m."""
         return self.amplitude * ops.sin(2.0 * ops.pi * position / self.period + self.phase)

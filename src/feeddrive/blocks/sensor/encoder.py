@@ -29,7 +29,7 @@ class Encoder(Sensor):
     n₀ and n₁ are white, independent, N(0, 1), and come from the run's seed.  Lead error and eccentricity are those at
     the position where the sample was taken.
 
-    A fault that is left out costs nothing.
+    An absent fault costs no computation.
     """
 
     resolution: Number | None = parameter(
@@ -54,20 +54,20 @@ class Encoder(Sensor):
         lost: Number
 
     def check(self) -> None:
-        """A rate of counts needs counts."""
+        """Raise ParameterError for a count rate without a resolution."""
         if self.largest_rate is not None and self.resolution is None:
             raise ParameterError("encoder.largest_rate is given without encoder.resolution: a rate needs counts")
 
     def start(self, position: Number) -> Any:
-        """Nothing lost."""
+        """Return the state without lost counts."""
         return Nothing() if self.largest_rate is None else self.Counter(self._counted(position), ops.zero(position))
 
     def still(self, position: Number) -> Number:
-        """All faults that need neither time nor chance."""
+        """Return the reading with all errors that need neither time nor random numbers."""
         return self._shifted(self._counted(position))
 
     def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
-        """All faults."""
+        """Compute the reading with all errors."""
         seen = position
         if self.jitter is not None:
             seen = seen + velocity * (self.jitter * T * noise.on(noise.channel + 1.0).normal())
@@ -81,7 +81,7 @@ class Encoder(Sensor):
         return state, self._shifted(reading)
 
     def _counted(self, position: Number, noise: Noise | None = None) -> Number:
-        """The reading before the counter, without noise unless its source is given."""
+        """Return the reading before the counter, without noise unless its source is given."""
         reading = position
         if self.lead_error is not None:
             reading = reading - self.lead_error.at(position)

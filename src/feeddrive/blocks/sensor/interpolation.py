@@ -18,7 +18,7 @@ class Interpolation(Block):
     second: Number | None = parameter("m", "amplitude of the second harmonic; absent for none", least=0, default=None)
 
     def apply(self, position: Number) -> Number:
-        """The position with the error, m."""
+        """Return the position with the error, m."""
         angle = 2.0 * ops.pi * position / self.signal_period
         reading = position
         if self.first is not None:
