@@ -1,4 +1,4 @@
-"""Axes that make a contour together: matched dynamics, and the largest gain of cross-coupled control."""
+"""Contouring by several axes: how well their dynamics match, and the largest stable gain of cross-coupled control."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _WORTH_SAYING = 1e-6  # m off a line at 45 degrees
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatchedDynamics(Result):
-    """How well the dynamics of axes match: on a line at 45 degrees, and on a circle of a feed in m/s and a radius in m.
+    """The mismatch of axis dynamics, on a line at 45 degrees and on a circle with a feed in m/s and a radius in m.
 
     lag      s by which each axis follows its setpoint at constant velocity
-    answer   response of each axis at the circle's frequency, table over set position with its derivatives
+    answer   response of each axis at the circle's frequency, from the set position with its derivatives to the table
     """
 
     feed: float
@@ -38,11 +38,11 @@ class MatchedDynamics(Result):
     answer: dict[str, complex]
 
     def line(self, a: str, b: str) -> float:
-        """Return the error of the tool on a line at 45 degrees of two axes, m: feed/2 · difference of their lags."""
+        """Return the contour error on a line at 45 degrees to two axes, m: feed/2 · difference of their lags."""
         return 0.5 * self.feed * abs(self.lag[a] - self.lag[b])
 
     def circle(self, a: str, b: str) -> float:
-        """Return half of the difference between the axes of the ellipse that two axes make of a circle, m."""
+        """Return half the difference between the axes of the ellipse traced instead of a circle, m."""
         first, second = self.answer[a], self.answer[b]
         return 0.5 * self.radius * abs(first - second)
 
@@ -66,7 +66,7 @@ class MatchedDynamics(Result):
         return remarks
 
     def table(self) -> Table:
-        """One row for each pair of axes."""
+        """Return a table with one row for each pair of axes."""
         rows = [
             [f"{a}, {b}", self.lag[a], self.lag[b], self.line(a, b), self.circle(a, b)]
             for a, b in combinations(self.lag, 2)
@@ -85,10 +85,10 @@ class MatchedDynamics(Result):
 def matched_dynamics(
     machine: Machine, axes: Sequence[str] | None = None, *, feed: float = 0.1, radius: float = 0.02
 ) -> MatchedDynamics:
-    """Compare the dynamics of the axes of a contour; default: all linear axes.
+    """Compare the dynamics of contouring axes; default: all linear axes.
 
-    Each axis is taken alone: couplings are left out, and friction is its slope.  Raises ParameterError for an axis that
-    is not there, or a feed or radius that is not positive.
+    Each axis is linearized alone, without couplings.  Raises ParameterError for an unknown axis, or a feed or radius
+    that is not positive.
     """
     if feed <= 0.0 or radius <= 0.0:
         raise ParameterError(
@@ -110,10 +110,10 @@ def matched_dynamics(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContourGain(Result):
-    """The largest gain of cross-coupled control in 1/s, over all directions of the path, and where it is.
+    """The largest stable gain of cross-coupled control in 1/s, for the critical direction of the path.
 
     direction   unit vector of the path along which a gain beyond `largest` is unstable; by axis
-    gain        the gain that the machine has
+    gain        the current gain of the machine
     peak        Ms of the contour loop at this gain, the largest 1/|1 + L| over all directions, where
                 L = gain · n G n/Kv, with three axes the largest singular value on the plane across the path
     """
@@ -131,11 +131,11 @@ class ContourGain(Result):
 
     @property
     def gain_margin(self) -> float:
-        """Largest stable gain over the gain; infinite for a gain of 0."""
+        """The ratio of the largest stable gain to the current gain; infinite for a gain of 0."""
         return self.largest / self.gain if self.gain > 0.0 else float("inf")
 
     def sentence(self) -> str:
-        """The verdict in words."""
+        """Return the verdict as a sentence."""
         along = ", ".join(f"{name} {Quantity(share):.3f}" for name, share in self.direction.items())
         verdict = "stable" if self.stable else "unstable"
         return Text(
@@ -144,7 +144,7 @@ class ContourGain(Result):
         )
 
     def table(self) -> Table:
-        """The gain and the largest stable one."""
+        """Return a table of the current gain and the largest stable gain."""
         rows = [
             ["given", Quantity(self.gain, "1/s")],
             ["largest", Quantity(self.largest, "1/s")],
@@ -159,12 +159,12 @@ _MOST = 1e6  # 1/s: no sampled loop is stable beyond
 
 
 def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> ContourGain:
-    """The largest stable gain of a `CrossCoupled` among the couplings of a machine, worst over the path's direction.
+    """Return the largest stable gain of a `CrossCoupled` coupling of a machine, for the worst direction of the path.
 
-    The model of the machine without it, from set positions to readings, is closed with A - gain B N C, with
-    N = I - t tᵀ and the gain of each law; the eigenvalues of that matrix decide, by bisection to 1e-6, along each
-    direction.  Along equal axes it is the largest stable Kv less Kv.  A path that turns at V/R couples with this
-    rotation; it is left out, as it may be while V/R is far below Kv.
+    The model of the machine without this coupling, from set positions to readings, is closed with A - gain B N C, with
+    N = I - t tᵀ and the gain of each law. The eigenvalues of that matrix decide stability; the gain is found by
+    bisection to 1e-6 in each direction.  For equal axes it is the largest stable Kv minus Kv.  The rotation of the
+    path direction at V/R is neglected, which is permissible while V/R is far below Kv.
     Raises ParameterError if that coupling is no `CrossCoupled`.
     """
     coupling = machine.couplings[place] if 0 <= place < len(machine.couplings) else None
@@ -197,7 +197,7 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
 
 
 def _responses(model: StateSpace) -> np.ndarray:
-    """The responses from every input to every output, shape (lines, outputs, inputs)."""
+    """Return the responses from every input to every output, shape (lines, outputs, inputs)."""
     nyquist = 0.5 / model.sample_time
     z = np.exp(2j * np.pi * np.geomspace(1e-4 * nyquist, nyquist, _LINES) * model.sample_time)
     inner = np.linalg.solve(z[:, None, None] * np.eye(len(model.A)) - model.A, model.B.astype(complex)[None])
@@ -205,7 +205,7 @@ def _responses(model: StateSpace) -> np.ndarray:
 
 
 def _largest(stable) -> float:  # type: ignore[no-untyped-def]
-    """The end of the first stretch of stable gains from 0 on, to 1e-6 of it; 0 if there is none."""
+    """Return the upper end of the range of stable gains that starts at 0, to a relative 1e-6; 0 if there is none."""
     low = 0.0
     if not stable(0.0):
         return 0.0
@@ -221,7 +221,7 @@ def _largest(stable) -> float:  # type: ignore[no-untyped-def]
 
 
 def _directions(axes: int, count: int) -> list[np.ndarray]:
-    """Unit vectors, one of each pair that differ in sign: over half a circle, or half a sphere and its edges."""
+    """Return unit vectors over half a circle, or half a sphere and the axes; one of each pair of opposite vectors."""
     if axes == 2:
         angle = np.pi * np.arange(count) / count
         return [np.array([np.cos(component), np.sin(component)]) for component in angle]
@@ -234,6 +234,6 @@ def _directions(axes: int, count: int) -> list[np.ndarray]:
 
 
 def contour_gains(machine: Machine) -> list[ContourGain]:
-    """The largest gain of each cross-coupled control of a machine."""
+    """Return the largest stable gain of each cross-coupled control of a machine."""
     there = (i for i, coupling in enumerate(machine.couplings) if isinstance(coupling, CrossCoupled))
     return [contour_gain(machine, place) for place in there]

@@ -21,9 +21,9 @@ def as_frf(
     sample_time: float | None = None,
     unit: str = "",
 ) -> FRF:
-    """An FRF from an FRF, a feeddrive model, numpy arrays, or an object of python-control.
+    """Return an FRF from an FRF, a feeddrive model, numpy arrays, or an object of python-control.
 
-    source     FRF                        as it is
+    source     FRF                        unchanged
                feeddrive StateSpace       its first input to its first output at `frequency`
                complex array (n,)         at `frequency`
                array (n, 3)               columns: Hz, real, imaginary part
@@ -95,6 +95,6 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
 
 
 def _named(frf: FRF, source: Any) -> FRF:
-    """The FRF with the given names; default names of python-control are ignored."""
+    """Return the FRF with the labels of a python-control object; its default labels are ignored."""
     names = [str(label[0]) for label in (source.input_labels, source.output_labels)]
     return frf if names == ["u[0]", "y[0]"] else replace(frf, input=names[0], output=names[1])

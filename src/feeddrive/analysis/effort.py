@@ -20,26 +20,26 @@ from feeddrive.loop.trace import concrete
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Effort(Result):
-    """Operations of one sample by kind: add, sub, mul, div, select, lt ... and elementary functions as one each."""
+    """The operations of one sample by kind: add, sub, mul, div, select, lt ...; elementary functions count as one."""
 
     operations: Mapping[str, int]
 
     @property
     def total(self) -> int:
-        """The number of all operations."""
+        """The total number of operations."""
         return sum(self.operations.values())
 
     def table(self) -> Table:
-        """A row for each kind of operation, the most frequent first."""
+        """Return a table with one row for each kind of operation, the most frequent first."""
         rows = [[name, count] for name, count in sorted(self.operations.items(), key=lambda entry: -entry[1])]
         return Table(f"{self.total} operations a sample", ["operation", "number"], rows)
 
 
 def effort(loop: Loop) -> Effort:
-    """The operations that the control of a loop does in each sample, without its guard, which is alike for all laws.
+    """Count the operations of a loop's control in one sample, without the guard, which is the same for all laws.
 
-    What depends on parameters only is done once before the run and does not count; equal operations count once.
-    It depends on the law's text alone, so the figure is the same on every computer; times are in docs/speed.md.
+    Operations on parameters only are done once before the run and do not count; repeated operations count once.
+    The count depends only on the code of the law, so it is the same on every computer; docs/speed.md lists times.
     """
     plain = concrete(replace(loop, control=replace(loop.control, guard=None)))
     prepared = plain.control.prepare(plain.sample_time)
@@ -78,7 +78,7 @@ MOST_TURN = 0.6
 
 
 def fastest_mode(loop: Loop) -> float:
-    """Natural frequency of the fastest vibration of the axis in Hz; 0 for a rigid one."""
+    """Return the highest natural frequency of the axis in Hz; 0 for a rigid axis."""
     mechanics = loop.axis.mechanics()
     mass = np.array(mechanics.mass, dtype=float)
     stiffness = np.array(mechanics.stiffness, dtype=float)
@@ -87,9 +87,9 @@ def fastest_mode(loop: Loop) -> float:
 
 
 def substeps_needed(loop: Loop) -> int:
-    """Substeps for friction and other forces on a flexible axis: the exact hold itself needs one only.
+    """Return the number of substeps that friction and other forces on a flexible axis require.
 
-    Without friction and forces that depend on motion it is 1.
+    It is 1 without friction and forces that depend on the motion, since the linear part is discretized exactly.
     """
     axis = loop.axis
     held = (axis.friction_motor, axis.friction_load)

@@ -1,4 +1,4 @@
-"""Friction over velocity from a recorded motion, and the error at its reversals."""
+"""Friction versus velocity from a recorded motion, and the position error at its reversals."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from feeddrive.loop.simulate import Run
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionMap(Result):
-    """Mean force against the motion (N) by velocity (m/s), its standard deviation (N) and how many samples it has.
+    """The mean force against the motion (N) by velocity (m/s), its standard deviation (N) and its number of samples.
 
-    All of shape (m,), velocities rising, both directions.
+    All arrays have shape (m,); velocities of both directions in ascending order.
     """
 
     velocity: np.ndarray
@@ -27,7 +27,7 @@ class FrictionMap(Result):
     count: np.ndarray
 
     def table(self) -> Table:
-        """One row a velocity."""
+        """Return a table with one row per velocity."""
         numbers = zip(self.velocity, self.force, self.deviation, self.count, strict=True)
         rows = [[float(v), float(f), float(d), int(n)] for v, f, d, n in numbers]
         columns = [Column("velocity", "m/s"), Column("force", "N"), Column("deviation", "N", "3"), "samples"]
@@ -37,15 +37,15 @@ class FrictionMap(Result):
 def friction_map(
     position: np.ndarray, force: np.ndarray, mass: float, sample_time: float, *, window: float = 0.03, bins: int = 24
 ) -> FrictionMap:
-    """Friction of a rigid axis of `mass` (kg) from its position (m) and drive force (N), both of shape (n,).
+    """Compute the friction of a rigid axis of `mass` (kg) from position (m) and drive force (N), both of shape (n,).
 
-        friction = force - mass · x'',   x' and x'' from the parabola that fits a sliding window of the position best
+        friction = force - mass · x'',   x' and x'' from a least-squares parabola in a sliding window of the position
 
-    window  s over which position is smoothed; a longer one blurs reversals, a shorter one lets encoder counts through
-    bins    velocities in each direction
+    window  s over which position is smoothed; a longer one blurs reversals, a shorter one passes quantization noise
+    bins    number of velocities in each direction
 
     The force is averaged over the same window.  Samples whose window holds a reversal or a change of acceleration are
-    left out.  Gravity and every other constant force stay in: they show as a shift of both directions.
+    left out.  Gravity and other constant forces are not removed: they appear as an offset of both directions.
     Raises ParameterError if the motion is shorter than three windows.
     """
     half = max(2, round(0.5 * window / sample_time))
@@ -83,7 +83,7 @@ STANDING = 1e-3  # of the largest set velocity: slower than this does not count 
 
 
 class Window(NamedTuple):
-    """A stretch of a run to be shown in detail, in s, and the reversal in it (None if the motion has none)."""
+    """A time window of a run to be shown in detail, in s, and the reversal in it (None if the motion has none)."""
 
     begin: float
     end: float
@@ -91,7 +91,7 @@ class Window(NamedTuple):
 
 
 def set_velocity(run: Run) -> np.ndarray:
-    """The set velocity in m/s; differenced from the set position where the reference (a log) states none."""
+    """Return the set velocity in m/s, differentiated from the set position if the reference (a log) states none."""
     recorded = run["set_velocity"]
     if np.any(recorded) or run.time.size < 2:
         return recorded
@@ -106,7 +106,7 @@ def reversals(velocity: np.ndarray) -> np.ndarray:
 
 
 def worst_window(runs: Sequence[Run], signal: str = "following_error") -> Window:
-    """A stretch around the reversal with the largest error, each run counted in shares of its own peak.
+    """Return a window around the reversal with the largest error, with each run normalized by its own peak.
 
     Without a reversal it lies around the largest error of the last run.  All runs have the same reference.
     """

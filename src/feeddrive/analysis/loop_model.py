@@ -1,4 +1,4 @@
-"""The loop opened at the actuator and closed again: one linearization gives poles, all responses and robustness."""
+"""The linear loop, opened at the actuator and closed: the common model for poles, responses and robustness."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ _BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which line
 
 @dataclass(frozen=True, eq=False)
 class LoopModel:
-    """The linear model of a loop from `cut` and further inputs to `force` and `position_load`, and its closed form.
+    """The linear model of a loop from `cut` and further inputs to `force` and `position_load`, open and closed.
 
     open    the loop cut between control and actuator
     closed  the same model with cut = force
 
-    For a law with a period of several samples both are lifted, and the loop gain is that which a sine meets
-    (`loop_gain`).
+    For a law with a period of several samples both are lifted, and the loop gain is the response to a sine at its own
+    frequency (`loop_gain`).
     """
 
     open: StateSpace | Lifted
     closed: StateSpace | Lifted
 
     def lines(self, per_decade: int = _LINES) -> np.ndarray:
-        """Frequencies in Hz up to Nyquist, spread evenly over ln f and denser around each resonance."""
+        """Return frequencies in Hz up to Nyquist, spaced evenly over ln f and more densely around each resonance."""
         nyquist = 0.5 / self.open.sample_time
         spread = np.geomspace(_LOWEST * nyquist, nyquist, round(-np.log10(_LOWEST) * per_decade))
         one = [model if isinstance(model, StateSpace) else model.samples[-1] for model in (self.open, self.closed)]
@@ -46,7 +46,7 @@ class LoopModel:
         return both[np.append(np.diff(both) > _APART * both[:-1], True)]
 
     def loop_gain(self, frequency: np.ndarray) -> FRF:
-        """L = -force/cut: 1 + L = 0 is the edge of stability."""
+        """Return the loop gain L = -force/cut; the stability limit is 1 + L = 0."""
         model = self.open
         if isinstance(model, Lifted):
             return gain_of(model, frequency)[0]
@@ -57,10 +57,10 @@ class LoopModel:
 
 
 def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
-    """The linear model of a loop that moves with `velocity` (m/s), opened at the actuator.
+    """Linearize a loop that moves with `velocity` (m/s), opened at the actuator.
 
     Its inputs are `cut`, `load_force` and both readings.
-    Raises ParameterError for a law whose period is more than 64 samples where a loop gain is asked for.
+    Raises ParameterError if a loop gain is requested of a law whose period exceeds 64 samples.
     """
     inputs = ("cut", "load_force", "reading_motor", "reading_load")
     if loop.control.law.period() > 1:
@@ -71,7 +71,7 @@ def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
 
 
 def close(model: StateSpace, gain: float = 1.0) -> StateSpace:
-    """The model with its input `cut` fed by its output `force` times a gain; the other inputs and outputs stay.
+    """Return the model with `cut` = gain · `force`; its other inputs and outputs are kept.
 
     x' = A x + b f + B u,  f = c x + d u  gives  x' = (A + b c) x + (B + b d) u: the command of a sample never depends
     on the actuator's force in the same sample.
@@ -97,10 +97,10 @@ _LATEST = 400  # samples of dead time likewise
 
 
 def gain_edge(model: Lifted) -> float | None:
-    """The factor above 1 on the force that brings the loop to its stability limit, from its poles over a period.
+    """Return the factor above 1 on the force at which the loop becomes unstable, from its poles over one period.
 
-    Exact for a gain that is common to all samples, where the loop gain that a sine meets takes one frequency alone.
-    None if there is none up to 1000.  The loop itself must be stable.
+    It is exact for a gain common to all samples, whereas the loop gain of a sine considers one frequency only.
+    None if the loop is stable for factors up to 1000.  The loop itself must be stable.
     """
 
     def stable(gain: float) -> bool:
@@ -118,9 +118,9 @@ def gain_edge(model: Lifted) -> float | None:
 
 
 def delay_edge(model: Lifted) -> int | None:
-    """The largest number of extra samples of dead time up to which the loop is stable, from its poles.
+    """Return the largest number of additional samples of dead time with which the loop is stable, from its poles.
 
-    None if it is stable with up to 400.
+    None if it is stable with 400.
     """
     N, place, row = len(model.samples), model.inputs.index("cut"), model.outputs.index("force")
     n = model.samples[0].A.shape[0]

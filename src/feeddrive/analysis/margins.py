@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
-    """b(P, C) = min |1 + PC| / √((1 + |P|²)(1 + |C|²)) over the lines, with P scaled to 1 at `crossover` in Hz.
+    """Return the normalized coprime factor margin b, with P scaled to 1 at `crossover` in Hz.
+
+        b(P, C) = min over the lines of |1 + PC| / √((1 + |P|²)(1 + |C|²))
 
     The closed loop, stable itself, stays stable while the normalized coprime factors of P change by less than b; its
     phase margin is at least 2 asin b, its gain margin (1 + b)/(1 - b).  No controller of 1/s² exceeds 1/√(4 + 2√2).
@@ -46,7 +48,7 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
 
 
 def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Place and value of the minimum of y(x), both of shape (n,), n >= 1; at an end of the range that end itself."""
+    """Return location and value of the minimum of y(x) by a parabola; at an end of the range, that end. Shapes (n,)."""
     k = int(np.argmin(y))
     if k in (0, y.size - 1):
         return float(x[k]), float(y[k])
@@ -65,7 +67,7 @@ _ROUNDING = 1e-9  # in rad, and in ln |L|: a line nearer to a crossing than this
 
 
 class GainCrossover(NamedTuple):
-    """|L| = 1 at `frequency` in Hz; the phase above -180°, and the extra dead time in s that would use it up."""
+    """A gain crossover, |L| = 1, at `frequency` in Hz, with its phase margin and its delay margin in s."""
 
     frequency: float
     phase_margin_deg: float
@@ -73,14 +75,14 @@ class GainCrossover(NamedTuple):
 
 
 class PhaseCrossover(NamedTuple):
-    """L real and negative at `frequency` in Hz; a gain higher (> 0) or lower (< 0) by so many dB reaches -1."""
+    """A phase crossover, L real and negative, at `frequency` in Hz; gain margin in dB, < 0 for a gain reduction."""
 
     frequency: float
     gain_margin_dB: float
 
 
 class Logarithms(NamedTuple):
-    """A loop gain L by lines: x = ln f, level = ln |L|, lead = phase above -180° in rad; turn = phase to the next line.
+    """The logarithm of a loop gain L: x = ln f, level = ln |L|, lead = phase + 180° in rad, turn = step of the phase.
 
     x, level, lead of shape (n,), turn of shape (n - 1,).
     """
@@ -92,14 +94,14 @@ class Logarithms(NamedTuple):
 
 
 def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
-    """ln L over ln f (Hz), which counts as straight between two lines; values within rounding of 0 count as 0."""
+    """Return ln L over ln f (Hz), to be interpolated linearly; values within rounding of 0 are set to 0."""
     level = _snapped(np.log(np.maximum(np.abs(loop_gain), np.finfo(float).tiny)))
     turn = np.angle(loop_gain[1:] * np.conj(loop_gain[:-1]))
     return Logarithms(np.log(frequency), level, _snapped(np.angle(-loop_gain)), turn)
 
 
 def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
-    """The gain crossovers, |L| = 1: the interval between two lines, the share of it, and the margins there."""
+    """Return the gain crossovers, |L| = 1: index of the interval, fraction of it, and the margins there."""
     x, level, lead, turn = lines
     return [
         (i, part, _gain_crossover(np.exp(x[i] + part * (x[i + 1] - x[i])), lead[i] + part * turn[i]))
@@ -108,7 +110,7 @@ def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
 
 
 def phase_crossings(lines: Logarithms) -> list[tuple[int, float, PhaseCrossover]]:
-    """The phase crossovers, L < 0: the interval between two lines, the share of it, and the gain margin there."""
+    """Return the phase crossovers, L < 0: index of the interval, fraction of it, and the gain margin there."""
     x, level, lead, turn = lines
     crossings: list[tuple[int, float, PhaseCrossover]] = []
     for i, part in _crossings(lead[:-1], _snapped(lead[:-1] + turn)):
@@ -122,7 +124,7 @@ def _snapped(values: np.ndarray) -> np.ndarray:
 
 
 def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
-    """Interval and part of it where a straight line from a[i] to b[i] is zero; one that stays zero counts once."""
+    """Return interval and fraction at which the line from a[i] to b[i] is zero; a line that stays zero counts once."""
     crosses = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
     crosses[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
     return [(int(i), float(a[i] / (a[i] - b[i]))) for i in np.flatnonzero(crosses)]
@@ -137,7 +139,7 @@ def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Margins(Result):
-    """Stability margins of a loop gain. A figure that does not occur is None or an empty tuple, never NaN.
+    """The stability margins of a loop gain. A figure that does not exist is None or an empty tuple, never NaN.
 
     The figures are valid only for a stable closed loop. A frequency response alone does not show stability: see
     `stability`.  Frequencies in Hz.
@@ -156,22 +158,22 @@ class Margins(Result):
 
     @cached_property
     def phase_margin_deg(self) -> float | None:
-        """The smallest phase margin by size over all gain crossovers."""
+        """The phase margin of the smallest magnitude over all gain crossovers, degrees."""
         return min((c.phase_margin_deg for c in self.gain_crossovers), key=abs, default=None)
 
     @cached_property
     def gain_increase_dB(self) -> float | None:
-        """The least increase of the gain in dB that reaches -1."""
+        """The smallest gain increase in dB at which L passes through -1."""
         return min((c.gain_margin_dB for c in self.phase_crossovers if c.gain_margin_dB >= 0.0), default=None)
 
     @cached_property
     def gain_reduction_dB(self) -> float | None:
-        """The least reduction of the gain in dB that reaches -1, as a positive number."""
+        """The smallest gain reduction in dB at which L passes through -1, as a positive number."""
         return min((-c.gain_margin_dB for c in self.phase_crossovers if c.gain_margin_dB < 0.0), default=None)
 
     @cached_property
     def delay_margin(self) -> float | None:
-        """The smallest extra dead time that reaches -1, s; often not where the phase margin is smallest."""
+        """The smallest additional dead time at which L passes through -1, s; often not at the smallest phase margin."""
         return min((c.delay_margin for c in self.gain_crossovers), default=None)
 
     @cached_property
@@ -184,7 +186,7 @@ class Margins(Result):
     def small_gain_delay(self) -> float | None:
         """The largest extra dead time τ with |T| |e^(-jωτ) - 1| <= 1 on all lines, s: at most the delay margin.
 
-        T = L/(1 + L).  None if |T| is nowhere above ½, where no dead time breaks the bound.
+        T = L/(1 + L).  None if |T| is nowhere above ½: no dead time then violates the condition.
         """
         size = np.abs(self.loop_gain.response / (1.0 + self.loop_gain.response))
         high = size > 0.5
@@ -198,7 +200,7 @@ class Margins(Result):
         return 1.0 / self.modulus_margin if self.modulus_margin > 0.0 else float("inf")
 
     def numbers(self) -> dict[str, float | None]:
-        """The single figures by name, for a file."""
+        """Return the scalar figures by name, for a file."""
         return {
             "crossover_Hz": self.crossover,
             "phase_margin_deg": self.phase_margin_deg,
@@ -211,7 +213,7 @@ class Margins(Result):
         }
 
     def table(self) -> Table:
-        """All crossovers and the nearest approach to -1."""
+        """Return a table of all crossovers and of the modulus margin."""
         rows = [
             [
                 "gain crossover",
@@ -237,13 +239,13 @@ class Margins(Result):
 
 
 def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) -> Margins:
-    """Return the margins of a loop gain L(f), with 1 + L = 0 the edge of stability.
+    """Return the margins of a loop gain L(f); the stability limit is 1 + L = 0.
 
-    Between two lines ln |L| and the phase are straight over ln f, so a pure power of f is exact; the nearest approach
-    to -1 is that of a parabola.  Two neighboring lines must lie within 180° of each other.  If a sampled loop is given
-    up to Nyquist, its last line is real and counts as real. For an array or a loop gain of another tool give
-    `frequency` in Hz: see `as_frf`.  Of a `Loop` its model at 0.05 m/s is opened at the drive (`loop_model`), on lines
-    of its own if no `frequency` is given.
+    Between two lines ln |L| and the phase are interpolated linearly over ln f, so a pure power of f is exact; the
+    modulus margin is interpolated by a parabola.  The phase of two neighboring lines must differ by less than 180°.  If
+    a sampled loop is given up to Nyquist, its last line is taken as real. For an array or a loop gain of another tool
+    give `frequency` in Hz: see `as_frf`.  A `Loop` is linearized at 0.05 m/s and opened at the drive (`loop_model`);
+    without `frequency` the lines are chosen automatically.
     Raises ParameterError for fewer than two lines.
 
     When not: for a loop that is not stable when closed, and for a measured L where its coherence is low.
@@ -273,10 +275,10 @@ def _real_at_nyquist(L: FRF) -> np.ndarray:
 
 
 def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:
-    """S = 1/(1 + L): what is left of a disturbance that enters where the loop was opened.
+    """Return the sensitivity S = 1/(1 + L): the response to a disturbance at the point where the loop was opened.
 
     The variance of a measured L is propagated to first order, |S|⁴ var(L).
-    Raises ParameterError if L is exactly -1 on a line: the closed loop then oscillates and has no response there.
+    Raises ParameterError if L is exactly -1 on a line: the closed loop is then at its stability limit.
     """
     L = as_frf(loop_gain, frequency)
     _check(L)
@@ -284,7 +286,7 @@ def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FR
 
 
 def complementary_sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:
-    """T = L/(1 + L) = 1 - S: the response of the loop to a signal that enters where it was opened.
+    """Return T = L/(1 + L) = 1 - S: the closed-loop response to a signal at the point where the loop was opened.
 
     Raises ParameterError as `sensitivity`.  The response to the setpoint, which includes feedforward, is `tracking`.
     """
@@ -299,15 +301,15 @@ _HALF_POWER = float(np.sqrt(0.5))  # -3 dB
 
 
 def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
-    """Interval of the lines, and part of it, where |S| = 1/|1 + L| first rises to √½; None where it does not.
+    """Return interval and fraction at which |S| = 1/|1 + L| first rises to √½; None if it never does.
 
-    Between two lines ln |S| is straight over ln f.
+    Between two lines ln |S| is interpolated linearly over ln f.
     """
     return _first_rise(-np.log(np.abs(1.0 + loop_gain)) - np.log(_HALF_POWER))
 
 
 def _first_rise(level: np.ndarray) -> tuple[int, float] | None:
-    """Interval and part of it in which a line from level[i] < 0 to level[i + 1] >= 0 first is zero."""
+    """Return interval and fraction of the first upward zero crossing, from level[i] < 0 to level[i + 1] >= 0."""
     rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
     if not rises.size:
         return None
@@ -316,9 +318,9 @@ def _first_rise(level: np.ndarray) -> tuple[int, float] | None:
 
 
 def bandwidth(frequency: np.ndarray, loop_gain: np.ndarray) -> float | None:
-    """The frequency in Hz at which |S| = |1/(1 + L)| first rises to -3 dB, √½: up to there disturbances are rejected.
+    """Return the bandwidth of disturbance rejection in Hz, where |S| = |1/(1 + L)| first rises to -3 dB, √½.
 
-    frequency, loop_gain  Hz and L, both of shape (n,); None where |S| does not cross it between two lines.
+    frequency, loop_gain  Hz and L, both of shape (n,); the result is None if |S| has no such crossing.
     Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4.5.
     """
     crossing = bandwidth_crossing(loop_gain)
@@ -329,7 +331,7 @@ def bandwidth(frequency: np.ndarray, loop_gain: np.ndarray) -> float | None:
 
 
 def tracking_bandwidth(response: FRF) -> float | None:
-    """The frequency in Hz at which the response to the setpoint first falls through -3 dB, √½; None if it does not."""
+    """Return the frequency in Hz at which the setpoint response first falls below -3 dB, √½; None if it never does."""
     rise = _first_rise(np.log(_HALF_POWER) - np.log(np.maximum(response.magnitude, np.finfo(float).tiny)))
     if rise is None:
         return None
@@ -339,9 +341,9 @@ def tracking_bandwidth(response: FRF) -> float | None:
 
 
 def peak_deviation(loop_gain: np.ndarray, variance: np.ndarray) -> float:
-    """Standard deviation of Ms = max 1/|1 + L| from the variance E|dL|² of the lines, to first order.
+    """Return the standard deviation of Ms = max 1/|1 + L| from the variance E|dL|² of the lines, to first order.
 
-    Ms² [var(L)/2]^½ at the line nearest to -1: half of the variance lies along the direction to -1.
+    It is Ms² [var(L)/2]^½ at the line nearest to -1: half of the variance lies in the direction of -1.
     """
     away = np.abs(1.0 + loop_gain)
     k = int(np.argmin(away))
@@ -365,7 +367,7 @@ _CENTER, _SPREAD = 1, 2  # steps by which a window is narrower than the widest t
 
 @dataclass(frozen=True, eq=False)
 class Smoother:
-    """A linear map from the lines of an FRF to smooth ones: the weights of each line in each, a sparse (n, n)."""
+    """A linear smoother of the lines of an FRF, given by its sparse weight matrix of shape (n, n)."""
 
     weights: csr_array
 
@@ -377,7 +379,7 @@ class Smoother:
 
 
 def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
-    """Local parabolas over ln f, each as wide as the variance of its lines allows: (center, spread).
+    """Return smoothers by local parabolas over ln f, as wide as the variances allow: (center, spread).
 
     Windows grow from 5 to 97 lines and stop at the first that fails: χ² of the residuals is beyond its 99.9 % point.
     Where the first one fails, the line stays as it is. A window that just passes has a bias as large as the remaining
@@ -423,7 +425,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
 
 
 def _smoother(n: int, maps: Sequence[tuple[np.ndarray, np.ndarray]], reach: np.ndarray) -> Smoother:
-    """Each line smoothed by the map of its widest window; a line whose index is below 0 stays as it is."""
+    """Return the smoother that uses the widest window of each line; a line with an index below 0 is not smoothed."""
     from scipy.sparse import csr_array
 
     stays = np.flatnonzero(reach < 0)
@@ -453,7 +455,7 @@ FIGURES: dict[str, tuple[str, Callable[[Margins], float | None]]] = {
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with the interval that holds the true one with `level`; `sure` if nearly all draws have the figure."""
+    """A figure with its confidence interval; `sure` if the figure exists and agrees in nearly all draws."""
 
     value: float
     low: float
@@ -464,10 +466,10 @@ class Interval:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MarginIntervals(Result):
-    """Confidence intervals by name of the figure in `Margins`; figures that do not occur are left out.
+    """The confidence intervals of margins, by name of the figure in `Margins`; figures that do not exist are left out.
 
     margins  of the smoothed loop gain; the values of the intervals are these minus the bias caused by noise
-    level    probability with which each single interval holds the true figure
+    level    confidence level of each single interval
     draws, seed   of the Monte Carlo
     """
 
@@ -483,7 +485,7 @@ class MarginIntervals(Result):
         return self.intervals[name]
 
     def table(self) -> Table:
-        """One row a figure."""
+        """Return a table with one row per figure."""
         rows = [
             [
                 name,
@@ -498,7 +500,7 @@ class MarginIntervals(Result):
 
 
 def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: int = 0) -> MarginIntervals:
-    """Intervals of all margins from the variance of a measured loop gain, by Monte Carlo with a stated seed.
+    """Compute confidence intervals of all margins from the variance of a measured loop gain, by Monte Carlo.
 
     The least of many noisy distances to -1 is too small, and noisy lines cross |L| = 1 many times.  So the loop gain is
     first smoothed as far as its variances allow, and every draw is smoothed a little less (`smoothers`):
@@ -506,7 +508,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
         L* = B (A L + e),  e complex normal with the variance of each line, independent from line to line
         θ = margins of A L - (mean(θ*) - margins of B A L),  θ* = margins of L*,  interval = θ ± z std(θ*)
 
-    The parenthesis is the bias that noise alone causes: the least of several noisy distances is less than the true one.
+    The parenthesis is the bias caused by noise: the minimum of several noisy distances is below the true one.
 
     A figure is marked as not sure if less than 95 % of the draws show it, or if less than 95 % lie around one value.
     Where a resonance just reaches |L| = 1, for example, the delay margin jumps between two crossings. The interval then

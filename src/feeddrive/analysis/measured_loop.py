@@ -1,4 +1,4 @@
-"""The loop of a measured axis response and a control: margins and responses without a plant model."""
+"""A control on a measured axis response: margins and responses without a plant model."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from feeddrive.loop.loop import Loop
 class MeasuredLoop(Result):
     """The loop gain of a control on a measured axis, and its compliance if that of the open axis was measured.
 
-    Whether the closed loop is stable cannot be read off its margins alone: see `encirclement`.
+    Margins alone do not prove that the closed loop is stable: see `encirclement`.
     """
 
     loop_gain: FRF
@@ -46,21 +46,21 @@ class MeasuredLoop(Result):
         return margins(self.loop_gain)
 
     def margin_intervals(self, level: float = 0.95, seed: int = 0) -> MarginIntervals:
-        """Confidence intervals of the margins. Raises ParameterError if the axis was measured without variances."""
+        """Return confidence intervals of the margins. Raises ParameterError if the measurement has no variances."""
         return margin_intervals(self.loop_gain, level=level, seed=seed)
 
     def encirclement(self, unstable_poles: int = 0, integrators: int | None = None) -> Encirclement:
-        """Stability of the closed loop by the Nyquist criterion, with the integrators of axis and law."""
+        """Judge the stability of the closed loop by the Nyquist criterion; `integrators` are those of axis and law."""
         return encirclement(self.loop_gain, unstable_poles=unstable_poles, integrators=integrators)
 
     @property
     def sensitivity(self) -> FRF:
-        """1/(1 + L)."""
+        """The sensitivity 1/(1 + L)."""
         return sensitivity(self.loop_gain)
 
     @property
     def complementary_sensitivity(self) -> FRF:
-        """L/(1 + L)."""
+        """The complementary sensitivity L/(1 + L)."""
         return complementary_sensitivity(self.loop_gain)
 
     @property
@@ -71,7 +71,7 @@ class MeasuredLoop(Result):
         return stiffness(self.compliance)
 
     def table(self) -> Table:
-        """The margins, and the least stiffness."""
+        """Return a table of the margins and the minimum stiffness."""
         table = self.margins.table()
         rows = [list(row) for row in table.rows]
         if self.compliance is not None:
@@ -91,7 +91,7 @@ def measured_loop(
     velocity: float = 0.05,
     frequency: np.ndarray | None = None,
 ) -> MeasuredLoop:
-    """A control on an axis of which frequency responses were measured, all in m/N on the same frequencies.
+    """Combine a control with the measured frequency responses of an axis, all in m/N at the same frequencies.
 
         u = C1 x1 + C2 x2,   L = -(C1 X1/u + C2 X2/u),   x2/d = X2/d + X2/u (C1 X1/d + C2 X2/d) / (1 + L)
 
@@ -101,11 +101,11 @@ def measured_loop(
     sample_time   s; None for a response C that is not sampled
     load, motor   X2/u and X1/u, from the commanded force to the readings; with one encoder leave `motor` out
     disturbance   X2/d and X1/d, from a force on the table to the readings (a hammer's), for the compliance
-    delay         s, of computation, if the responses were measured from the force that acts and not from its command
-    frequency     Hz of the responses that are arrays, or models of python-control
+    delay         s, of computation, if the responses were measured from the acting force instead of its command
+    frequency     Hz, for responses that are arrays or models of python-control
 
-    The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may be correlated in any way, it is
-    the most that it can be, (|C1| dev(X1/u) + |C2| dev(X2/u))²: intervals of margins are then rather too wide.
+    The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may be correlated, its upper bound
+    (|C1| dev(X1/u) + |C2| dev(X2/u))² is used: confidence intervals are then conservative.
 
     Raises ParameterError for frequencies that differ or lie beyond Nyquist, for a law with two encoders if only one was
     measured, and for a law whose period is several samples.
@@ -119,7 +119,7 @@ def measured_loop(
         by_motor, by_load = 0.0, -_as_response(control, sample_time, lines, one_encoder=motor is None)
 
     def answered(of_load: FRF, of_motor: FRF | None) -> FRF:
-        """The response of the control to an input of the axis."""
+        """Return the force of the control in response to an input of the axis."""
         return of_load * (by_load + by_motor) if of_motor is None else of_load * by_load + of_motor * by_motor
 
     gain = -answered(load, motor).delayed(delay)
@@ -145,7 +145,7 @@ def measured_loop(
 def _responses(
     control: Control, T: float | None, frequency: np.ndarray, velocity: float, *, one_encoder: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Force over the reading of motor and load: the control alone, with the loop open behind it."""
+    """Return the responses from the readings of motor and load to the force, of the control alone."""
     law = control.law
     if T is None:
         raise ParameterError(f"the law '{law.kind}' is sampled: give its sample_time in s")
@@ -164,7 +164,7 @@ def _responses(
 
 
 def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_encoder: bool) -> np.ndarray:
-    """A control that is one response of force over error."""
+    """Return the response of a control that is given as force over position error."""
     if not one_encoder:
         raise ParameterError("a control that is one response reads one encoder: leave `motor` out, or give a Control")
     C = as_frf(control, None if isinstance(control, FRF) or hasattr(control, "omega") else frequency)
@@ -183,7 +183,7 @@ def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_en
 
 
 def _coherence(load: FRF, motor: FRF | None) -> np.ndarray | None:
-    """The smaller coherence of two measurements."""
+    """Return the smaller coherence of two measurements."""
     if load.coherence is None or motor is None or motor.coherence is None:
         return load.coherence
     return np.minimum(load.coherence, motor.coherence)

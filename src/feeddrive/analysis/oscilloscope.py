@@ -1,8 +1,8 @@
-"""The oscilloscope: the trigger, and signals that are followed while they are recorded.
+"""An oscilloscope for live signals: recording, triggering and the cursor readout.
 
 scope = Oscilloscope(window=0.5, before=0.2, mode=NORMAL, trigger=Trigger("force", 100.0))
-scope.feed(source)                  # a `LiveSource`: as often as one likes
-shown = scope.shown()               # the last window that was caught, or None
+scope.feed(source)                  # a `LiveSource`; call it repeatedly
+shown = scope.shown()               # the last captured window, or None
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ RISING, FALLING = "rising", "falling"
 
 @dataclass(frozen=True)
 class Trigger:
-    """The condition of an instant.
+    """The trigger condition of an oscilloscope.
 
-    channel     by its name
-    level       that is passed, in the unit of the channel
+    channel     name of the channel
+    level       trigger level, in the unit of the channel
     edge        rising or falling
-    hysteresis  distance by which the signal must have been on the other side before, so that noise at the level
-                counts once; >= 0, in the unit of the channel
-    hold        after an instant that counted, the time in which no other one does; >= 0, s
+    hysteresis  distance by which the signal must have been on the other side of the level, so that noise triggers
+                only once; >= 0, in the unit of the channel
+    hold        holdoff: time after a trigger in which no other one is accepted; >= 0, s
     """
 
     channel: str
@@ -53,14 +53,14 @@ class Trigger:
 
 
 class Crossings:
-    """Finds the instants of a trigger in a signal that comes in pieces; the cuts do not change the result.
+    """A detector of trigger instants in a signal that arrives in blocks; block boundaries do not affect the result.
 
-    A rising instant lies between two samples a, b of the times s, t with a < level <= b, if the signal was below
+    A rising edge lies between two samples a, b at the times s, t with a < level <= b, if the signal was below
     level - hysteresis since it last was at the level or above:
 
         instant = s + (t - s) (level - a) / (b - a)
 
-    Falling is the same of the signal with the other sign.  NaN is a gap: nothing is known of what was before it.
+    A falling edge is a rising edge of the negated signal.  NaN is a gap, which resets the detector.
     """
 
     def __init__(self, trigger: Trigger) -> None:
@@ -71,7 +71,7 @@ class Crossings:
         self._armed = False
 
     def take(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """The instants (s) in the next samples, both of shape (n,)."""
+        """Return the trigger instants (s) within the next samples; time and values of shape (n,)."""
         if not time.size:
             return np.empty(0)
         t = np.concatenate([[self._last[0]], time])
@@ -103,11 +103,11 @@ _SPARE = 1.5  # windows that are kept
 
 
 class Rows(NamedTuple):
-    """New rows of several signals since the last call.
+    """The new rows of several signals since the last call.
 
-    time    rising, s (or samples, of a source without a clock), shape (n,)
+    time    ascending, s (or samples, for a source without a clock), shape (n,)
     values  shape (n, channels); a row of NaN is a gap
-    anew    earlier rows are void: the file was replaced or cut, or the clock began again
+    anew    True if earlier rows are void: the file was replaced or truncated, or the clock restarted
     """
 
     time: np.ndarray
@@ -116,7 +116,7 @@ class Rows(NamedTuple):
 
 
 class LiveSource(Protocol):
-    """Signals that are recorded right now."""
+    """A source of signals that are being recorded."""
 
     name: str
     channels: Mapping[str, str]
@@ -139,7 +139,7 @@ class LiveSource(Protocol):
 
 
 class Recording:
-    """The last rows of several channels, in bounded memory: `MOST_NUMBERS`, of which the oldest are dropped."""
+    """A buffer for the last rows of several channels, at most `MOST_NUMBERS` numbers; the oldest rows are dropped."""
 
     most: int
     """Rows that are kept."""
@@ -154,16 +154,16 @@ class Recording:
 
     @property
     def time(self) -> np.ndarray:
-        """s, shape (n,); a view that the next `add` may change."""
+        """The times in s, shape (n,); a view that the next `add` may change."""
         return self._rows[self._from : self._to, 0]
 
     @property
     def values(self) -> np.ndarray:
-        """Shape (n, channels); a view that the next `add` may change."""
+        """The values, shape (n, channels); a view that the next `add` may change."""
         return self._rows[self._from : self._to, 1:]
 
     def add(self, time: np.ndarray, values: np.ndarray) -> None:
-        """Append rows whose time does not run backward."""
+        """Append rows with non-decreasing time."""
         if not time.size:
             return
         time, values = time[-self.most :], values[-self.most :]
@@ -175,7 +175,7 @@ class Recording:
         self._to = there.stop
 
     def _make_room(self, more: int) -> None:
-        """Move the kept rows to the front of a buffer that has a quarter more room than they need."""
+        """Move the kept rows to the front of a buffer with a quarter of spare room."""
         held, needed = self._rows[self._from : self._to], len(self) + more
         fitting = needed <= 0.9 * len(self._rows)
         rows = self._rows if fitting else np.empty((needed + needed // 4 + 64, self._rows.shape[1]))
@@ -183,26 +183,26 @@ class Recording:
         self._rows, self._from, self._to = rows, 0, len(held)
 
     def keep(self, seconds: float) -> None:
-        """Drop rows that are older than a time in s before the last row."""
+        """Drop rows that are more than this time in s older than the last row."""
         if len(self):
             self._from += int(np.searchsorted(self.time, self.time[-1] - seconds))
 
     def between(self, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-        """Copies of time and values of the rows from `start` to `end`, s, both included."""
+        """Return copies of time and values of the rows from `start` to `end`, s, both included."""
         first, last = np.searchsorted(self.time, start, "left"), np.searchsorted(self.time, end, "right")
         return self.time[first:last].copy(), self.values[first:last].copy()
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A window of signals.
+    """A captured window of signals.
 
     time, values  as recorded, shapes (n,) and (n, channels)
-    channels      units of the columns of values by name, as their source stated them; empty where none is known
-    zero          the instant that is shown as 0: that of the trigger, or the end
-    start, end    of the window in relation to it
+    channels      units of the columns of values by name, as stated by their source; empty where unknown
+    zero          time origin of the window: the trigger instant, or the end
+    start, end    limits of the window relative to `zero`
     triggered     True if there was a trigger
-    whole         True if all of it was recorded and is kept
+    whole         True if the recording covers the whole window
     clock         unit of the time
     """
 
@@ -218,9 +218,9 @@ class Shown:
 
 
 class Readout(NamedTuple):
-    """The readings of two cursors: values of all channels at times a and b, in relation to the zero of a window.
+    """The readings of two cursors: values of all channels at times a and b, relative to the zero of a window.
 
-    A value is that of the straight line between two samples; NaN beside the window and in gaps.
+    Values are interpolated linearly between samples; NaN outside the window and in gaps.
     """
 
     a: float
@@ -230,22 +230,22 @@ class Readout(NamedTuple):
 
     @property
     def step(self) -> float:
-        """b - a."""
+        """The time difference b - a."""
         return self.b - self.a
 
     @property
     def rate(self) -> float:
-        """1/(b - a): Hz, if the time is in s. Infinite for cursors at one place."""
+        """The frequency 1/(b - a), in Hz if the time is in s; infinite for coincident cursors."""
         return math.inf if self.b == self.a else 1.0 / (self.b - self.a)
 
     @property
     def rise(self) -> np.ndarray:
-        """Values at b less those at a."""
+        """The values at b minus those at a."""
         return self.at_b - self.at_a
 
 
 def readout(shown: Shown, a: float, b: float) -> Readout:
-    """The values of a window at two places, in relation to its zero."""
+    """Return the values of a window at two times, relative to its zero."""
     return Readout(a, b, _at(shown, a), _at(shown, b))
 
 
@@ -263,15 +263,15 @@ def _at(shown: Shown, place: float) -> np.ndarray:
 
 
 class Oscilloscope:
-    """The last seconds of a source, and the windows that its trigger catches.
+    """An oscilloscope: the last seconds of a source, and the windows captured by its trigger.
 
-    window   length of what is shown, s (or samples)
-    before   share of it that lies before the trigger, 0 to 0.95
-    mode     of `MODES`
-    trigger  None: the last seconds run by in every mode
+    window   length of the window, s (or samples)
+    before   pre-trigger share of the window, 0 to 0.95
+    mode     one of `MODES`
+    trigger  None: the last seconds are shown continuously in every mode
 
-    A trigger counts once the share before it is recorded, and not while a window fills.  Trigger and mode may be
-    changed at any time; what was caught stays until there is another.
+    A trigger is accepted once its pre-trigger share is recorded, and not while a window is being filled.  Trigger and
+    mode may be changed at any time; the captured window is kept until the next one.
     """
 
     def __init__(
@@ -286,7 +286,7 @@ class Oscilloscope:
         self.set(window, before, mode, trigger)
 
     def set(self, window: float, before: float, mode: str, trigger: Trigger | None) -> None:
-        """Change the settings, and look for the trigger from now on. Raises ParameterError."""
+        """Change the settings and rearm the trigger. Raises ParameterError for invalid settings."""
         if not 0.0 < window < math.inf:
             raise ParameterError(f"window = {Quantity(window, 's'):6 SI} must be > 0 s and finite")
         if not 0.0 <= before <= 0.95:
@@ -299,7 +299,7 @@ class Oscilloscope:
         self.arm()
 
     def arm(self) -> None:
-        """Look for the trigger from now on; in mode single for one more."""
+        """Rearm the trigger; in single mode for one more window."""
         if self.trigger is not None and self.channels and self.trigger.channel not in self.channels:
             raise ParameterError(
                 f"there is no channel '{self.trigger.channel:.60}'{nearest(self.trigger.channel, self.channels)}"
@@ -311,11 +311,11 @@ class Oscilloscope:
 
     @property
     def waits(self) -> bool:
-        """True if it looks for a trigger."""
+        """True if the oscilloscope is waiting for a trigger."""
         return self._crossings is not None and not (self.mode == SINGLE and (self.count or self._filling is not None))
 
     def feed(self, source: LiveSource) -> int:
-        """Take the new rows of a source; return how many there were."""
+        """Record the new rows of a source and return their number."""
         rows = source.take()
         of, known = ([*channels.items()] for channels in (source.channels, self.channels))  # their order counts
         if of != known or source.clock != self.clock:
@@ -327,7 +327,7 @@ class Oscilloscope:
         return rows.time.size
 
     def _forget(self) -> None:
-        """Drop the recording, which belongs to another clock or to other channels; a caught window stays."""
+        """Drop the recording of another clock or other channels; the captured window is kept."""
         self.recording = Recording(len(self.channels))
         self._crossings = None if self.trigger is None else Crossings(self.trigger)
         self._ready, self._filling, self._fed = -math.inf, None, -math.inf
@@ -347,12 +347,12 @@ class Oscilloscope:
 
     @property
     def _at_once(self) -> int:
-        """Rows that are taken at a time, so that every window of a long piece is still there when it is whole."""
+        """The number of rows processed at a time, so few that a window is complete before its rows are dropped."""
         return min(1 << 14, max(1, self.recording.most // 8))
 
     @property
     def lack(self) -> str:
-        """The reason why no window is whole, as a sentence: it is longer than the kept recording. Else empty."""
+        """A sentence if the window is longer than the recording can be, so that none is ever complete; else empty."""
         time = self.recording.time
         kept = float(time[-1] - time[self._at_once]) if time.size >= self.recording.most else math.inf
         if not 0.0 < kept < self.window:
@@ -378,7 +378,7 @@ class Oscilloscope:
         self.recording.keep(_SPARE * self.window)
 
     def _complete(self, until: float) -> None:
-        """Catch the window that is being filled, if its end lies before an instant."""
+        """Capture the window that is being filled if it ends before an instant."""
         if self._filling is not None and until >= self._filling + (1.0 - self.before) * self.window:
             self.caught, self._filling = self._around(self._filling), None
             self.count += 1
@@ -390,7 +390,7 @@ class Oscilloscope:
         return Shown(time, values, dict(self.channels), instant, start, end, True, whole, self.clock)
 
     def shown(self) -> Shown | None:
-        """The window that a picture shows now; None if there is nothing yet."""
+        """Return the window to be displayed; None if nothing is recorded yet."""
         if self.trigger is None or (self.mode == AUTO and self._overdue):
             return self.last()
         if self._filling is not None and (self.window >= _LONG or self.caught is None):
@@ -401,14 +401,14 @@ class Oscilloscope:
 
     @property
     def _overdue(self) -> bool:
-        """True if no trigger came for the length of a window, or of the hold, after the last caught window."""
+        """True if no trigger occurred for the length of a window, or of the hold, after the last captured window."""
         if self._filling is not None or self.caught is None or self.trigger is None:
             return False
         since = self._fed - (self.caught.zero + self.caught.end)
         return since < 0.0 or since > max(self.window, _LONG, self.trigger.hold)
 
     def last(self) -> Shown | None:
-        """The last window of what was recorded, whose zero is its end; None if there is nothing."""
+        """Return the latest window of the recording, with its zero at its end; None if nothing is recorded."""
         if not len(self.recording):
             return None
         end = float(self.recording.time[-1])

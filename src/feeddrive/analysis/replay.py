@@ -1,4 +1,4 @@
-"""A measured log run through a control or a model."""
+"""Replay of a measured log through a control, a loop or an observer."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _compiled: Recent[Native] = Recent(16)
 
 
 class OnLog(Block):
-    """A control that receives setpoint, readings and the force that acted, sample by sample."""
+    """A control that receives setpoint, readings and the applied force, sample by sample."""
 
     control: Control = part("the control, without its guard")
     sample_time: Number = parameter("s", "time from row to row", above=0)
@@ -41,7 +41,7 @@ class OnLog(Block):
     def sample(
         self, prepared: Any, state: Any, inputs: Mapping[str, Number], noise: object, time: object
     ) -> tuple[Any, dict[str, Number]]:
-        """One sample.  The force that acted is that of the log: an error of the law does not add up in observers."""
+        """Compute one sample. The applied force is that of the log, so that errors of the law do not accumulate."""
         setpoint = Setpoint(*(inputs[name] for name in SETPOINT))
         state = state._replace(applied=inputs["acted"], requested=inputs["acted"])
         readings = inputs["reading_motor"], inputs["reading_load"]
@@ -57,14 +57,14 @@ def commanded(
     force: np.ndarray,
     reading_motor: np.ndarray | None = None,
 ) -> np.ndarray:
-    """The force in N that a control commands at each row of a log, shape (n,).
+    """Return the force in N that a control commands at each row of a log, shape (n,).
 
     set_position   m, shape (n,), one row a sample of the control
     reading        m, shape (n,): what the encoder of the load read, and that of the motor if `reading_motor` is None
     force          N, shape (n,), as it was commanded at each row
 
-    There is no plant in it: for the control that made the log it is the logged force, apart from rounding and the
-    state of the control at the start.  The guard is left out.
+    No plant model is involved: for the control that produced the log it is the logged force, apart from rounding and
+    the initial state of the control.  The guard is left out.
     """
     T = np.float64(sample_time)
     motor = reading if reading_motor is None else reading_motor
@@ -121,7 +121,7 @@ FITTED = 50  # samples from which position and velocity at the start are estimat
 class Replay(Result):
     """A predicted run and the measured signals of the same names, over the same samples.
 
-    `skipped` samples at the start do not count in the errors: there the state of the real loop is not known.
+    `skipped` samples at the start do not count in the errors: the initial state of the real loop is not known.
     `contained` is True if the logged force included the injected one, which is subtracted in `measured`.
     """
 
@@ -131,19 +131,19 @@ class Replay(Result):
     contained: bool = False
 
     def residual(self, signal: str) -> np.ndarray:
-        """Predicted - measured, after the skipped samples."""
+        """Return predicted - measured, after the skipped samples."""
         return (self.run[signal] - self.measured[signal])[self.skipped :]
 
     def rms(self, signal: str) -> float:
-        """RMS of the residual in SI."""
+        """Return the RMS of the residual in SI."""
         return float(np.sqrt(np.mean(self.residual(signal) ** 2)))
 
     def share(self, signal: str) -> float:
-        """RMS of the residual over RMS of the measured signal."""
+        """Return the RMS of the residual over the RMS of the measured signal."""
         return self.rms(signal) / float(np.sqrt(np.mean(self.measured[signal][self.skipped :] ** 2)))
 
     def table(self) -> Table:
-        """RMS and peak of measured, predicted and residual."""
+        """Return a table of the RMS of measurement and residual, and the peak of the residual."""
         rows = []
         for signal, measured in self.measured.items():
             is_position = signal in ("position_load", "position_motor")
@@ -197,11 +197,11 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
 
 
 def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) -> tuple[float, Replay]:
-    """The factor of the injected forces with which the model meets the log best, and the run with it; about 1 if right.
+    """Return the factor of the injected forces that fits the log best, and the replay with it; it should be about 1.
 
-        c = -e₀ · d / (d · d),   e₀ the position residual without them, d what they change in it
+        c = -e₀ · d / (d · d),   e₀ the position residual without them, d the change that they cause
 
-    `fit` is the run with them as they are.
+    `fit` is the replay with the unscaled forces.
     """
     without = {name: values for name, values in measured.items() if name not in INJECTED}
     bare = replay(loop, without, skip=fit.skipped).residual("position_load")
@@ -215,12 +215,13 @@ def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) 
 
 
 def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay) -> tuple[np.ndarray, Replay] | None:
-    """The run if `added_force` was added to the command before the limit F, and the part of it that passes the limit.
+    """Return the part of `added_force` that passes the force limit F if it was added before it, and the replay with it.
 
         a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F,   u what the control requests
 
-    Each run gives requests, and these the a' of the next, until a' stays or 20 runs were made.  None if the limit cuts
-    nothing.  The law is told its own command, without the injected part.  `limited` is the run behind the limit.
+    The requests of a run give the a' of the next, until a' converges, at most 20 times.  None if the limit is never
+    active.  The law receives its own command, without the injected part.  `limited` is the replay with the force added
+    after the limit.
     """
     if loop.control.force_limit is None:
         return None
@@ -236,7 +237,7 @@ def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay
 
 
 def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:
-    """Position (m) and velocity (m/s) at the first sample, by a parabola through the first `FITTED` samples."""
+    """Estimate position (m) and velocity (m/s) at the first sample, by a parabola fit to `FITTED` samples."""
     t = np.arange(FITTED) * T
     _, velocity, start = np.polyfit(t, position[:FITTED], 2)
     return float(start), float(velocity)
@@ -244,7 +245,7 @@ def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Observation(Result):
-    """Estimates over time, each of shape (n,): position (m), velocity (m/s), disturbance on the axis (N).
+    """The estimates of an observer over time, of shape (n,): position (m), velocity (m/s), disturbance (N).
 
     `lag` in s: the delay of the estimate of a slow disturbance; 0 if the observer does not state it.
     """
@@ -258,7 +259,7 @@ class Observation(Result):
     lag: float
 
     def error(self, true: np.ndarray, *, skip: int = 0, aligned: bool = False) -> float:
-        """RMS in N of disturbance - true after `skip` samples; `aligned` shifts the true one by the whole lag.
+        """Return the RMS error of the disturbance in N after `skip` samples; `aligned` shifts the true one by the lag.
 
         true  N, shape (n,); row k acts over [kT, (k+1)T], as `load_force` of a run does
         """
@@ -270,7 +271,7 @@ class Observation(Result):
         return float(np.sqrt(np.mean(off**2)))
 
     def table(self) -> Table:
-        """Mean, RMS and peak of the disturbance."""
+        """Return a table of mean, RMS and peak of the disturbance."""
         d = self.disturbance
         row = [self.name, float(d.mean()), float(np.sqrt(np.mean(d**2))), float(np.max(np.abs(d)))]
         title = Text(
@@ -289,12 +290,12 @@ def observe(
     before: float = 0.0,
     velocity: float = 0.0,
 ) -> Observation:
-    """Run an observer on measured positions and commanded forces, with the native step that also runs in a loop.
+    """Run an observer on measured positions and commanded forces, with the same native step as in a loop.
 
     position     m, read at kT, shape (n,): `reading_load` of a run, `position_load` of a log
     force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log
     sample_time  s
-    before       N that acted before the first row, such as the weight that a vertical axis holds
+    before       N, force before the first row, such as the weight that a vertical axis holds
     velocity     m/s of the axis at the first row; a record that begins in motion needs it, otherwise the first
                  estimates show a false force pulse that brings the observer up to speed
 
@@ -332,7 +333,7 @@ def observe(
 
 
 def _program(observer: Observer, prepared_numbers: Any, begun: Any) -> Program:
-    """One step of the observer between named numbers."""
+    """Trace one step of the observer between named numbers."""
     graph = Graph()
     constants: dict[str, int] = {}
     inputs: dict[str, int] = {}

@@ -1,4 +1,4 @@
-"""The figures by which the robustness of one loop is judged: slowest pole, Ms, delay margin, rope-snap error."""
+"""Robustness figures of a loop: slowest pole, Ms, delay margin and rope-snap error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _EDGE = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 
 
 class Robustness(NamedTuple):
-    """Figures of one loop. If it is not stable, those after `growth` are infinite and the delay margin is 0."""
+    """The robustness figures of a loop. If it is unstable, Ms and the rope snap are infinite, the delay margin is 0."""
 
     growth: float  # |z| of the largest pole; infinite where the parameters do not fit each other
     sensitivity_peak: float = np.inf  # Ms
@@ -24,12 +24,12 @@ class Robustness(NamedTuple):
 
     @property
     def stable(self) -> bool:
-        """All poles inside the unit circle."""
+        """True if all poles lie inside the unit circle."""
         return self.growth < 1.0 - _EDGE
 
 
 def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> Robustness:
-    """The figures of a loop that moves with `velocity` (m/s), opened at the actuator."""
+    """Compute the robustness figures of a loop that moves with `velocity` (m/s), opened at the actuator."""
     both = loop_model(loop, velocity=velocity)
     poles = both.closed.poles()  # over a period
     growth = float(abs(poles[0])) if poles.size else 0.0

@@ -1,4 +1,4 @@
-"""Amplitude spectrum of a signal, and its cumulative RMS over frequency."""
+"""The amplitude spectrum of a signal, and its cumulative RMS over frequency."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ LARGEST = 6  # lines that the table names
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spectrum(Result):
-    """One-sided amplitude spectrum and cumulative RMS of a signal at `frequency` in Hz, from 0 to Nyquist, shape (m,).
+    """The one-sided amplitude spectrum and cumulative RMS of a signal by `frequency` in Hz, 0 to Nyquist, shape (m,).
 
-    A sine of amplitude a on a line shows as a.  The last value of `cumulative_rms` is the RMS of the whole signal.
+    A sine of amplitude a on a line has the value a.  The last value of `cumulative_rms` is the RMS of the whole signal.
     `unit` is SI, and so are the numbers.
     """
 
@@ -30,18 +30,18 @@ class Spectrum(Result):
 
     @property
     def rms(self) -> float:
-        """RMS of the signal, including its mean."""
+        """The RMS of the signal, including its mean."""
         return float(self.cumulative_rms[-1])
 
     def largest(self, count: int = LARGEST) -> list[tuple[float, float]]:
-        """Frequency and amplitude of the largest peaks above 0 Hz, the largest first."""
+        """Return frequency and amplitude of the largest peaks above 0 Hz, the largest first."""
         inner = self.amplitude[1:-1]
         peaks = 1 + np.flatnonzero((inner >= self.amplitude[:-2]) & (inner > self.amplitude[2:]))
         chosen = peaks[np.argsort(-self.amplitude[peaks], kind="stable")][:count]
         return [(float(self.frequency[i]), float(self.amplitude[i])) for i in chosen]
 
     def table(self) -> Table:
-        """The largest peaks, and the share of the RMS that has gathered up to each."""
+        """Return a table of the largest peaks with the cumulative RMS up to each, as a share of the RMS."""
         rows, unit = [], signal_unit(self.unit)
         for frequency, amplitude in self.largest():
             gathered = float(self.cumulative_rms[np.searchsorted(self.frequency, frequency)])
@@ -60,13 +60,13 @@ class Spectrum(Result):
 def spectrum(
     values: np.ndarray, sample_time: float, *, name: str = "signal", unit: str = "", window: str = "hann"
 ) -> Spectrum:
-    """Amplitude spectrum of equidistant samples, shape (n,), n >= 2.
+    """Compute the amplitude spectrum of equidistant samples, shape (n,), n >= 2.
 
         amplitude(0) = |mean|,  amplitude(f) = c |Σ w (x - mean) e^(-j2πfkT)| / Σ w,  c = 2, and 1 at Nyquist
         cumulative_rms(f)² = Σ over lines up to f of c |Σ x e^(-j2πfkT)|² / n²
 
-    window  "hann" (default) or "none".  It acts on the amplitudes, where it limits the leakage of a motion that is not
-            periodic. It never acts on the cumulative RMS, so that Parseval's sum stays exact.
+    window  "hann" (default) or "none".  It applies to the amplitudes, where it limits the leakage of a motion that is
+            not periodic, but not to the cumulative RMS, which satisfies Parseval's theorem exactly.
 
     Raises ParameterError for another window, fewer than two samples, or a value that is not finite.
     """

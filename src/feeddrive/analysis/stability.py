@@ -1,4 +1,4 @@
-"""Stability of a loop: by the poles of its model, or by the Nyquist criterion from its loop gain."""
+"""Stability of a loop by the poles of its model, or by the Nyquist criterion on its loop gain."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _ROUNDING = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stability(Result):
-    """The largest pole of a sampled model, which decides its stability. `sample_time` in s.
+    """The dominant pole of a sampled model, which decides its stability. `sample_time` in s.
 
-    `growth` is |z|: the factor of the motion from sample to sample; below 1 the motion dies out.
+    `growth` is |z|, the growth factor of the motion per sample; below 1 the motion decays.
     """
 
     model: StateSpace
@@ -35,7 +35,7 @@ class Stability(Result):
 
     @property
     def growth(self) -> float:
-        """|z| of the deciding pole."""
+        """The magnitude |z| of the dominant pole."""
         return abs(self.pole)
 
     @property
@@ -45,18 +45,18 @@ class Stability(Result):
 
     @property
     def frequency(self) -> float:
-        """The frequency of the deciding pole, Hz; 0 for a motion that does not oscillate."""
+        """The frequency of the dominant pole, Hz; 0 for a motion that does not oscillate."""
         return float(abs(np.angle(self.pole)) / (2.0 * np.pi * self.model.sample_time))
 
     @property
     def time_constant(self) -> float | None:
-        """Time in s in which the motion grows by e or falls to 1/e; None at the edge of stability or for z = 0."""
+        """The time constant of growth or decay in s; None at the stability limit or for z = 0."""
         if self.growth == 0.0 or abs(self.growth - 1.0) <= _ROUNDING:
             return None
         return float(self.model.sample_time / abs(np.log(self.growth)))
 
     def sentence(self) -> str:
-        """The motion of the deciding pole in words."""
+        """Return a sentence on the motion of the dominant pole."""
         motion = Text(f"an oscillation of {Quantity(self.frequency, 'Hz')}") if self.frequency > 0.0 else "a drift"
         time = self.time_constant
         if self.stable:
@@ -67,13 +67,13 @@ class Stability(Result):
         return Text(f"the loop is unstable: {motion} grows by the factor e every {Quantity(time, 's')}")
 
     def table(self) -> Table:
-        """The verdict and the poles."""
+        """Return a table of the poles, with the verdict as its title."""
         poles = self.model.table()
         return Table(self.sentence(), poles.columns, poles.rows)
 
 
 def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stability:
-    """Stability of a sampled model, or of a loop or machine that moves with `velocity` (m/s; 0: the axes stick).
+    """Judge the stability of a sampled model, or of a loop or machine moving with `velocity` (m/s; 0: the axes stick).
 
     The test covers all states that are reachable from setpoint or load force and observable in position or force.
     """
@@ -91,7 +91,7 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
 def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where: str = "") -> Stability:
     """Return the stability, or raise UnstableError with frequency, growth, remedy and the nearest stable gains.
 
-    Of a machine the gain of cross-coupled control is checked along all directions of the path.
+    For a machine the gain of cross-coupled control is checked in all directions of the path.
 
     `where` names the loop in the message.
     """
@@ -126,7 +126,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
 
 
 def _slower(law: Law) -> str:
-    """Name the parameters of a law to lower, and the times to lengthen: `Kp and Kv, or lengthen Tn`."""
+    """Return the gains of a law to reduce and the time constants to increase, as text: `Kp and Kv, or lengthen Tn`."""
     there = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if name in there}
     gains = [name for name, unit in units.items() if unit not in ("", "s")]
@@ -135,7 +135,7 @@ def _slower(law: Law) -> str:
 
 
 def _nearest_stable(loop: Loop, velocity: float) -> str:
-    """The gains of the law slowed down in one proportion until the loop is stable, as a clause; empty if none is."""
+    """Return a clause with the gains that stabilize the loop if all are slowed down by one factor; empty if none do."""
     law = loop.control.law
     values = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if isinstance(values.get(name), float)}
@@ -171,13 +171,14 @@ _DISC = 2.4477  # √χ²(95 %, 2): deviations of the real part within which 95 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Encirclement(Result):
-    """Stability of the closed loop by its Nyquist curve.
+    """The stability of the closed loop by its Nyquist curve.
 
-    turns          of L round -1, counterclockwise, over all frequencies, -∞ to ∞
-    unstable       poles of the closed loop that grow: unstable_poles of the open one - turns
-    arc            degrees by which L was assumed to turn below the first line, from 0 Hz on
-    rounding       how far the turns were from a whole number before rounding
-    doubts         reasons for a wrong count: lines too far apart, noise over -1, a gain above 1 beyond the last line
+    turns          encirclements of -1 by L, counterclockwise, over all frequencies, -∞ to ∞
+    unstable       unstable poles of the closed loop: unstable_poles of the open loop - turns
+    arc            assumed phase change of L between 0 Hz and the first line, degrees
+    rounding       distance of the unrounded turns from a whole number
+    doubts         possible reasons for a wrong count: lines too far apart, noise over -1, a gain above 1 at the last
+                   line
     """
 
     loop_gain: FRF
@@ -190,7 +191,7 @@ class Encirclement(Result):
 
     @property
     def stable(self) -> bool:
-        """True if no pole of the closed loop grows; `certain` is True if the lines suffice to decide it."""
+        """True if the closed loop has no unstable pole; `certain` tells if the lines suffice to decide it."""
         return self.unstable == 0
 
     @property
@@ -199,7 +200,7 @@ class Encirclement(Result):
         return not self.doubts
 
     def sentence(self) -> str:
-        """The verdict in words."""
+        """Return the verdict as a sentence."""
         verdict = "stable" if self.stable else f"unstable, with {self.unstable} growing poles"
         if self.unstable < 0:
             verdict = "not possible: it turns more often than the open loop has unstable poles"
@@ -207,7 +208,7 @@ class Encirclement(Result):
         return f"the closed loop is {verdict}: L turns {self.turns} times round -1, the open loop has {open_loop}"
 
     def table(self) -> Table:
-        """The count and its doubts."""
+        """Return a table of the encirclements and their doubts."""
         rows = [
             ["turns round -1, counterclockwise", self.turns],
             ["unstable poles of the open loop", self.unstable_poles],
@@ -225,15 +226,15 @@ def encirclement(
     unstable_poles: int = 0,
     integrators: int | None = None,
 ) -> Encirclement:
-    """Stability of the loop that L closes, by the argument of 1 + L from line to line (Nyquist 1932).
+    """Judge the stability of the closed loop by the argument of 1 + L from line to line (Nyquist 1932).
 
         unstable = unstable_poles - turns,   turns = (2/2π) [arc + Σ arg((1 + Lₖ₊₁)/(1 + Lₖ)) + closing]
 
     unstable_poles  of the open loop, outside the left half plane (or the unit circle), without those at the origin
     integrators     poles of L at the origin (z = 1); None: from the slope of its lowest lines
 
-    Below the first line L is taken to come from +∞·e^0 over the arc of its integrators: it turns by -90° for each one,
-    to the nearest branch of its measured phase. Its path there does not matter as long as |L| > 1. A sampled L is
+    Below the first line L is assumed to start at +∞ and to follow the arc of its integrators, -90° each, to the nearest
+    branch of its measured phase. Its exact path there does not matter as long as |L| > 1. A sampled L is
     closed at Nyquist, where it is real; any other L must be below 1 at its last line and stay there.
     Raises ParameterError for fewer than two lines and for an L of exactly -1.
     """
@@ -324,9 +325,9 @@ def _integrators(L: FRF) -> int:
 
 
 def _arc(angle: float, integrators: int) -> tuple[float, float]:
-    """The start of L, at +∞ (0) or for a negative gain at -∞ (π), and its turn from there to `angle`, both in rad.
+    """Return the start phase of L, 0 (+∞) or for a negative gain π (-∞), and its turn from there to `angle`, rad.
 
-    Of the possible turns it is the one nearest to -90° per integrator.
+    Of the possible turns the one nearest to -90° per integrator is taken.
     """
     wanted = -0.5 * np.pi * integrators
     turns = [wanted + (angle - begin - wanted + np.pi) % (2.0 * np.pi) - np.pi for begin in (0.0, np.pi)]

@@ -1,4 +1,4 @@
-"""Response to a step of the set position: overshoot, rise time and settling time."""
+"""The response to a step of the set position: overshoot, rise time and settling time."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _FIRST, _LAST = 0.1, 0.9  # of the step: between them lies the rise
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StepResponse(Result):
-    """Position in m after a step of the set position of 1 m at the time 0, of a linear loop; time in s.
+    """The position in m of a linear loop after a step of the set position of 1 m at time 0; time in s.
 
-    final      where it comes to rest, m
-    settled    share of `final` within which it counts as settled
+    final      final position, m
+    settled    half-width of the settling band, as a share of `final`
     """
 
     time: np.ndarray
@@ -39,23 +39,23 @@ class StepResponse(Result):
 
     @property
     def overshoot_time(self) -> float:
-        """The time of the largest position, s."""
+        """The time of the maximum position, s."""
         return float(self.time[int(np.argmax(self.position / self.final))])
 
     @property
     def settling_time(self) -> float:
-        """The time from which on the position stays within the band, s."""
+        """The settling time: the position stays within the settling band afterwards, s."""
         return settling_time(self.time, self.position / self.final - 1.0, self.settled)
 
     @property
     def rise_time(self) -> float:
-        """From 10 to 90 % of the final position, s."""
+        """The rise time from 10 to 90 % of the final position, s."""
         reached = self.position / self.final
         first, last = (int(np.argmax(reached >= share)) for share in (_FIRST, _LAST))
         return float(self.time[last] - self.time[first])
 
     def table(self) -> Table:
-        """The figures."""
+        """Return a table of overshoot, rise time and settling time."""
         rows = [
             [
                 "overshoot",
@@ -69,7 +69,7 @@ class StepResponse(Result):
 
 
 def settling_time(time: np.ndarray, error: np.ndarray, near: float) -> float:
-    """The first instant in s after which |error| never exceeds `near`; infinite if it does so at the end.
+    """Return the first instant in s after which |error| never exceeds `near`; infinite if it still does at the end.
 
     time, error  of shape (n,); near in the unit of the error
     """
@@ -80,11 +80,11 @@ def settling_time(time: np.ndarray, error: np.ndarray, near: float) -> float:
 
 
 def step_response(system: StateSpace | Loop, *, velocity: float = 0.05) -> StepResponse:
-    """The response of the table to a step of the set position, of the linear loop: of the first input and output.
+    """Compute the position after a step of the set position of a linear loop, or of the first input of a model.
 
-    The set velocity and its derivatives stay 0, so that what is fed forward of them does not act; a law that
-    differences the set position itself feeds the jump forward.  Guard and force limit are left out, friction is its
-    slope at `velocity` (m/s), see `linearize`.  Of a law with a period of N samples it is given at every N-th sample.
+    The set velocity and its derivatives remain 0, so that their feedforward is inactive; a law that differentiates the
+    set position itself does feed the jump forward.  Guard and force limit are left out, friction is linearized at
+    `velocity` (m/s), see `linearize`.  For a law with a period of N samples every N-th sample is returned.
     Raises UnstableError for a loop that does not come to rest within a million samples, ParameterError for one that
     does not move.
     """

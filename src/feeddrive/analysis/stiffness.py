@@ -1,4 +1,4 @@
-"""Response of the closed loop to a force on the table: dynamic stiffness, ISE of a force step, force noise."""
+"""Disturbance response and noise of the closed loop: dynamic stiffness, ISE of a force step, force noise."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _DOUBLINGS = 64  # 2^64 samples: longer than any run
 
 
 def summed(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """P = Σ (Aᵀ)^k Q A^k over k = 0, 1, ...: the solution of P = Aᵀ P A + Q.
+    """Return P = Σ (Aᵀ)^k Q A^k over k = 0, 1, ...: the solution of P = Aᵀ P A + Q.
 
     P ← P + Aᵀ P A, A ← A A doubles the number of terms in each step.
-    Raises UnstableError if the sum does not end.  Source: Smith 1968 (squaring for the Lyapunov equation).
+    Raises UnstableError if the sum does not converge.  Source: Smith 1968 (squaring for the Lyapunov equation).
     """
     total, power = Q.copy(), A.copy()
     with np.errstate(all="ignore"):
@@ -45,7 +45,7 @@ NAMED = (1.0, 10.0, 100.0, 1000.0)  # Hz, at which the table states it
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stiffness(Result):
-    """|force/displacement| in N/m at `frequency` in Hz, both of shape (n,); shown in N/um.
+    """The dynamic stiffness |force/displacement| in N/m by `frequency` in Hz, both of shape (n,); shown in N/um.
 
     `static` is its limit at 0 Hz, infinite with integral action, None where it is not known.
     """
@@ -56,24 +56,24 @@ class Stiffness(Result):
 
     @property
     def minimum(self) -> float:
-        """The least stiffness, N/m."""
+        """The minimum stiffness, N/m."""
         return float(np.exp(self._least()[1]))
 
     @property
     def minimum_frequency(self) -> float:
-        """The frequency of the least stiffness, Hz."""
+        """The frequency of the minimum stiffness, Hz."""
         return float(np.exp(self._least()[0]))
 
     @property
     def mean(self) -> float:
-        """Geometric mean over the lines, N/m; over lines evenly spaced in ln f the mean of a band on log-log paper."""
+        """The geometric mean over the lines, N/m; for lines evenly spaced in ln f the mean on log-log axes."""
         return float(np.exp(np.mean(np.log(self.magnitude))))
 
     def _least(self) -> tuple[float, float]:
         return least(np.log(self.frequency), np.log(self.magnitude))
 
     def at(self, frequency: float) -> float:
-        """N/m at a frequency in Hz, straight between lines on log-log paper. Raises ParameterError outside of them."""
+        """Return N/m at a frequency in Hz, interpolated on log-log axes. Raises ParameterError outside the lines."""
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             raise ParameterError(
                 f"frequency {Quantity(frequency, 'Hz'):6} is outside of the stiffness's lines, "
@@ -82,7 +82,7 @@ class Stiffness(Result):
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 
     def table(self, frequencies: Sequence[float] = NAMED) -> Table:
-        """Static, minimum, and at named frequencies as far as they were computed."""
+        """Return a table of the static and minimum stiffness, and of that at given frequencies within the lines."""
         rows = list[list[Cell]]()
         if self.static is not None:
             rows.append(["static", 0.0, self.static if np.isfinite(self.static) else "infinite"])
@@ -94,9 +94,9 @@ class Stiffness(Result):
 
 
 def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: np.ndarray | None = None) -> Stiffness:
-    """The inverse of a closed-loop compliance in m/N, modeled or measured; `static` in N/m if it is known.
+    """Return the inverse of a closed-loop compliance in m/N, modeled or measured; `static` in N/m if it is known.
 
-    Raises ParameterError if there are no lines or the compliance is zero on one, where the stiffness is not a number.
+    Raises ParameterError if there are no lines or the compliance is zero on one of them.
     """
     compliance = as_frf(compliance, frequency)
     magnitude = compliance.magnitude
@@ -112,7 +112,7 @@ _ROUNDING = 1e-9  # of what the terms of a static compliance amount to
 
 
 def trapezoid_weights(x: np.ndarray) -> np.ndarray:
-    """w of ∫ y dx = Σ w y by the trapezoidal rule; x of shape (n,), n >= 1, rising."""
+    """Return the weights w of the trapezoidal rule, ∫ y dx = Σ w y; x of shape (n,), n >= 1, ascending."""
     width = np.zeros(x.size)
     step = 0.5 * np.diff(x)
     width[:-1] += step
@@ -121,7 +121,9 @@ def trapezoid_weights(x: np.ndarray) -> np.ndarray:
 
 
 def mean_compliance(frequency: np.ndarray, compliance: np.ndarray, band: tuple[float, float]) -> float:
-    """RMS of |C| over ln f in m/N, [∫ |C|² d ln f / ∫ d ln f]^½ by the trapezoidal rule, from the lines in the band.
+    """Return the RMS of |C| over ln f within a band, in m/N.
+
+        [∫ |C|² d ln f / ∫ d ln f]^½,   by the trapezoidal rule
 
     frequency, band in Hz; compliance in m/N, of the closed loop.  At least two lines must lie in the band.
     """
@@ -131,9 +133,9 @@ def mean_compliance(frequency: np.ndarray, compliance: np.ndarray, band: tuple[f
 
 
 def static_stiffness(model: StateSpace) -> float:
-    """The stiffness at 0 Hz in N/m of a model from `load_force` to a position: infinite with integral action.
+    """Return the stiffness at 0 Hz in N/m of a model from `load_force` to a position; infinite with integral action.
 
-    1/|C (I - A)⁻¹ B + D|; a compliance below 1e-9 of what the terms of that sum amount to is rounding and counts as 0.
+    It is 1/|C (I - A)⁻¹ B + D|; a compliance below 1e-9 of the magnitude of its terms is rounding and counts as 0.
     Raises ParameterError for a model that drifts away under a constant force.
     """
     n = model.A.shape[0]
@@ -150,13 +152,13 @@ def static_stiffness(model: StateSpace) -> float:
 
 
 def rope_snap(model: StateSpace | Lifted) -> float:
-    """ISE^½ of a force step of 1 N, in m s^½/N: the L2 norm of the position's response; infinite if an offset remains.
+    """Return ISE^½ of the position after a force step of 1 N, in m s^½/N; infinite if an offset remains.
 
         ISE^½ = [∫ |C|²/ω² dω/π]^½ = [T Σ y(k)²]^½,   y the response of a model from `load_force` to `position_load`
 
-    From the sum over all samples (`summed`): C x(k) = C A^k (x(0) - x(∞)), x(∞) = (1 - A)⁻¹ B.
-    Without integral action the axis does not come back, and the figure is infinite.  Of a lifted model over all samples
-    of its periods, for a step at the beginning of one.
+    The sum over all samples (`summed`) uses C x(k) = C A^k (x(0) - x(∞)), x(∞) = (1 - A)⁻¹ B.
+    Without integral action the axis does not return, and the figure is infinite.  For a lifted model the sum covers
+    all samples of its periods, and the step is at the start of a period.
     Raises UnstableError for a model that is not stable.
     """
     if isinstance(model, Lifted):
@@ -179,12 +181,13 @@ def rope_snap(model: StateSpace | Lifted) -> float:
 
 
 def rope_snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:
-    """w in s² Hz of ISE = Σ w |C|², with the compliance C in m/N on lines in Hz, from near 0 to Nyquist at most.
+    """Return the weights w in s² Hz of ISE = Σ w |C|², with the compliance C in m/N on lines in Hz, up to Nyquist.
 
         ISE = ∫ |C|² T² / (2 - 2 cos ωT) dω/π
 
-    which is |C|²/ω² of a continuous loop with the step held over the samples, so that `rope_snap` of the model agrees.
-    By the trapezoidal rule.  Below the first line the integrand is that line's: with integral action C falls as ω.
+    This is |C|²/ω² of a continuous loop with the step held over each sample, as in `rope_snap` of the model.
+    It is integrated by the trapezoidal rule; below the first line the integrand is constant, since C ~ ω with integral
+    action.
     """
     kernel = (T / (2.0 * np.sin(np.pi * frequency * T))) ** 2
     width = trapezoid_weights(frequency)
@@ -193,26 +196,26 @@ def rope_snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:
 
 
 def rope_snap_of_lines(frequency: np.ndarray, compliance: np.ndarray, T: float) -> float:
-    """The rope snap in m s^½/N from a closed-loop compliance in m/N over frequency in Hz: `rope_snap_weights`."""
+    """Return the rope snap in m s^½/N from a closed-loop compliance in m/N on lines in Hz, by `rope_snap_weights`."""
     return float(np.sqrt(np.sum(rope_snap_weights(frequency, T) * np.abs(compliance) ** 2)))
 
 
 def rope_snap_of_run(displacement: np.ndarray, force: float, T: float) -> float:
-    """The rope snap in m s^½/N from samples of the displacement (m) that a step of `force` (N) causes: [T Σ y²]^½/F.
+    """Return the rope snap [T Σ y²]^½/F in m s^½/N from samples of the displacement (m) after a step of `force` (N).
 
-    The run must last until the axis is back.
+    The run must last until the axis has returned.
     """
     return float(np.sqrt(T * np.sum(displacement**2))) / force
 
 
 def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared: bool = False) -> float:
-    """RMS of the commanded force in N, from white errors of the readings with standard deviations in m.
+    """Return the RMS of the commanded force in N that white noise of the readings causes; standard deviations in m.
 
-    motor, load  of the two readings, independent of each other
-    shared       one encoder gives both readings: its error, `load`, is in both
+    motor, load  standard deviations of the two readings, whose errors are independent
+    shared       True if one encoder gives both readings: its error, `load`, is in both
 
-    A count of q has an error of q/√12, white as long as the axis moves by a count or more each sample.  Of a lifted
-    model the mean over the samples of a period.
+    A count of q has an error of q/√12, white if the axis moves by at least a count per sample.  For a lifted model the
+    mean square is taken over the samples of a period.
     Raises UnstableError for a model that is not stable.
     """
     if isinstance(model, Lifted):
@@ -232,18 +235,18 @@ def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared
 
 
 def reading_deviation(encoder: Any) -> float:
-    """Standard deviation in m of an encoder's reading: that of its counts, q/√12, and its noise; 0 without either."""
+    """Return the standard deviation of an encoder's reading in m, from quantization, q/√12, and noise."""
     resolution = getattr(encoder, "resolution", None) or 0.0
     return math.hypot(resolution / math.sqrt(12.0), getattr(encoder, "noise", None) or 0.0)
 
 
 def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:
-    """w of σ_u² = Σ w |C S|² σ², the variance of the command by one reading with a white error of σ.
+    """Return the weights w of σ_u² = Σ w |C S|² σ², the variance of the command due to white noise σ of one reading.
 
         σ_u² = σ² 2 T ∫ |C S|² df   from 0 to 1/(2T)
 
-    By the trapezoidal rule over lines in Hz; below the first and above the last line the integrand is that line's.
-    C: the control's response from that reading, N/m, with dead time or without; S = 1/(1 + L).
+    It is integrated by the trapezoidal rule over lines in Hz; below the first and above the last line the integrand is
+    constant.  C: the control's response from that reading, N/m, with or without dead time; S = 1/(1 + L).
     """
     width = trapezoid_weights(frequency)
     width[0] += frequency[0]
@@ -252,6 +255,6 @@ def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:
 
 
 def force_noise_of_lines(frequency: np.ndarray, T: float, readings: Sequence[tuple[np.ndarray, float]]) -> float:
-    """RMS of the commanded force in N from responses C S (N/m) of readings and their white errors in m, independent."""
+    """Return the RMS of the commanded force in N from C S (N/m) and independent white noise (m) of each reading."""
     weight = force_noise_weights(frequency, T)
     return float(np.sqrt(sum(float(np.sum(weight * sigma**2 * np.abs(C) ** 2)) for C, sigma in readings)))

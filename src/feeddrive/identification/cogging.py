@@ -1,4 +1,4 @@
-"""Identification of cogging: from force over position to the harmonics of the cogging force."""
+"""Identification of cogging: harmonics of the cogging force from force and position."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _ROWS = 3  # rows a column needs
 
 @dataclass(frozen=True)
 class CoggingOrder:
-    """An order of the cogging: amplitudes in the unit of the force, with standard errors; phases in rad of a sine.
+    """A harmonic of the cogging: amplitudes in the unit of the force, with standard errors; phases in rad of a sine.
 
-    even      the part that does not depend on the direction: cogging; None with runs in one direction only
-    odd       the part that changes its sign with the direction: friction that varies along the travel
-    forward   as measured in motion towards larger positions, backward in the other; None where there is no such run
-    p_value   probability of such amplitudes by chance, without this order
+    even      part independent of the direction: cogging; None with runs in one direction only
+    odd       part that changes sign with the direction: friction that varies along the travel
+    forward   amplitude in motion towards larger positions, backward in the opposite one; None without such a run
+    p_value   probability of such amplitudes if the harmonic does not exist
     """
 
     order: int
@@ -41,18 +41,18 @@ class CoggingOrder:
 
     @property
     def amplitude(self) -> float:
-        """The measured amplitude: the larger one of both directions."""
+        """The larger of the amplitudes measured in the two directions."""
         return max(direction.value for direction in (self.forward, self.backward) if direction is not None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoggingFit(Result):
-    """Harmonics, the strongest first, separated from Coulomb friction and a constant force.
+    """The harmonics of the cogging, strongest first, separated from Coulomb friction and a constant force.
 
-    coulomb   half the difference of the means of both directions; None with one direction
-    offset    their mean; with one direction it holds the friction
-    orders    all that were tried
-    residual  of all runs, one after the other
+    coulomb   half the difference of the mean forces of both directions; None with one direction
+    offset    average of these means; with one direction it includes the friction
+    orders    all fitted harmonics
+    residual  of all runs, concatenated
     """
 
     orders: tuple[CoggingOrder, ...]
@@ -64,11 +64,11 @@ class CoggingFit(Result):
 
     @property
     def significant(self) -> tuple[CoggingOrder, ...]:
-        """The orders that chance does not explain."""
+        """The statistically significant harmonics."""
         return tuple(order for order in self.orders if order.significant)
 
     def order(self, order: int) -> CoggingOrder:
-        """Return a harmonic by its order. Raises ParameterError for an order that was not tried."""
+        """Return a harmonic by its order. Raises ParameterError for an order that was not fitted."""
         for candidate in self.orders:
             if candidate.order == order:
                 return candidate
@@ -77,7 +77,7 @@ class CoggingFit(Result):
         )
 
     def table(self) -> Table:
-        """Return the strongest significant orders."""
+        """Return a table of the strongest significant harmonics."""
         rows = []
         for order in self.significant[:16]:
             amplitudes = (order.forward, order.backward, order.even, order.odd)
@@ -89,14 +89,14 @@ class CoggingFit(Result):
         return Table(title, ["order", *heads, Column("p", form="1")], rows)
 
     def block(self, period: float, *, force_per_unit: float = 1.0, most: int = 12) -> Cogging:
-        """Return the strongest significant orders of the cogging as a block.
+        """Return the strongest significant harmonics as a cogging block.
 
-        period          table motion in one turn, m
-        force_per_unit  N at the table per unit of the measured force (per A, say)
-        most            how many orders
+        period          table motion per turn, m
+        force_per_unit  N at the table per unit of the measured force (such as A)
+        most            maximum number of harmonics
 
-        The measured force balances the cogging, so the block has its opposite.  With runs in one direction only, it
-        includes friction that varies along the travel.
+        The measured force balances the cogging, so the block has the opposite sign.  With runs in one direction only,
+        it includes friction that varies along the travel.
         """
         strongest = sorted(self.significant, key=lambda order: -_balanced(order)[0])[:most]
         if not strongest:
@@ -112,7 +112,7 @@ class CoggingFit(Result):
 
 
 def _balanced(order: CoggingOrder) -> tuple[float, float]:
-    """Return amplitude and phase of the cogging; with one direction only they include friction."""
+    """Return amplitude and phase of the cogging; with runs in one direction only they include friction."""
     return (order.even.value, order.even_phase) if order.even is not None else (order.amplitude, order.phase)
 
 
@@ -126,16 +126,16 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
         force = offset + d coulomb + Σ over orders of (even + d odd),   d = ±1 the direction
         even, odd: a cos(2π order x) + b sin(2π order x)
 
-    Cogging does not know the direction of motion and friction changes its sign with it; so with runs in both directions
-    even is cogging and odd is friction that varies along the travel.  With one direction only their sum is seen.
+    Cogging is independent of the direction of motion, while friction changes its sign; with runs in both directions
+    even is therefore cogging and odd is friction that varies along the travel.  One direction gives only their sum.
 
-    orders  default: all up to 128, or as many as a third of the visited positions can carry
+    orders  default: all up to 128, or as many as a third of the visited positions can resolve
 
-    An order is significant if its F statistic exceeds what the strongest of all orders would show by chance in 5 % of
-    cases without any (Bonferroni).  Each run is fitted alone and those of a direction are averaged.  Errors follow from
-    the residual of each run, with what neighboring rows share, and grow where runs of one direction differ by more than
-    these errors: a shifted zero of the position, temperature.
-    Raises NotIdentifiableError for runs that do not cover a whole turn.
+    An order is significant if its F statistic exceeds the value that the strongest of all orders reaches by chance in
+    5 % of cases (Bonferroni).  Each run is fitted separately and the runs of a direction are averaged.  Errors follow
+    from the residual of each run, with the correlation of neighboring rows, and are increased if runs of one direction
+    differ by more than these errors: because of a shifted position zero, or temperature.
+    Raises NotIdentifiableError for runs that cover less than a whole turn.
     """
     if not runs:
         raise ParameterError("identify_cogging needs at least one run")
@@ -170,7 +170,7 @@ def _most(runs: Sequence[CoggingRun]) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The mean over the runs of one direction: level, and pairs (a, b) by order with their covariances."""
+    """The mean fit over the runs of one direction: level, and pairs (a, b) by order with their covariances."""
 
     level: float
     level_variance: float
@@ -181,7 +181,7 @@ class _Side:
 
 
 def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
-    """Fit each run by least squares and average; the errors are increased where runs differ by more."""
+    """Fit each run by least squares and average the fits; errors are increased if the runs differ by more."""
     if not runs:
         return None
     fits = [_alone(run, orders) for run in runs]
@@ -204,7 +204,7 @@ def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
 
 
 def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the values of 1, cos and sin by order, their covariance, and the residual of one run."""
+    """Return the coefficients of 1, cos and sin by order, their covariance, and the residual of one run."""
     angle = 2.0 * np.pi * np.outer(run.turns, orders)
     waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(run.turns.size, -1)
     columns = np.column_stack([np.ones(run.turns.size), waves])
@@ -217,7 +217,7 @@ def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarr
 
 
 def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
-    """Return the factor of the variance, at least 1, by which runs differ more than their own errors predict."""
+    """Return the variance ratio, at least 1, of the scatter between runs to that predicted by their errors."""
     count, width = off.shape
     if count < 2:
         return 1.0
@@ -248,7 +248,7 @@ def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int
 
 
 def _amplitude(name: str, pair: np.ndarray, spread: np.ndarray, unit: str) -> Estimate:
-    """Return √(a² + b²) with the error along it."""
+    """Return the amplitude √(a² + b²) with its standard error."""
     size = float(np.hypot(*pair))
     along = pair / (size or 1.0)
     error = float(np.sqrt(along @ spread @ along))
@@ -256,7 +256,7 @@ def _amplitude(name: str, pair: np.ndarray, spread: np.ndarray, unit: str) -> Es
 
 
 def _phase(pair: np.ndarray) -> float:
-    """Return φ of a cos + b sin = A sin(angle + φ)."""
+    """Return the phase φ of a cos + b sin = A sin(angle + φ)."""
     return float(np.arctan2(pair[0], pair[1]))
 
 
@@ -294,9 +294,9 @@ _FINE = 32  # rows that are kept per wave of the highest order: averaging reduce
 
 @dataclass(frozen=True, eq=False)
 class CoggingRun:
-    """Position in turns (or in periods of the cogging) and the force that held or moved the axis, shape (n,).
+    """A run in one direction: position in turns (or in periods of the cogging) and motor force, shape (n,).
 
-    direction is +1 for a run towards larger positions and -1 for the other; by default it follows from the positions.
+    direction is +1 for a run towards larger positions, else -1; by default it follows from the positions.
     Single samples of the force far from their neighbors (`regression.strays`) are left out; `remarks` says which.
     """
 
@@ -335,12 +335,12 @@ class CoggingRun:
 def cogging_passes(
     turns: np.ndarray, force: np.ndarray, *, highest: int = 128, name: str = "the log"
 ) -> tuple[CoggingRun, ...]:
-    """Cut a log into passes in one direction each; position in periods and force, both of shape (n,).
+    """Split a log into passes of one direction each; position in periods and force, both of shape (n,).
 
-    A position that restarts after each period is unwrapped.  Where the log reverses it is cut; passes
-    of less than a whole period are left out, and so is half a percent of the travel at both ends of a pass, where it
-    speeds up or stands still.  A long pass is averaged to 32 rows in a wave of order `highest`.
-    Raises LogError for numbers that are not finite, NotIdentifiableError where no pass covers a period.
+    A position that wraps after each period is unwrapped.  The log is split at reversals; passes of less than a whole
+    period are left out, and so is 0.5 % of the travel at both ends of a pass, where it accelerates or stands still.  A
+    long pass is averaged to 32 rows per wave of order `highest`.
+    Raises LogError for numbers that are not finite, NotIdentifiableError if no pass covers a period.
     """
     turns, force = np.asarray(turns, dtype=np.float64), np.asarray(force, dtype=np.float64)
     if turns.shape != force.shape or turns.ndim != 1 or turns.size < 2:
@@ -372,7 +372,7 @@ def cogging_passes(
 
 
 def _passes(x: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield the first and last row of each stretch between two reversals."""
+    """Yield the first and last row of each pass between two reversals."""
     enough = _TURN * float(np.ptp(x))
     if enough == 0.0:
         return
@@ -392,7 +392,7 @@ def _passes(x: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def _averaged(x: np.ndarray, force: np.ndarray, highest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Average neighboring rows, if there are more than needed."""
+    """Average neighboring rows if there are more than needed."""
     needed = int(np.ceil(_FINE * highest * max(1.0, float(np.ptp(x)))))
     if x.size <= 2 * needed:
         return x, force

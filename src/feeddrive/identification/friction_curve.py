@@ -1,4 +1,4 @@
-"""Friction from logs: a curve over constant speeds, and stops in parallel for presliding."""
+"""Friction from logs: a friction curve from constant-speed runs, and parallel elastic stops for presliding."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ _RIDGE = 1e-3  # of the bells: their prior is so many times wider than the noise
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedStops(Result):
-    """The elastic stops that explain the friction of a log, and what else moved the axis.
+    """The elastic stops fitted to the friction of a log, with the remaining parameters of its dynamics.
 
     stops       the feedforward block
-    estimates   mass (where it was not given), viscous friction, offset, the level Σ k δ and the stiffness Σ k of all
-    left        RMS of the force that is left in N: of the rows that were used, and of the last third, which was not
-    plain       the same two of Coulomb and viscous friction
+    estimates   mass (if it was not given), viscous friction, offset, total level Σ k δ and total stiffness Σ k
+    left        RMS of the residual force in N: of the used rows, and of the last third, which was not used
+    plain       the same for Coulomb and viscous friction only
     """
 
     name: str
@@ -82,7 +82,7 @@ class LearnedStops(Result):
 
 
 def stretches(position: np.ndarray, width: float) -> np.ndarray:
-    """Return e(k) = clip(e(k-1) + x(k) - x(k-1), ±width) in m, from e = 0 on; shape of the position."""
+    """Return the elongation of a stop, e(k) = clip(e(k-1) + x(k) - x(k-1), ±width) in m, from e = 0."""
     elongation, e = np.empty(position.size), 0.0
     for k, step in enumerate(np.diff(position, prepend=position[:1]).tolist()):
         e = min(max(e + step, -width), width)
@@ -98,20 +98,22 @@ def learned_stops(
     bells: int = 0,
     how: Preparation | None = None,
 ) -> LearnedStops:
-    """Fit   force = mass a + viscous v + offset + Σ k_i e_i,   all but the offset >= 0,   to a log.
+    """Fit elastic stops, mass, viscous friction and offset to a log by non-negative least squares.
 
-    mass    kg that is known, 0 where the force is friction alone; default: estimated with the rest
-    widths  m of the stops that are offered; those that get no stiffness are left out of the result
-    bells   how many Gaussian bells over the speed take what the stops leave; 0: none
+        force = mass a + viscous v + offset + Σ k_i e_i,   all parameters but the offset >= 0
+
+    mass    known mass in kg, 0 if the force is friction only; default: estimated
+    widths  candidate stop widths in m; stops without stiffness are left out of the result
+    bells   number of Gaussian basis functions over the speed fitted to the residual of the stops; 0: none
     how     default: rows of a millisecond, reversals kept, the position filtered at 200 Hz
 
-    Columns are the stops' stretches on the measured position, reduced as the force is, and scaled to the same size.
-    Bells are a ridge regression, which is the mean of a Gaussian process with that kernel; they stand at equal
-    distances from the least to the largest speed.  Standard errors are those of the columns that count, and hold for
-    autocorrelated residuals; they know nothing of widths that were not offered.
+    The columns are the elongations of the stops for the measured position, filtered as the force is, and scaled to the
+    same size.  The bells are a ridge regression, the mean of a Gaussian process with that kernel; they are equally
+    spaced from the lowest to the highest speed.  Standard errors are those of the active columns and valid for
+    autocorrelated residuals; they do not account for widths that are not among the candidates.
 
-    When not: without reversals, or with the widest stop wider than half of the travel (NotIdentifiableError).  Move to
-    and fro over 1 um to some mm, slowly and fast.
+    When not: without reversals, or if the widest stop exceeds half of the travel (NotIdentifiableError).  Measure a
+    motion back and forth over 1 um to some mm, slowly and fast.
     Source: Lawson & Hanson 1974 (non-negative least squares); the columns: Al-Bender, Lampaert & Swevers 2004.
     """
     _check_stops(log, widths, mass, bells)
@@ -170,7 +172,7 @@ def _check_stops(log: MotionLog, widths: Sequence[float], mass: float | None, be
 
 
 def _parts(residual: np.ndarray, used: slice) -> tuple[float, float]:
-    """Return the RMS of the rows that were used, and of the others."""
+    """Return the RMS of the used rows and of the unused rows that follow them."""
     others = residual[used.stop :]
     return float(np.sqrt(np.mean(residual[used] ** 2))), float(np.sqrt(np.mean(others**2)))
 
@@ -178,7 +180,7 @@ def _parts(residual: np.ndarray, used: slice) -> tuple[float, float]:
 def _with_bells(
     stops: FrictionStops, velocity: np.ndarray, residual: np.ndarray, used: slice, count: int
 ) -> FrictionStops:
-    """Return the stops with bells over the speed, fitted to their residual."""
+    """Return the stops with Gaussian bells over the speed, fitted to their residual."""
     v, left = velocity[used], residual[used]
     places = np.linspace(float(np.min(v)), float(np.max(v)), count)
     wide = float(places[1] - places[0])
@@ -206,7 +208,7 @@ def _stop_estimates(
     widths: Sequence[float],
     names: list[str],
 ) -> tuple[Estimate, ...]:
-    """Return sums over the columns that count, with the errors of these sums."""
+    """Return the estimates, which are weighted sums over the active columns, with their standard errors."""
     scale, n = np.sqrt(np.mean(columns * columns, axis=0)), len(widths)
     sums = [
         ("level", "N", [widths[i] if i < n else 0.0 for i in counts]),
@@ -229,7 +231,7 @@ def _stop_estimates(
 
 
 def _share(names: list[str], place: int, name: str) -> float:
-    """Return the weight of a column in an estimate: the two of the offset count against each other."""
+    """Return the weight of a column in an estimate; the two columns of the offset have opposite signs."""
     if place < 0:
         return 0.0
     here = names[place]
@@ -247,11 +249,11 @@ _TRIM = 0.1  # share of a stretch that is cut off at an end where the speed chan
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SteadyRuns(Result):
-    """Mean velocity and mean force of constant-speed runs, each of shape (m,), velocities rising, both directions.
+    """The mean velocity and force of constant-speed runs in both directions, shape (m,), in ascending velocity.
 
     error  standard error of each mean force, robust to its autocorrelation
     rows   number of rows in each mean
-    remarks  on single samples that the means lack
+    remarks  remarks on outliers that were left out of the means
     """
 
     velocity: np.ndarray
@@ -274,7 +276,7 @@ class SteadyRuns(Result):
             object.__setattr__(self, name, values)
 
     def table(self) -> Table:
-        """Return a row for each run."""
+        """Return a table with one row for each run."""
         columns = zip(self.velocity, self.force, self.error, self.rows, strict=True)
         rows = [[v, Quantity(f, self.frame.force, e, form="5"), e, int(n)] for v, f, e, n in columns]
         heads = [
@@ -286,7 +288,7 @@ class SteadyRuns(Result):
         return Table(f"{self.velocity.size} constant-speed runs", heads, rows)
 
     def at_table(self, lead: float, gear: float = 1.0) -> SteadyRuns:
-        """Return the runs in m/s and N at a table that a screw of `lead` (m) moves."""
+        """Return the runs in m/s and N at a table driven by a screw of `lead` (m)."""
         if self.frame is TABLE:
             return self
         r = lever(lead, gear)
@@ -296,7 +298,7 @@ class SteadyRuns(Result):
 def runs_of(
     velocity: Sequence[float] | np.ndarray, force: Sequence[float] | np.ndarray, *, rotary: bool = False
 ) -> SteadyRuns:
-    """Return a tabulated friction map as runs, without errors of its points."""
+    """Return a tabulated friction map as runs without standard errors."""
     v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
     return SteadyRuns(v, f, np.full(v.size, np.nan), np.ones(v.size), frame_of(rotary))
 
@@ -308,15 +310,13 @@ def steady_runs(
     least_rows: int = LEAST_ROWS,
     names: Sequence[str] = (),
 ) -> SteadyRuns:
-    """Extract the constant-speed runs of logs of velocity and force, each a pair of shape (n,): m/s and N, or rad/s and
-    N m.
+    """Extract the constant-speed runs of logs, each a pair of velocity and force of shape (n,).
 
-    A log is cut where its mean speed changes most, and each part again, as long as the change is more than 10 % of the
-    speed and more than six standard errors.  Parts in which the speed still rises or falls, or that stand still, are
-    left out, and so is a tenth of a part at an end where the speed changed.  Single samples far from their neighbors
-    (`regression.strays`), of velocity or force, are in no mean; a remark says how many and where, by `names` of the
-    logs.
-    Raises LogError for logs that are not finite, NotIdentifiableError where no speed is held for `least_rows` rows.
+    Units are m/s and N, or rad/s and N m.  A log is split recursively where its mean speed changes most, as long as
+    the change exceeds 10 % of the speed and six standard errors.  Parts with a trend of the speed or at standstill are
+    left out, and so is a tenth of a part at an end where the speed changed.  Outliers of velocity or force
+    (`regression.strays`) are excluded from the means; a remark states how many and where, by `names` of the logs.
+    Raises LogError for logs that are not finite, NotIdentifiableError if no speed is held for `least_rows` rows.
     """
     means: list[tuple[float, float, float, int]] = []
     remarks: list[str] = []
@@ -347,7 +347,7 @@ def steady_runs(
 
 
 def _stretches(v: np.ndarray, begin: int, end: int, least: int) -> Iterator[tuple[int, int]]:
-    """Yield the parts of [begin, end) between changes of the mean speed, trimmed where there is one."""
+    """Yield the parts of [begin, end) between changes of the mean speed, trimmed at these changes."""
     cut = _cut(v[begin:end], least)
     if cut is not None:
         yield from _stretches(v, begin, begin + cut, least)
@@ -361,7 +361,7 @@ def _stretches(v: np.ndarray, begin: int, end: int, least: int) -> Iterator[tupl
 
 
 def _cut(v: np.ndarray, least: int) -> int | None:
-    """Return the row where two means fit best, if they differ enough; at least a few rows lie on each side."""
+    """Return the change point between two means if they differ significantly; a few rows lie on each side."""
     few = max(3, least // 4)
     if v.size < 2 * few:
         return None
@@ -402,9 +402,9 @@ CLEAR = 6.0  # difference of the criterion that counts as strong evidence (Kass 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A friction block to compare, by name, with or without a constant force; the block's numbers do not matter.
+    """A candidate friction model, by name, with or without a constant force; the values in the block are ignored.
 
-    All its parameters but a Stribeck velocity enter its steady curve linearly.
+    All its parameters except a Stribeck velocity enter its steady curve linearly.
     """
 
     name: str
@@ -428,14 +428,14 @@ class Candidate:
         return (*linear, *(("offset",) if self.offset else ()), *((_VELOCITY,) if self.stribeck else ()))
 
     def slopes(self, velocity: np.ndarray, values: Mapping[str, Any]) -> np.ndarray:
-        """Return d force / d parameter in their order on a last axis; parameters that are left out count as 0."""
+        """Return d force / d parameter on a last axis, in the order of the parameters; missing values count as 0."""
         _, slopes = self.curve.at({name: values.get(name, 0.0) for name in self.curve.names}, velocity=velocity)
         slopes = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
         places = [self.curve.names.index(name) if name != "offset" else -1 for name in self.parameters]
         return slopes[..., places]
 
     def columns(self, velocity: np.ndarray, stribeck_velocity: Any = 1.0) -> np.ndarray:
-        """Return the slopes of all linear parameters."""
+        """Return the regressors of all linear parameters."""
         slopes = self.slopes(velocity, {_VELOCITY: stribeck_velocity})
         return slopes[..., :-1] if self.stribeck else slopes
 
@@ -446,7 +446,7 @@ class Candidate:
         return replace(self.friction, **parameters)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
-        """True if a block allows these values: no level is negative, no breakaway level below its Coulomb level."""
+        """Return True for valid values: no level is negative, no breakaway level is below its Coulomb level."""
         try:
             self.block(values)
         except ParameterError:
@@ -484,7 +484,7 @@ SEPARATE = tuple(Candidate(f"two curves, {curve}", symmetric) for curve, (symmet
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compared:
-    """A model that was tried: its criterion (less is better), its RMS residual, its number of parameters."""
+    """A candidate model: its information criterion (lower is better), RMS residual and number of parameters."""
 
     name: str
     criterion: float
@@ -496,10 +496,10 @@ class Compared:
 class FrictionCurve(Result):
     """The friction model that constant-speed runs support best.
 
-    compared    all that were tried, the best first
+    compared    all candidates, the best first
     memory      correlation of the residuals of neighboring speeds
     remarks     remarks on the validity of the result
-    covariance  of the estimates, with that memory, in their order
+    covariance  covariance of the estimates in their order, including that correlation
     """
 
     model: Candidate
@@ -524,7 +524,7 @@ class FrictionCurve(Result):
 
     @property
     def frame(self) -> Frame:
-        """The units of a table or of a shaft."""
+        """The units: those of a table or of a shaft."""
         return self.runs.frame
 
     def at(self, velocity: np.ndarray) -> np.ndarray:
@@ -537,7 +537,7 @@ class FrictionCurve(Result):
         return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns), 0.0))
 
     def table(self) -> Table:
-        """Return the parameters with both standard errors."""
+        """Return a table of the parameters with both standard errors."""
         rms = float(np.sqrt(np.mean(self.residual**2)))
         title = Text(
             f"{self.model.name}: RMS {Quantity(rms, self.frame.force):3}, memory {Quantity(self.memory):.2f} from "
@@ -546,7 +546,7 @@ class FrictionCurve(Result):
         return estimates_table(title, self.estimates)
 
     def comparison(self) -> Table:
-        """Return all models that were tried, the best first."""
+        """Return a table of all candidate models, the best first."""
         best = self.compared[0].criterion
         rows = [
             [model.name, model.parameters, model.rms, model.criterion, model.criterion - best]
@@ -562,7 +562,7 @@ class FrictionCurve(Result):
         return Table("models of friction; a criterion worse by 6 is strong evidence against a model", heads, rows)
 
     def at_table(self, lead: float, gear: float = 1.0) -> FrictionCurve:
-        """Return the curve at a table that a screw of `lead` (m) moves: fitted again to the same runs in m/s and N."""
+        """Return the curve at a table driven by a screw of `lead` (m), refitted to the same runs in m/s and N."""
         return fit_friction(self.runs.at_table(lead, gear), (self.model,)) if self.frame is SHAFT else self
 
     def block(self) -> Friction:
@@ -572,18 +572,19 @@ class FrictionCurve(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """True if the offset is a force of the axis (`pulls`)."""
+        """True if the offset is significant: a constant force on the axis (`pulls`)."""
         return self.model.offset and pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
-        """Return the constant force behind the offset, as it acts on the table; None without one."""
+        """Return the offset as a constant force on the table; None if the model has no offset."""
         require_table(self.frame, "the offset")
         return Gravity(force=-self["offset"].value) if self.model.offset else None
 
 
 def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES) -> FrictionCurve:
-    """Fit all candidates to constant-speed runs and choose by the information criterion, preferring a simpler model of
-    equal merit.
+    """Fit all candidates to constant-speed runs and select the best by the information criterion.
+
+    Of models with equal merit the simplest is preferred.
 
         force(v) = level(v) sign(v) + viscous v (+ offset)
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
@@ -591,7 +592,7 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
     Estimates are least squares with equal weights.  The criterion and the standard errors account for residuals that
     are correlated from one speed to the next (`regression.information`). A curve of wrong shape leaves such residuals,
     and they are weaker evidence for further parameters than independent ones. Separate curves for both directions are
-    compared too. No block can represent them, so they are never taken, but a remark says if they are clearly better.
+    compared too. No block can represent them, so they are never selected, but a remark states if they are better.
 
     When not to use: on runs in which the speed is not constant (use `identify_rigid`).
     Raises NotIdentifiableError with the speeds to measure next.
@@ -630,7 +631,7 @@ def _check(runs: SteadyRuns) -> None:
 
 
 def _speeds(speeds: np.ndarray) -> int:
-    """Count the different speeds: means of the same set speed differ a little, and count once."""
+    """Count the distinct speeds; means of the same set speed, which differ slightly, count once."""
     count, last = 0, 0.0
     for speed in np.sort(speeds):
         if speed > _SAME * last:
@@ -639,7 +640,7 @@ def _speeds(speeds: np.ndarray) -> int:
 
 
 def _sides(runs: SteadyRuns) -> tuple[slice, slice]:
-    """Return the rows of the two directions, each in the order of its speeds."""
+    """Return the rows of the negative and of the positive direction."""
     turn = int(np.searchsorted(runs.velocity, 0.0))
     return slice(0, turn), slice(turn, runs.velocity.size)
 
@@ -655,7 +656,7 @@ def _fitted(runs: SteadyRuns, model: Candidate) -> tuple[Compared, Candidate, di
 
 
 def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, float] | None:
-    """Solve the least squares; search the Stribeck velocity between the slowest and the fastest run."""
+    """Solve the least squares, with a search of the Stribeck velocity between the slowest and the fastest run."""
     from scipy.optimize import minimize_scalar  # not for commands that only read
 
     if not model.stribeck:

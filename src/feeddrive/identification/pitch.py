@@ -1,4 +1,4 @@
-"""Pitch errors and backlash of an axis from positions that were measured over its travel."""
+"""Pitch errors and backlash of an axis from positions measured over its travel."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LEAST_SPEED = 1e-6  # m/s: slower is standing
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedPitch(Result):
-    """A pitch compensation with its residual: RMS of the errors before and after it, m, and samples by direction."""
+    """A pitch compensation, the RMS errors before and after it, m, and the number of samples by direction."""
 
     compensation: PitchCompensation
     before: float
@@ -30,11 +30,11 @@ class LearnedPitch(Result):
 
     @property
     def backlash(self) -> float:
-        """The mean difference of the two tables, m."""
+        """The backlash, as the mean difference of the two tables, m."""
         return float(np.mean(self.compensation.forward - self.compensation.backward))
 
     def table(self) -> Table:
-        """Return the figures, in um."""
+        """Return a table of the figures, in um."""
         block = self.compensation
         peak = max(float(np.max(np.abs(entries))) for entries in (block.forward, block.backward))
         start, spacing = (Quantity(value, "m", form="6 mm") for value in (block.table_start, block.spacing))
@@ -58,17 +58,17 @@ def learned_pitch(
     reversal_distance: float = 1e-5,
     settle: float = 0.0,
 ) -> LearnedPitch:
-    """Return tables of corrections to the set position, by least squares over all samples of a direction.
+    """Return correction tables for the set position, by least squares over all samples of a direction.
 
-    nominal   m: what the control takes the position to be, its reading
-    reached   m: where the table or the tool really was: a laser, a load encoder, `tool.x` of a run
-    velocity  m/s: of the set motion; its sign tells the direction, samples that stand count for none
-    spacing   m between entries, from the lowest position on
-    settle    m of travel after each reversal that are left out, while backlash and friction turn over
+    nominal   m, position measured by the control
+    reached   m, true position of table or tool: by a laser, a load encoder, or `tool.x` of a run
+    velocity  m/s, set velocity; its sign gives the direction, samples at standstill are ignored
+    spacing   m between entries, starting at the lowest position
+    settle    m of travel left out after each reversal, in which backlash and friction change sides
 
-    The piecewise linear function of each direction is fitted as a whole, so that entries do not depend on where samples
-    lie between them.  Raises ParameterError for rows of unequal length, numbers that are not finite, and a stretch of
-    the travel without a sample, which would be a guess.
+    The piecewise linear function of each direction is fitted as a whole, so that entries do not depend on the location
+    of samples between them.  Raises ParameterError for rows of unequal length, numbers that are not finite, and a part
+    of the travel without samples.
     """
     rows = [np.asarray(channel, dtype=np.float64) for channel in (nominal, reached, velocity)]
     if len({channel.shape for channel in rows}) != 1 or rows[0].ndim != 1:
@@ -112,7 +112,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:
-    """True for samples within a distance after a reversal."""
+    """Return True for samples within a distance after a reversal."""
     turning = np.zeros(len(way), bool)
     last, since = 0.0, np.inf
     for k in range(len(way)):
@@ -125,7 +125,7 @@ def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:
 
 
 def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.ndarray:
-    """Return entries at 0, 1, ... of the best piecewise linear function: normal equations with three diagonals."""
+    """Return the entries at 0, 1, ... of the least-squares piecewise linear function (tridiagonal equations)."""
     from scipy.linalg import solveh_banded
 
     below = np.clip(np.floor(place).astype(int), 0, count - 2)
@@ -144,10 +144,10 @@ def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.n
 
 
 def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", settle: float = 0.0) -> LearnedPitch:
-    """Return the compensation of an axis from a run of its machine, back and forth over the travel.
+    """Return the pitch compensation of an axis from a run of its machine, back and forth over the travel.
 
-    reached  the signal that says where it really was; absent: `tool.AXIS` of a machine with geometry errors, else the
-             true position of the table
+    reached  signal of the true position; default: `tool.AXIS` of a machine with geometry errors, else the true position
+             of the table
     Raises ParameterError as `learned_pitch`, and for a signal that the run does not have.
     """
     own = f"{axis}." if f"{axis}.set_velocity" in run.signals else ""
@@ -162,9 +162,9 @@ def learned_from_circles(
 ) -> dict[str, PitchCompensation]:
     """Return scale and backlash of the axes of a circle test as compensations, by axis: -scale x ± backlash/2.
 
-    travel  m: from where to where the tables reach, by axis
-    Raises ParameterError for a cause that the circles cannot tell apart from others, with what to run, and for an axis
-    without a travel.
+    travel  m, range of the tables by axis
+    Raises ParameterError for a cause that the circles cannot separate from others, with the test to run, and for an
+    axis without a travel.
     """
     names = [cause.name.removeprefix("backlash ") for cause in causes.causes if cause.name.startswith("backlash ")]
     for name in ("scale, mean", "scale, difference", *(f"backlash {axis}" for axis in names)):

@@ -1,7 +1,7 @@
 """Plausible ranges of travel, speed, acceleration, mass and force of feed drives, and how far a log exceeds them.
 
-A log with a unit that is wrong by 1000 is fitted as well as a right one; only its magnitude reveals it. The bounds are
-wide: a log outside of them has a wrong unit or is not from a feed drive.
+A log with a unit wrong by a factor of 1000 can be fitted as well as a correct one; only its magnitude reveals the
+error. The bounds are wide: a log outside of them has a wrong unit or is not from a feed drive.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ _ACCELERATION_OVER = 1e-2  # s
 
 @dataclass(frozen=True)
 class Range:
-    """The range of a quantity on feed drives in `unit`, its usual magnitude, and the reason for the bounds.
+    """The plausible range of a quantity of feed drives in `unit`, its usual magnitude, and the reason for the bounds.
 
-    position, force  exponents by which the quantity scales with the position and the force of a log
+    position, force  exponents with which the quantity scales with the position and the force of a log
     """
 
     quantity: str
@@ -40,13 +40,13 @@ class Range:
     source: str
 
     def apart(self, value: float) -> float:
-        """Return the decades by which a value lies outside; 0 inside."""
+        """Return the distance of a value from the range in decades; 0 inside."""
         if not value > 0.0:
             return 0.0 if value == 0.0 and self.least == 0.0 else math.inf
         return max(0.0, math.log10(value / self.most), math.log10(self.least / value) if self.least > 0.0 else 0.0)
 
     def unusual(self, value: float) -> float:
-        """Return the decades from the usual size."""
+        """Return the distance of a value from the usual magnitude in decades."""
         return abs(math.log10(value / self.usual)) if value > 0.0 else 0.0
 
     def bounds(self) -> Text:
@@ -83,7 +83,7 @@ RANGES[TURNING] = RANGES[SHAFT]
 
 
 def spoken(value: float, unit: str) -> Quantity:
-    """Return a size with three digits, small lengths in mm and um, large forces in kN: `125 mm/s`, `0.095 kg`."""
+    """Return a magnitude with three digits, small lengths in mm and um, large forces in kN: `125 mm/s`, `0.095 kg`."""
     shown = "SI"
     if unit in ("m", "m/s") and 0.0 < abs(value) < 1.0:
         shown = f"{'u' if abs(value) < 1e-3 else 'm'}{unit}"
@@ -99,10 +99,10 @@ def sizes(
     force: np.ndarray | None,
     mass: float | None = None,
 ) -> dict[str, float]:
-    """Return travel, speed, acceleration, largest force and, if the motion shows it, mass, by the names of `RANGES`.
+    """Return travel, speed, acceleration, largest force and, if identifiable, mass, by the names of `RANGES`.
 
     position  m or rad, shape (n,); force: N or N m
-    mass      kg or kg m2, if it is known already
+    mass      kg or kg m2, if already known
     """
     names = [limits.quantity for limits in RANGES[frame]]
     magnitudes: dict[str, float] = {}
@@ -136,7 +136,7 @@ def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndar
 
 
 def scaled(frame: Frame, magnitudes: Mapping[str, float], position: float, force: float) -> dict[str, float]:
-    """Return the sizes with position and force multiplied by these factors."""
+    """Return the magnitudes with position and force multiplied by these factors."""
     return {
         limits.quantity: magnitudes[limits.quantity] * position**limits.position * force**limits.force
         for limits in RANGES[frame]
@@ -145,7 +145,7 @@ def scaled(frame: Frame, magnitudes: Mapping[str, float], position: float, force
 
 
 def outside(frame: Frame, magnitudes: Mapping[str, float]) -> list[Range]:
-    """Return the ranges that the log exceeds, the worst first."""
+    """Return the ranges that the magnitudes violate, the worst first."""
     apart = [
         (limits.apart(magnitudes[limits.quantity]), limits) for limits in RANGES[frame] if limits.quantity in magnitudes
     ]
@@ -153,7 +153,7 @@ def outside(frame: Frame, magnitudes: Mapping[str, float]) -> list[Range]:
 
 
 def out_of_range(wrong: Sequence[Range], magnitudes: Mapping[str, float]) -> Text:
-    """List the magnitudes outside their range, worst first; empty if there are none."""
+    """Return the magnitudes outside their range as text; empty if there are none."""
     return joined(
         "; ",
         (
@@ -165,7 +165,7 @@ def out_of_range(wrong: Sequence[Range], magnitudes: Mapping[str, float]) -> Tex
 
 
 def remedy(wrong: Sequence[Range]) -> str:
-    """Return the channel whose unit to check: the one that the worst quantity depends on."""
+    """Return the advice which channel's unit to check: the one on which the worst quantity depends."""
     worst = wrong[0]
     both = worst.position != 0 and worst.force != 0
     return (
@@ -174,7 +174,7 @@ def remedy(wrong: Sequence[Range]) -> str:
 
 
 def unlikely(frame: Frame, magnitudes: Mapping[str, float]) -> tuple[float, float]:
-    """Return the decades outside of the ranges, and the distance from the usual values: smaller is more likely."""
+    """Return the decades outside the ranges, and the squared distance from usual values: smaller is more likely."""
     there = [(limits, magnitudes[limits.quantity]) for limits in RANGES[frame] if limits.quantity in magnitudes]
     return sum(limits.apart(value) for limits, value in there), sum(
         limits.unusual(value) ** 2 for limits, value in there

@@ -1,4 +1,4 @@
-"""Least squares with standard errors, model evidence and validation; the estimated parameters."""
+"""Least squares with standard errors, model selection and cross-validation."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ LEAST_PULL = 0.05  # share of Coulomb friction beyond which an offset is a force
 
 @dataclass(frozen=True)
 class Frame:
-    """The SI units of position, velocity, force, inertia and viscous friction, and their sizes at a table.
+    """The SI units of position, velocity, force, inertia and viscous friction, of a table or of a shaft.
 
-    A shaft is described in rad, N m and kg m² until its `lever` r is known, the table's travel per rad:
+    A shaft is described in rad, N m and kg m² until its `lever` r, the table's travel per rad, is known:
 
         x = r θ,   F = τ / r,   m = J / r²,   b = c / r²,   r = lead / (2π gear)
 
-    A lead is never guessed: without one a result stays rotary, and only its use as a block of an axis is refused.
+    A lead is never assumed: without one a result remains rotary and cannot be used as a block of an axis.
     """
 
     name: str
@@ -59,28 +59,26 @@ def frame_of(rotary: bool) -> Frame:
 
 
 def lever(lead: float, gear: float = 1.0) -> float:
-    """Return the travel of the table per rad of the motor, m/rad; lead in m, gear in turns of the motor per turn of the
-    screw.
-    """
+    """Return the travel of the table per rad of the motor, m/rad; lead in m, gear in motor turns per screw turn."""
     if not (math.isfinite(lead) and lead > 0.0 and math.isfinite(gear) and gear > 0.0):
         raise ParameterError(f"lead = {Quantity(lead, 'm', stays=True):6 SI} and gear = {Quantity(gear):6} must be > 0")
     return 1.0 / (gear * float(radians_per_metre(lead)))
 
 
 def power(unit: str) -> int:
-    """Return the power n that converts a rotary quantity of that unit to the table: value · lever^n."""
+    """Return the exponent n that converts a rotary quantity of this unit to the table: value · lever^n."""
     powers = {"rad": 1, "rad/s": 1, "N m": -1, "kg m2": -2, "N m s/rad": -2}
     return powers[unit]
 
 
 def table_unit(unit: str) -> str:
-    """Return the unit at the table of a quantity with that unit at a shaft."""
+    """Return the unit at the table of a quantity with this unit at a shaft."""
     pairs = {"rad": "m", "rad/s": "m/s", "N m": "N", "kg m2": "kg", "N m s/rad": "N s/m"}
     return pairs[unit]
 
 
 def require_table(frame: Frame, what: str) -> None:
-    """Raise ParameterError for a result at a shaft."""
+    """Raise ParameterError for a result in shaft units."""
     if frame is SHAFT:
         raise ParameterError(
             f"{what} is in {frame.force} and {frame.velocity} of a shaft; give the screw's lead with  "
@@ -90,10 +88,10 @@ def require_table(frame: Frame, what: str) -> None:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value in SI with two standard errors.
+    """An estimated value in SI with two standard errors.
 
-    error  robust to autocorrelation and changing variance of the residual: the one to use
-    ols    as if the residual were white, s² (XᵀX)⁻¹: what most papers print
+    error  robust to autocorrelation and heteroscedasticity of the residual: to be used
+    ols    valid for a white residual only, s² (XᵀX)⁻¹: as published in most papers
     """
 
     name: str
@@ -109,27 +107,27 @@ class Estimate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The interval that contains the true value with 95 %, if the model holds."""
+        """The 95 % confidence interval, if the model is valid."""
         return self.value - NORMAL * self.error, self.value + NORMAL * self.error
 
     def at_table(self, lever: float) -> Estimate:
-        """Return a quantity of a shaft, referred to the table."""
+        """Return the estimate, given at a shaft, referred to the table."""
         factor = lever ** power(self.unit)
         unit = table_unit(self.unit)
         return replace(self, value=factor * self.value, unit=unit, error=factor * self.error, ols=factor * self.ols)
 
 
 def pulls(offset: Estimate, coulomb: float) -> bool:
-    """True if an offset is a force of the axis: more than 3 standard errors and 5 % of Coulomb friction.
+    """Return True if an offset is a force on the axis: above 3 standard errors and 5 % of Coulomb friction.
 
-    A smaller one cannot move the axis, and counts of the encoder at rest make it too: their error is the same for
-    hundreds of rows, more than standard errors account for.
+    A smaller one cannot move the axis, and may be caused by encoder quantization at rest: its error is constant over
+    hundreds of rows, which standard errors do not account for.
     """
     return abs(offset.value) > max(SIGNIFICANT * offset.error, LEAST_PULL * coulomb)
 
 
 def estimates_table(title: str, estimates: tuple[Estimate, ...]) -> Table:
-    """Tabulate estimates, a row for each parameter."""
+    """Return a table of estimates, with one row for each parameter."""
     return Table(title, ESTIMATE_COLUMNS, [estimate_row(estimate) for estimate in estimates])
 
 
@@ -144,7 +142,7 @@ ESTIMATE_COLUMNS = (
 
 
 def estimate_row(estimate: Estimate) -> list[Cell]:
-    """Return the cells of `ESTIMATE_COLUMNS`."""
+    """Return the table row of an estimate, in the order of `ESTIMATE_COLUMNS`."""
     error, ols = Quantity(estimate.error, estimate.unit), Quantity(estimate.ols, estimate.unit)
     low, high = (Quantity(bound, estimate.unit, form="4", bare=True) for bound in estimate.interval)
     return [estimate.name, UNIT, estimate.quantity, error, ols, Text(f"{low} .. {high}")]
@@ -163,12 +161,12 @@ _NEAR, _AROUND = 9, 61  # rows: of the median that a sample is held against, and
 
 
 def strays(values: np.ndarray) -> np.ndarray:
-    """True for single samples, three at most, that lie far from their neighbors; of shape (n,), as the values.
+    """Return True for outliers: up to three successive samples far from their neighbors; shape (n,).
 
         d = |x - median of 9 rows| > max(8 · 1.4826 median d, 4 times the d that 98 % of the rows stay within, 8 quanta)
 
-    The median of d is of 61 rows, the largest of those nearby, so that a rest before a motion makes no strays of its
-    noise; the quantum is the least step of the values.  Steps, ramps, and stick and slip hold none.
+    The median of d is taken over 61 rows, and the largest nearby median counts, so that noise in motion after a rest is
+    not an outlier; the quantum is the smallest step of the values.  Steps, ramps and stick-slip contain no outliers.
     Source: Hampel 1974 (the median and its deviation); the windows and the other bounds are ours.
     """
     from scipy.ndimage import maximum_filter, median_filter  # not for commands that only read
@@ -184,7 +182,7 @@ def strays(values: np.ndarray) -> np.ndarray:
 
 
 def short_runs(flags: np.ndarray, most: int) -> np.ndarray:
-    """Clear runs of more than `most` true values."""
+    """Return the flags without runs of more than `most` true values."""
     kept = flags.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
@@ -194,7 +192,7 @@ def short_runs(flags: np.ndarray, most: int) -> np.ndarray:
 
 
 def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) -> tuple[str, ...]:
-    """Return a remark on strays that are left out: how many, and the place and the size of the worst."""
+    """Return a remark on omitted outliers: their number, and row and size of the worst."""
     rows = np.flatnonzero(stray)
     if not rows.size:
         return ()
@@ -211,7 +209,7 @@ def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) ->
 
 
 def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return s² (XᵀX)⁻¹ with s² = rᵀr / (n - p): right only for a white residual of constant size."""
+    """Return s² (XᵀX)⁻¹ with s² = rᵀr / (n - p): valid only for a white residual of constant variance."""
     n, p = columns.shape
     return float(residual @ residual) / max(n - p, 1) * _inverse(columns)
 
@@ -225,12 +223,11 @@ def robust_covariance(
 
     columns   shape (n, p), or (signals, n, p) for several signals with errors that are correlated at each time
     residual  shape (n,), or (signals, n)
-    smooth    sums of up to so many rows show how long scores hang together, where white noise hides it row by row
+    smooth    largest number of rows summed to reveal the correlation length of scores, which white noise may hide
 
-    The residual may have any autocorrelation of finite length.  `lags` follows from that length if it is not given:
-    1.1447 (α n)^⅓ of Andrews 1991, taken twice, with α from the first autocorrelation of each score.  S is the more
-    uncertain the more lags it has; the factor of `widening` compensates for this, so that 1.96 errors remain a 95 %
-    interval.
+    The residual may have any autocorrelation of finite length.  By default `lags` follows from that length: twice
+    1.1447 (α n)^⅓ of Andrews 1991, with α from the first autocorrelation of each score.  S becomes more uncertain with
+    more lags; the factor of `widening` compensates for this, so that 1.96 errors remain a 95 % interval.
     Sources: Newey & West 1987; Andrews 1991, eqs. (6.2) and (6.4); Kiefer & Vogelsang 2005.
     """
     stacked = columns if columns.ndim == 3 else columns[None]
@@ -244,13 +241,13 @@ def robust_covariance(
 
 
 def scores_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return the contribution of each sample to each parameter, in the metric of the estimates, shape (rows, p)."""
+    """Return the influence of each sample on each parameter, in units of the estimates, shape (rows, p)."""
     inverse = _inverse(columns.reshape(-1, columns.shape[-1]))
     return _in_blocks(np.einsum("snp,sn->np", columns, residual) @ inverse)
 
 
 def long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
-    """Return the covariance of the scores over all lags that count."""
+    """Return the long-run covariance of the scores over `lags`, with a Bartlett window."""
     from scipy.signal import oaconvolve  # takes a second to import
 
     rows = scores.shape[0]
@@ -263,7 +260,7 @@ def long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
 
 
 def _in_blocks(scores: np.ndarray) -> np.ndarray:
-    """Sum consecutive rows so that at most `MOST_ROWS` remain: the covariance over long lags is not changed."""
+    """Sum consecutive rows so that at most `MOST_ROWS` remain; the long-run covariance is not changed."""
     return _summed(scores, -(-scores.shape[0] // MOST_ROWS))
 
 
@@ -272,7 +269,7 @@ def _summed(scores: np.ndarray, size: int) -> np.ndarray:
 
 
 def widening(share: float) -> float:
-    """Return the ratio of a 95 % interval to 1.96 errors, if `share` of all lags was used with a Bartlett window.
+    """Return the ratio of a 95 % interval to 1.96 errors if a `share` of all lags is used with a Bartlett window.
 
     (1.9600 + 2.9694 b + 0.4160 b² - 0.5324 b³) / 1.96, b = share.  Source: Kiefer & Vogelsang 2005, table 1.
     """
@@ -280,9 +277,7 @@ def widening(share: float) -> float:
 
 
 def memory(scores: np.ndarray) -> int:
-    """Return the lags after which the scores, shape (n, p), are uncorrelated: Andrews' rule for the Bartlett window,
-    twice.
-    """
+    """Return the correlation length of scores of shape (n, p): twice Andrews' bandwidth for the Bartlett window."""
     n = scores.shape[0]
     alpha, weight = 0.0, 0.0
     for column in scores.T:
@@ -297,7 +292,7 @@ def memory(scores: np.ndarray) -> int:
 
 
 def errors(covariance: np.ndarray) -> np.ndarray:
-    """Return standard errors: roots of the diagonal."""
+    """Return standard errors, the square roots of the diagonal."""
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
@@ -308,15 +303,17 @@ def _inverse(columns: np.ndarray) -> np.ndarray:
 
 
 def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice] | None = None) -> float:
-    """Return the Bayesian information criterion of a residual that follows r(k) = rho r(k-1) + e(k); less is better.
+    """Return the Bayesian information criterion of a first-order autoregressive residual; lower is better.
+
+        r(k) = rho r(k-1) + e(k)
 
         -2 log L = n log(Σ e² / n) - m log(1 - rho²)
         criterion = -2 log L + k log n · n / (n - k - 1),   k = parameters + 2
 
-    with the rho >= 0 that is most likely; rho and the variance of e are the two additional parameters. The last factor
-    corrects for few rows, where the plain criterion takes a parameter too many in one case of five. Without rho, as in
-    the usual criterion, neighboring rows would count as independent, and a model could fit their common noise.
-    `stretches` are m series of consecutive rows (default: one with all); rho does not apply from one to the next.
+    rho >= 0 is its maximum-likelihood value; rho and the variance of e are the two additional parameters. The last
+    factor corrects for few rows, where the plain criterion selects a superfluous parameter in one case of five. The
+    usual criterion without rho treats neighboring rows as independent, so that a model could fit their common noise.
+    `stretches` are m series of consecutive rows (default: all rows); rho does not apply across them.
     Sources: Schwarz 1978; McQuarrie 1999 for few rows; the likelihood of a first-order process, Box & Jenkins 1970.
     """
     parts = _parts(residual, stretches)
@@ -326,7 +323,7 @@ def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice
 
 
 def likely_memory(residual: np.ndarray, stretches: Sequence[slice] | None = None) -> float:
-    """Return the most likely rho >= 0."""
+    """Return the maximum-likelihood value of rho >= 0."""
     parts = _parts(residual, stretches)
     return float(min(_MEMORIES, key=lambda rho: _likelihood(parts, rho)))
 
@@ -337,7 +334,7 @@ def _parts(residual: np.ndarray, stretches: Sequence[slice] | None) -> list[np.n
 
 
 def _likelihood(parts: list[np.ndarray], rho: float) -> float:
-    """Return -2 log L except for a constant."""
+    """Return -2 log L up to a constant."""
     n = sum(part.size for part in parts)
     first = (1.0 - rho * rho) * sum(float(part[0]) ** 2 for part in parts)
     rest = sum(float(np.sum((part[1:] - rho * part[:-1]) ** 2)) for part in parts)
@@ -347,9 +344,9 @@ def _likelihood(parts: list[np.ndarray], rho: float) -> float:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Residuals(Result):
-    """Measured - fitted, shape (n,), over the rows that were fitted.
+    """The residuals measured - fitted, shape (n,), of the fitted rows.
 
-    norm       √(rᵀr);  relative: over that of the measured values
+    norm       √(rᵀr);  relative: divided by the norm of the measured values
     condition  condition number of the columns in SI
     """
 
@@ -374,7 +371,7 @@ class Residuals(Result):
         return float(np.std(self.values, ddof=1))
 
     def autocorrelation(self, lag: int) -> float:
-        """Return Σ r(k) r(k - lag) / Σ r(k)²; within ±2/√n for a white residual."""
+        """Return the autocorrelation Σ r(k) r(k - lag) / Σ r(k)²; within ±2/√n for a white residual."""
         r = self.values
         return float(r[lag:] @ r[: r.size - lag]) / float(r @ r)
 
@@ -384,7 +381,7 @@ class Residuals(Result):
         return abs(self.autocorrelation(1)) < 1.96 / np.sqrt(self.values.size)
 
     def table(self) -> Table:
-        """Return sizes and autocorrelation."""
+        """Return a table of the norms and the autocorrelation."""
         rows: list[Sequence[Cell]] = [
             ["norm", UNIT, Quantity(self.norm, self.unit, form="6")],
             ["relative to the measured force", UNIT, Quantity(self.relative, "share")],
@@ -401,10 +398,9 @@ class Residuals(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation(Result):
-    """Prediction errors of stretches that the fit did not use, over their measured RMS, and the parameters of these
-    fits.
+    """The result of a cross-validation: relative prediction errors of unused stretches, and the parameters of the fits.
 
-    relative  RMS of all errors on unused rows over the RMS of what was measured
+    relative  RMS of all errors on unused rows over the RMS of the measured values
     values    shape (stretches, parameters)
     """
 
@@ -414,7 +410,7 @@ class Validation(Result):
     unit: str
 
     def table(self) -> Table:
-        """Return a row for each stretch."""
+        """Return a table with one row for each stretch."""
         rows = [[i + 1, float(error)] for i, error in enumerate(self.errors)]
         columns = ["stretch", Column("error", "share", "3")]
         return Table(f"unused rows: {Quantity(self.relative, 'share'):3} RMS", columns, rows)
@@ -423,7 +419,7 @@ class Validation(Result):
 def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:
     """Predict each stretch of rows by a fit without it and without `GAP` rows on both sides.
 
-    If only one stretch holds a direction or a speed, the fit without it lacks this information; its error is then
+    If only one stretch contains a direction or a speed, the fit without it lacks this information, and its error is
     large.
     """
     n = measured.size
@@ -447,7 +443,7 @@ B = TypeVar("B", bound=Block)
 
 
 class TracedForce(Generic[B]):
-    """A force that a block computes from arguments, traced once, with its forward tangents.
+    """A force computed by a block from arguments, traced once, with its forward tangents.
 
     `force` takes the block with symbols for its leaves and the arguments by name; `names` are the block's leaves.
     """
@@ -465,7 +461,7 @@ class TracedForce(Generic[B]):
         self.ends = [end, *(graph.symbol(0.0 if slope is None else slope).index for slope in slopes)]
 
     def at(self, values: Mapping[str, Any], **arguments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the force, and its slopes on a last axis; values of leaves are numbers, or arrays that broadcast."""
+        """Return the force, and its derivatives on a last axis; leaf values are numbers, or arrays that broadcast."""
         leaves = {name: np.asarray(values[name], np.float64) for name in self.names}
         leaves |= {f"of {name}": np.asarray(arguments[name], np.float64) for name in self.arguments}
         shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves.values()))
@@ -475,17 +471,16 @@ class TracedForce(Generic[B]):
 
 @lru_cache(maxsize=32)
 def steady_curve(friction: Friction) -> TracedForce[Friction]:
-    """Trace `friction.steady` over "velocity"; the numbers of the block do not matter."""
+    """Trace `friction.steady` as a function of "velocity"; the values in the block are ignored."""
     return TracedForce(friction, ("velocity",), lambda block, arguments: block.steady(arguments["velocity"]))
 
 
 def solve(
     seen: np.ndarray, error: np.ndarray, mu: float, least: np.ndarray, most: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step Δ within bounds that minimizes |Ψ Δ - e|² + mu |S Δ|², and the active bounds; S scales columns to
-    1.
+    """Return the step Δ within bounds that minimizes |Ψ Δ - e|² + mu |S Δ|², and the active bounds.
 
-    Ψ has shape (samples, columns).  Without an active bound it is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
+    Ψ has shape (samples, columns); S scales its columns to 1.  Without an active bound it is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
     """
     from scipy.optimize import lsq_linear  # not for commands that only read
 
@@ -509,8 +504,8 @@ def standard_errors(seen: np.ndarray, residual: np.ndarray, lags: int) -> np.nda
 
         cov = A⁻¹ [Σ_f S(f) Ψ(f) Ψ(f)ᴴ] A⁻¹,   A = ΨᵀΨ,   S: spectrum of the residual
 
-    S is that of its autocorrelation up to `lags`, in a Bartlett window, which keeps S >= 0.  With a white residual this
-    is the usual σ² A⁻¹.  The mean of the residual is not removed, since no column is a constant.
+    S follows from its autocorrelation up to `lags`, with a Bartlett window, which ensures S >= 0.  For a white residual
+    this is the usual σ² A⁻¹.  The mean of the residual is not removed, since no column is a constant.
     Source: Newey & West 1987, for regressors that are not random.
     """
     n, count = seen.shape

@@ -1,6 +1,6 @@
 """The causes of the deviations of circles: scale, squareness, lag, backlash, reversal spikes and screws.
 
-All circles are one linear least-squares fit, with one column a cause: the deviation that it draws on each circle.
+All circles enter one linear least-squares fit with one column per cause: the deviation it produces on each circle.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _CORRELATED = 36  # blocks of a circle within which residuals may be alike
 
 
 class Rows(NamedTuple):
-    """One circle: polar angle about the fitted center, deviation about that of the set-up, direction, feed, radius."""
+    """A circle: polar angle about the fitted center, deviation about the set-up center, direction, feed, radius."""
 
     angle: np.ndarray
     deviation: np.ndarray
@@ -39,14 +39,12 @@ class Rows(NamedTuple):
 
     @property
     def turning(self) -> float:
-        """V/R, rad/s."""
+        """The angular velocity V/R, rad/s."""
         return self.V / self.R
 
 
 class Fit(NamedTuple):
-    """The problem to fit: circles, names of the axes, pitches of screws, and True if the table stands within a
-    backlash.
-    """
+    """The fit problem: circles, axis names, screw pitches, and True if the table stands still within a backlash."""
 
     data: list[Rows]
     names: tuple[str, str]
@@ -54,9 +52,7 @@ class Fit(NamedTuple):
     stands: bool
 
     def best_decay(self) -> float:
-        """Return the decay with the smallest residual: a coarse grid, then a search between the neighbors of its best
-        value.
-        """
+        """Return the decay with the smallest residual, by a coarse grid and a search around its best value."""
         from scipy.optimize import minimize_scalar  # not for commands that only read
 
         grid = np.geomspace(*_DECAYS, 16)
@@ -71,7 +67,7 @@ class Fit(NamedTuple):
         return float(np.exp(optimum.x))
 
     def settled(self, decay: float | None, passes: int = PASSES) -> Solved:
-        """Repeat the pass with lag mismatch and backlash of the previous one until they converge."""
+        """Iterate passes with the lag mismatch and backlash of the previous one until they converge."""
         shape = Shape(0.0, (0.0, 0.0))
         solved = Solved(self, shape, decay, 1)
         for count in range(2, passes + 1):
@@ -85,26 +81,24 @@ class Fit(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """The values that the columns of a pass take from the previous one: lag mismatch, s, and the gap of each
-    axis, m.
-    """
+    """The parameters that a pass takes from the previous one: lag mismatch, s, and the gap of each axis, m."""
 
     mismatch: float
     gaps: tuple[float, float]
 
     def near(self, other: Shape) -> bool:
-        """True if another pass would change nothing."""
+        """Return True if two passes agree within the tolerances of convergence."""
         away = abs(self.mismatch - other.mismatch) <= 1e-9 * abs(self.mismatch) + 1e-12
         return away and all(abs(a - b) <= 1e-4 * a + 1e-9 for a, b in zip(self.gaps, other.gaps, strict=True))
 
 
 def since_reversal(phase: np.ndarray, d: int, reversal: float) -> np.ndarray:
-    """Return the angle since the last of an axis's two reversals in a turn."""
+    """Return the angle since the last of an axis's two reversals per turn."""
     return np.mod(d * (phase - reversal), np.pi)
 
 
 class Solved:
-    """One pass: the columns of all circles, and their least-squares solution."""
+    """A pass of the fit: the columns of all circles, and their least-squares solution."""
 
     def __init__(self, fit: Fit, shape: Shape, decay: float | None, passes: int) -> None:
         self.data, self.names, self.shape, self.decay, self.passes = fit.data, fit.names, shape, decay, passes
@@ -131,7 +125,7 @@ class Solved:
         self.square = float(self.residual @ self.residual)
 
     def _independent(self) -> np.ndarray:
-        """Return the columns without the last one of each combination that the circles do not excite."""
+        """Return independent columns: the last one of each combination that the circles do not excite is dropped."""
         kept = np.flatnonzero(self.seen)
         while True:
             _, sizes, right = np.linalg.svd(self._triangle[:, kept], full_matrices=False)
@@ -142,7 +136,7 @@ class Solved:
 
     @cached_property
     def unseparable(self) -> dict[int, list[int]]:
-        """Return, for each column, the columns from which it cannot be separated."""
+        """The columns from which each column cannot be separated."""
         mixed: dict[int, list[int]] = {}
         for i in np.flatnonzero(self.seen):
             if i in self.kept:
@@ -193,9 +187,7 @@ class Solved:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Return the covariance of the kept columns, for residuals that are correlated within blocks: (A'A)⁻¹ Σ g g'
-        (A'A)⁻¹.
-        """
+        """The covariance of the kept columns, for residuals correlated within blocks: (A'A)⁻¹ Σ g g' (A'A)⁻¹."""
         scores = (self.design[:, self.kept] / self.scale[self.kept]) * self.residual[:, None]
         middle = np.zeros((len(self.kept), len(self.kept)))
         begin = 0
@@ -222,16 +214,14 @@ class Solved:
         return float(np.sqrt(max(self.covariance[k, k], 0.0))) / float(self.scale[i])
 
     def drawn(self, names: Sequence[str]) -> list[np.ndarray]:
-        """Return the deviation that some columns draw on each circle, m."""
+        """Return the deviation that some columns produce on each circle, m."""
         chosen = [self.labels.index(name) for name in names]
         whole = self.design[:, chosen] @ self.solution[chosen]
         return np.split(whole, np.cumsum([len(rows.angle) for rows in self.data])[:-1])
 
 
 def _held(since: np.ndarray, R: float, gap: float) -> np.ndarray:
-    """Return the part of a gap, by the angle since the reversal, by which a table that still stands deviates from the
-    step.
-    """
+    """Return the part of a gap that a table still at rest has not yet crossed, by the angle since the reversal."""
     if gap <= 0.0:
         return np.zeros_like(since)
     return np.maximum(0.0, 1.0 - since**2 * (0.5 * R / gap))
@@ -247,14 +237,12 @@ def distinct_feeds(data: list[Rows]) -> list[float]:
 
 
 def window(turning: float) -> float:
-    """Return the angle after a reversal in which a spike may last, rad."""
+    """Return the angle after a reversal within which a spike must end, rad."""
     return float(np.clip(_WINDOW * turning, _NARROWEST, _WIDEST))
 
 
 def _hats(since: np.ndarray, window: float) -> list[np.ndarray]:
-    """Return piecewise linear basis functions of the angle since a reversal, finer at its start, 0 beyond the
-    window.
-    """
+    """Return piecewise linear basis functions of the angle since a reversal, denser at its start, 0 beyond `window`."""
     nodes = window * (np.arange(_NODES + 1) / _NODES) ** 1.5
     return [np.interp(since, nodes, row, right=0.0) for row in np.eye(_NODES + 1)[:_NODES]]
 
@@ -265,13 +253,13 @@ _READ_IN = {"": "ppm", "rad": "urad", "s2": "ms2"}  # by SI unit, where it is no
 
 
 class Cause(NamedTuple):
-    """A cause of deviations.
+    """A cause of radial deviations.
 
-    name    as "backlash x"
-    value, error  and standard error, in SI; the error is inf where it cannot be separated
+    name    such as "backlash x"
+    value, error  fitted value and standard error, in SI; the error is inf if the cause cannot be separated
     unit    SI
-    effect  the largest radial deviation that it draws on one of the circles, m
-    share   of G: the peak-to-peak of what it draws, by the peak-to-peak of all, on the circle where it is largest
+    effect  the largest radial deviation that it produces on one of the circles, m
+    share   of G: peak-to-peak of its deviation over that of the total, on the circle where it is largest
     note    the causes that it cannot be separated from, and the test to run; else empty
     """
 
@@ -285,7 +273,7 @@ class Cause(NamedTuple):
 
 
 class Spike(NamedTuple):
-    """The deviation after the reversals of an axis at one feed: outward, without all other causes.
+    """The outward deviation after the reversals of an axis at one feed, with all other causes removed.
 
     axis, feed  feed in m/s
     angle       since the reversal, rad, shape (n,)
@@ -310,14 +298,14 @@ class Spike(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CircleCauses(Result):
-    """The causes of the deviations of some circles, and the residual.
+    """The causes of the radial deviations of circles, and the residual.
 
-    causes    all that were fitted
+    causes    all fitted causes
     spikes    after the reversals of each axis at each feed
-    residual  RMS of what no cause explains, m
-    condition of the fit: the ratio of its largest and least singular value, of what is separable
-    decay     time in which an exponential spike falls to 1/e, s; None for a free course
-    passes    in which the phases of the reversals came to rest
+    residual  RMS of the residual, m
+    condition condition number of the separable columns: the ratio of the largest and smallest singular value
+    decay     time constant of an exponential spike, s; None for a free shape
+    passes    number of passes until the phases of the reversals converged
     left      residual over the points of each circle, m
     """
 
@@ -337,11 +325,11 @@ class CircleCauses(Result):
 
     @property
     def ranked(self) -> list[Cause]:
-        """The causes, largest effect first; the offset of the set-up, which is no fault of the machine, is left out."""
+        """The causes, largest effect first, without the set-up offset, which is not an error of the machine."""
         return sorted((cause for cause in self.causes if not cause.name.startswith("set-up")), key=lambda c: -c.effect)
 
     def table(self) -> Table:
-        """One row for each cause, the largest first."""
+        """Return a table with one row for each cause, the largest first."""
         rows: list[list[Cell]] = []
         for cause in self.ranked:
             unit = _READ_IN.get(cause.unit, "")
@@ -370,20 +358,20 @@ def circle_causes(
 ) -> CircleCauses:
     """Split the radial deviations of circles of one radius into causes, by least squares over all of them.
 
-    spike  "free": any course after a reversal, the same for both reversals of an axis and both directions, at each
+    spike  "free": any shape after a reversal, the same for both reversals of an axis and both directions, at each
            feed; "exponential": g exp(-t/decay) after each reversal
-    backlash  "stands": behind a motor whose encoder closes the loop the table stands until the gap is crossed, over
-           √(2B/R) rad; "step": it changes sides at the reversal
-    decay  s, of an exponential spike; default: the one that leaves least
-    pitch  of the screw of an axis, m, by axis: without it no screw error is looked for
+    backlash  "stands": with the loop closed by the motor encoder the table stands still until the gap is crossed, over
+           √(2B/R) rad; "step": the table changes sides at the reversal
+    decay  s, of an exponential spike; default: the one with the smallest residual
+    pitch  of the screw of an axis, m, by axis: without it no screw error is fitted
 
     The columns are those of ISO 230-4 tests to first order, with d the direction, θ the polar angle, outward positive:
     scale R s, squareness (R q/2) sin 2θ, lag -(V²/2R)(κ_mean + Δκ/2 cos 2θ), its mismatch d (V/2) Δτ sin 2θ, backlash
     ±B/2 along each axis, turning over at the reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y,
-    with Δτ of the pass before.  Standard errors hold for residuals that are alike over 10°.
+    with Δτ of the previous pass.  Standard errors are valid for residuals correlated over 10°.
 
-    Causes that the circles cannot separate are named, with the circle that would; their sum stands at the first one.
-    Raises ParameterError as `circle_test`, and for another spike and a pitch that is not > 0.
+    Causes that the circles cannot separate are named, with the circle that would separate them; the first one has their
+    sum.  Raises ParameterError as `circle_test`, and for an unknown spike and a pitch that is not > 0.
     """
     figures = circle_test(circles)
     names = circles[0].axes
@@ -411,7 +399,7 @@ def circle_causes(
 
 
 def _result(solved: Solved, G: float) -> CircleCauses:
-    """Return all causes with their effects."""
+    """Return all causes with their effects and the residual of each circle."""
     x, y = solved.names
     decay = solved.decay
     plain = [name for name in solved.labels if not name.startswith(("screw ", "spike "))]
@@ -453,7 +441,7 @@ def _cause(
 
 
 def _named(solved: Solved, i: int) -> str:
-    """Return the cause of a column."""
+    """Return the name of the cause to which a column belongs."""
     words = solved.labels[i].split(" ")
     if words[0] == "screw":
         return f"screw error {words[1]}"
@@ -461,7 +449,7 @@ def _named(solved: Solved, i: int) -> str:
 
 
 def _remedy(solved: Solved) -> str:
-    """Name the circles that are missing for a separation."""
+    """Name the additional circles that would separate the causes."""
     there = {rows.d for rows in solved.data}
     missing = [f"run {DIRECTIONS[d]}" for d in (1, -1) if d not in there]
     missing += ["run a second feed"] if len(solved.feeds) == 1 else []
@@ -469,7 +457,7 @@ def _remedy(solved: Solved) -> str:
 
 
 def _spike(solved: Solved, axis: str, place: int) -> Spike:
-    """Return the mean outward deviation after the reversals of an axis at a feed, without all other causes."""
+    """Return the mean outward deviation after the reversals of an axis at a feed, with all other causes removed."""
     first = axis == solved.names[0]
     feed = solved.feeds[place]
     hats = [name for name in solved.labels if name.startswith(f"spike {axis} ")]

@@ -1,6 +1,6 @@
 """The circular test of ISO 230-4: full circles at constant feed, and the figures of their radial deviations.
 
-A quadrant peak is the outward jump of a circle after an axis has reversed.
+A quadrant peak is the outward deviation of a circle just after a reversal of an axis.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ DIRECTIONS = {1: "CCW", -1: "CW"}
 
 @dataclass(frozen=True, eq=False)
 class CirclePath:
-    """One full circle at constant feed, evenly in angle.
+    """A full circle at constant feed, sampled evenly in angle.
 
     x, y       m, shape (n,), in the direction of the motion
     direction  1 counter-clockwise, -1 clockwise, seen on the plane of the axes
     feed       m/s
     radius     nominal, m
-    center     of the set-up, m; None if it is not known
-    axes       their names
-    source     what was measured: "tool", or "encoder": figures of encoders do not see what lies behind them
+    center     of the set-up, m; None if unknown
+    axes       names of the axes
+    source     what was measured, "tool" or "encoder"; encoders do not see errors between them and the tool
     """
 
     x: np.ndarray
@@ -54,12 +54,12 @@ class CirclePath:
 
     @property
     def name(self) -> str:
-        """Direction and feed as text."""
+        """The direction and feed as text."""
         return Text(f"{DIRECTIONS[self.direction]} {Quantity(self.feed, 'm/s'):mm/min}")
 
 
 class Zone(NamedTuple):
-    """Two concentric circles around a path: center and radii, m."""
+    """The zone between two concentric circles around a path: center and radii, m."""
 
     center: np.ndarray
     least: float
@@ -72,12 +72,12 @@ class Zone(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """The quantities of one circle, or of two of one feed in both directions, m.
+    """The ISO 230-4 figures of one circle, or of two circles in both directions at one feed, m.
 
     name      of the circle, or the feed of both
-    G         circular deviation: gap of the two nearest concentric circles; of both directions G(b)
+    G         circular deviation: width of the minimum zone; G(b) for both directions
     F_max, F_min  radial deviations from the nominal radius, about `center`
-    D         mean radius of the least-squares circle less the nominal one; of both directions ISO's D
+    D         mean radius of the least-squares circle minus the nominal one; ISO's D for both directions
     center    of the radial deviations
     both      True for the figures of both directions
     """
@@ -92,8 +92,9 @@ class Figures(NamedTuple):
 
 
 def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return center and radius (m) with the least Σ (|p - c| - R)², by Gauss-Newton steps from the center of
-    gravity.
+    """Return center and radius (m) of the least-squares circle, by Gauss-Newton steps from the center of gravity.
+
+    It minimizes Σ (|p - c| - R)².
     """
     center = np.array([np.mean(x), np.mean(y)])
     for _ in range(50):
@@ -110,9 +111,10 @@ def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
-    """Return the two nearest concentric circles around a path: min (s - l) with l <= r - u·δc <= s, repeated.
+    """Return the minimum zone of a path: min (s - l) with l <= r - u·δc <= s, repeated.
 
-    Linear programs on the outermost and innermost points; those that a solution cuts off join until none does.
+    The linear programs use the outermost and innermost points; points outside a solution are added until there are
+    none.
     """
     from scipy.optimize import linprog  # not for commands that only read
 
@@ -175,8 +177,8 @@ def circle_path(
     radius       nominal, m; default: that of the fit, rounded to 0.1 mm
     center       of the set-up, m, if it is known
 
-    Raises LogError for fewer than a full turn at constant feed and for a turn that does not close, ParameterError for
-    rows that do not fit.
+    Raises LogError for less than a full turn at constant feed and for a turn that does not close, ParameterError for
+    rows that do not match.
     """
     x, y = (np.asarray(coordinate, dtype=np.float64) for coordinate in (x, y))
     if time is None:
@@ -262,7 +264,7 @@ def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray,
 
 
 def _averaged(places: np.ndarray, r: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Average the radius between the midpoints of the wanted angles, where there are many rows for each."""
+    """Average the radius between the midpoints of the wanted angles; interpolate where there are no rows."""
     step = wanted[1] - wanted[0]
     edges = np.searchsorted(places, np.append(wanted - 0.5 * step, wanted[-1] + 0.5 * step))
     sums = np.concatenate([[0.0], np.cumsum(r)])
@@ -279,9 +281,7 @@ def circle_of_run(
     signal: str = "tool",
     points: int = POINTS,
 ) -> CirclePath:
-    """Return the circle of a simulated run; `signal` as in `contour_error`; readings are labelled as those of
-    encoders.
-    """
+    """Return the circle of a simulated run; `signal` as in `contour_error`. Readings have the source "encoder"."""
     position = tool_columns(run, axes, signal)
     return circle_path(
         position[:, 0],
@@ -298,11 +298,11 @@ def circle_of_run(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CircleTest(Result):
-    """The figures of some circles of one radius, and of the pairs of both directions.
+    """The figures of circles of one radius, and of pairs in both directions.
 
-    circles  that were measured
-    figures  of each, and then of each feed that was run in both directions
-    about    what the radial deviations F are about: "least squares" or "set-up"
+    circles  the measured circles
+    figures  of each circle, then of each feed that was run in both directions
+    about    center of the radial deviations F: "least squares" or "set-up"
     """
 
     circles: tuple[CirclePath, ...]
@@ -316,12 +316,12 @@ class CircleTest(Result):
 
     @property
     def largest(self) -> Figures:
-        """The figures with the largest circular deviation, of both directions if there are any."""
+        """The figures with the largest circular deviation; those of both directions if available."""
         both = [figure for figure in self.figures if figure.both]
         return max(both or self.figures, key=lambda figure: figure.G)
 
     def table(self) -> Table:
-        """One row for each circle and each pair, in um."""
+        """Return a table with one row for each circle and each pair, in um."""
         first = self.circles[0]
         label = "" if first.source == "tool" else "; FROM ENCODERS, which do not see the tool"
         title = Text(
@@ -347,9 +347,9 @@ class CircleTest(Result):
 def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") -> CircleTest:
     """Compute G, F and D of circles, and G(b) and D of both directions at one feed.
 
-    G is the minimum zone, in which the radius is free; F and D are about the nominal radius.
+    G is the width of the minimum zone, with a free radius; F and D refer to the nominal radius.
 
-    about  center of F: "least squares" of each circle, or "set-up", which all circles must state then
+    about  center of F: "least squares" of each circle, or "set-up", which all circles must then state
 
     Raises ParameterError for no circle, circles of different radii, planes or sources, and for another `about`.
     """
@@ -377,7 +377,7 @@ def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") 
 
 
 def same_feed(one: CirclePath, other: CirclePath) -> bool:
-    """True if two feeds differ by 2 % at most."""
+    """Return True if two feeds differ by at most 2 %."""
     return abs(one.feed - other.feed) <= _SAME_FEED * max(one.feed, other.feed)
 
 
@@ -401,7 +401,7 @@ def _figures(circles: list[CirclePath], about: str) -> Figures:
 
 
 def about_origin(circle: CirclePath) -> CirclePath:
-    """Shift a circle so that its set-up center, or else its least-squares center, is 0."""
+    """Shift a circle so that its set-up center, or else its least-squares center, is the origin."""
     center = circle_fit(circle.x, circle.y)[0] if circle.center is None else np.array(circle.center)
     return replace(circle, x=circle.x - center[0], y=circle.y - center[1], center=(0.0, 0.0))
 
@@ -411,12 +411,12 @@ NEAR = np.radians(10.0)
 
 
 class QuadrantPeak(NamedTuple):
-    """The peak after one reversal on one circle.
+    """The quadrant peak after one reversal on one circle.
 
-    circle     its place among the circles of the test
-    axis, side  that reverses, as "x" and "+": at its most positive or its most negative place
-    angle      polar, of the peak, rad, 0 to 2π
-    deviation  radial, there, m
+    circle     index of the circle in the test
+    axis, side  the reversing axis and its end, as "x" and "+": the most positive or most negative position
+    angle      polar angle of the peak, rad, 0 to 2π
+    deviation  radial deviation at the peak, m
     height     of the peak above the mean deviation of the 10° before the reversal, m
     """
 
@@ -429,23 +429,19 @@ class QuadrantPeak(NamedTuple):
 
 
 def deviation(circle: CirclePath, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return polar angle about a center, rad, 0 to 2π, and radial deviation from nominal, m, in the order of the
-    motion.
-    """
+    """Return polar angle about a center, rad, 0 to 2π, and radial deviation, m, in the order of motion."""
     dx, dy = circle.x - center[0], circle.y - center[1]
     return np.arctan2(dy, dx) % (2.0 * np.pi), np.hypot(dx, dy) - circle.radius
 
 
 def deviations(test: CircleTest) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return `deviation` of each circle, about the center of its figures."""
+    """Return the `deviation` of each circle about the center of its figures."""
     centers = [figure.center for figure in test.figures if not figure.both]
     return [deviation(circle, center) for circle, center in zip(test.circles, centers, strict=True)]
 
 
 def quadrant_peaks(test: CircleTest) -> list[QuadrantPeak]:
-    """Return four peaks for each circle, the highest first: the largest outward deviation in the 10° after a
-    reversal.
-    """
+    """Return four peaks per circle, the highest first: the largest outward deviation within 10° after a reversal."""
     peaks = list[QuadrantPeak]()
     for k, (circle, (angle, r)) in enumerate(zip(test.circles, deviations(test), strict=True)):
         for quarter in range(4):
@@ -462,7 +458,7 @@ def quadrant_peaks(test: CircleTest) -> list[QuadrantPeak]:
 
 
 def peaks_table(test: CircleTest) -> Table:
-    """Return a table with one row for each circle: the heights behind its four reversals."""
+    """Return a table with one row for each circle: the peak heights after its four reversals."""
     first = test.circles[0]
     places = [(axis, side) for side in "+-" for axis in first.axes]
     heights = {(peak.circle, peak.axis, peak.side): peak.height for peak in quadrant_peaks(test)}

@@ -1,6 +1,6 @@
-"""Contour error: the distance of the tool from the commanded path, whatever its delay along the path.
+"""Contour error: the distance of the tool from the commanded path, irrespective of its delay along the path.
 
-The path is a curve through the set positions; the error is taken to its nearest point.
+The path is a curve through the set positions; the error is the distance from its nearest point.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ CORNER = 1e-3  # rad: a smaller turn of the tangent at a set position is none
 
 
 class Curve(NamedTuple):
-    """A piecewise cubic (Hermite) curve from node to node; a turn between two pieces is a corner.
+    """A piecewise cubic (Hermite) curve through nodes; a change of direction between two pieces is a corner.
 
     node    m, shape (n, N)
     along   path length at each node, m, shape (n,)
-    begin, end  derivatives of piece k at its two ends by the share of the piece, m, shape (n - 1, N)
-    row     of the set position that each node is, shape (n,)
+    begin, end  derivatives of piece k at its two ends with respect to its parameter 0 .. 1, m, shape (n - 1, N)
+    row     row of the set position at each node, shape (n,)
     """
 
     node: np.ndarray
@@ -45,24 +45,24 @@ class Curve(NamedTuple):
 
     @property
     def turn(self) -> np.ndarray:
-        """The turn of the tangent at each node, rad, 0 at both ends of the path, shape (n,)."""
+        """The change of the tangent direction at each node, rad, 0 at both ends of the path, shape (n,)."""
         angles = np.zeros(len(self.node))
         step = unit(self.begin[1:]) - unit(self.end[:-1])
         angles[1:-1] = 2.0 * np.arcsin(np.minimum(1.0, 0.5 * size(step)))
         return angles
 
     def place(self, rows: int) -> np.ndarray:
-        """The path length at each of the set positions of which it was made, m, shape (rows,)."""
+        """Return the path length at each set position of the curve, m, shape (rows,)."""
         return self.along[np.searchsorted(self.row, np.arange(rows), side="right") - 1]
 
 
 def size(vectors: np.ndarray) -> np.ndarray:
-    """Return the length of vectors, shape (n,); takes a third of the time of numpy's norm."""
+    """Return the length of vectors, shape (n,), in a third of the time of numpy's norm."""
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Normalize vectors to length 1, shape (n, N); one of length 0 stays."""
+    """Normalize vectors to length 1, shape (n, N); zero vectors are kept."""
     length = size(vectors)
     return vectors / np.where(length > 0.0, length, 1.0)[:, None]
 
@@ -73,13 +73,13 @@ def lengths(position: np.ndarray) -> np.ndarray:
 
 
 def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> Curve:
-    """Return the curve through set positions, m, shape (n, N); standstills become one node.
+    """Return the curve through set positions, m, shape (n, N); a standstill becomes one node.
 
-    The tangent is that of the velocity (m/s, the same shape); without one, that of the circle through three nodes
-    unless their chords turn by more than 20°, a corner.  On an arc that turns by δ from row to row the curve is right
-    to R δ⁶/1000.
+    Tangents are those of the velocity (m/s, same shape); without velocity, those of the circle through three nodes,
+    unless their chords turn by more than 20°, which is a corner.  On an arc that turns by δ per row the error of the
+    curve is R δ⁶/1000.
 
-    Raises ParameterError if the positions are no such array or do not move by 1 nm.
+    Raises ParameterError for positions of another shape or that do not move by 1 nm.
     """
     passed = np.floor(lengths(position) / _SAME)
     row = np.flatnonzero(np.diff(passed, prepend=-1.0) > 0.0)
@@ -112,11 +112,11 @@ def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> C
 
 
 class Feet(NamedTuple):
-    """The nearest point of a curve to each of some positions.
+    """The nearest points of a curve to given positions.
 
-    along   its path length, m, shape (n,)
-    vector  from it to the position, m, shape (n, N)
-    tangent of the curve there, length 1, shape (n, N)
+    along   path length of the nearest point, m, shape (n,)
+    vector  from the nearest point to the position, m, shape (n, N)
+    tangent unit tangent of the curve there, shape (n, N)
     corner  True for a corner or an end of the path, which has no normal, shape (n,)
     """
 
@@ -127,11 +127,10 @@ class Feet(NamedTuple):
 
 
 def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window: float) -> Feet:
-    """Return the points nearest to positions, m, shape (n, N), each within `window` m of path length around its
-    expected place.
+    """Return the nearest points to positions, m, shape (n, N), each within `window` m of path length around `expected`.
 
-    expected  path length at which each belongs, m, shape (n,); without it that of the foot before, and the whole path
-              for the first one
+    expected  expected path length of each point, m, shape (n,); default: that of the previous point, and the whole
+              path for the first one
     """
     position = np.ascontiguousarray(position, dtype=np.float64)
     n, axes = position.shape
@@ -148,7 +147,7 @@ def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window
 
 @kernel
 def _share(place: Floats, begin: Floats, end: Floats) -> float:
-    """Return the share of a straight piece, 0 .. 1, at which it is nearest to a place."""
+    """Return the parameter 0 .. 1 of the point of a straight piece that is nearest to a position."""
     on = 0.0
     length = 0.0
     for i in range(len(place)):
@@ -160,8 +159,9 @@ def _share(place: Floats, begin: Floats, end: Floats) -> float:
 
 @kernel
 def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, float]:
-    """Evaluate a piece by its chord and the derivatives at its ends: distance from its start, first and second
-    derivative by u.
+    """Return the offset of a cubic piece from its start at parameter u, and its first and second derivative.
+
+    The piece is given by its chord d and the derivatives at its ends, in one coordinate.
     """
     b = 3.0 * d - 2.0 * begin - end
     c = begin + end - 2.0 * d
@@ -170,7 +170,7 @@ def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, 
 
 @kernel
 def _chord(place: Floats, begin: Floats, end: Floats) -> float:
-    """Return the squared distance of a place from a straight piece."""
+    """Return the squared distance of a position from a straight piece."""
     u = _share(place, begin, end)
     square = 0.0
     for i in range(len(place)):
@@ -181,9 +181,7 @@ def _chord(place: Floats, begin: Floats, end: Floats) -> float:
 
 @kernel
 def _on_piece(place: Floats, node: Floats, after: Floats, begin: Floats, end: Floats) -> tuple[float, float]:
-    """Return the nearest point of a piece by Newton's method: its share of the piece, 0 .. 1, and the squared
-    distance.
-    """
+    """Return the nearest point of a piece by Newton's method: its parameter 0 .. 1 and the squared distance."""
     u = _share(place, node, after)
     square = 0.0
     for _ in range(8):
@@ -224,7 +222,7 @@ def _feet(
     tangent: Floats2,
     corner: Ints,
 ) -> int:
-    """Find the foot of each position: straight pieces select the piece, Newton's method the point on it."""
+    """Find the nearest point of each position: the piece by its chord, the point on it by Newton's method."""
     last = len(node) - 2
     k = 0
     low = 0
@@ -299,14 +297,14 @@ class Worst(NamedTuple):
 
 
 class Corner(NamedTuple):
-    """A corner of the path, and how the tool passes it.
+    """A corner of the path and the passage of the tool around it.
 
-    along, position  path length and place of the vertex, m
-    turn             of the direction, rad
+    along, position  path length and position of the vertex, m
+    turn             change of direction, rad
     nearest          distance at which the tool passes the vertex, m
     error            the largest contour error around it, m, unsigned
-    rows             of the samples between which it is passed
-    line             of the part program that begins there, if known
+    rows             samples during which the tool passes it
+    line             line of the part program that begins there, if known
     """
 
     along: float
@@ -320,22 +318,21 @@ class Corner(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContourError(Result):
-    """The distance of each actual position from the commanded path.
+    """The contour error of a run: the distance of each actual position from the commanded path.
 
-    name, axes   of the run, and the axes in the order of the columns
+    name, axes   name of the run, and the axes in the order of the columns
     time         s, shape (n,)
     set_position, position  commanded and actual, m, shape (n, N)
-    error        to the nearest point of the path, m, shape (n,); of two axes it is positive at the left of the path (on
-                 a counter-clockwise circle: inside), and unsigned where the nearest point is a corner or an end; of
-                 more axes it is unsigned
+    error        distance from the nearest point of the path, m, shape (n,); for two axes it is positive on the left of
+                 the path (on a counter-clockwise circle: inside), but unsigned where the nearest point is a corner or
+                 an end; for more axes it is unsigned
     vector       from the path to the tool, m, shape (n, N)
     along        path length of the nearest point, m, shape (n,)
     at_corner    True where the nearest point is a corner or an end, shape (n,)
-    estimate     of the error from the tracking error alone, right to second order, m, shape (n,); None without
-                 velocities
+    estimate     contour error estimated from the tracking error to second order, m, shape (n,); None without velocities
     lag          of the tool behind its set position along the path, m, shape (n,)
     line         of the part program, shape (n,), or None
-    counted      True for samples that the figures and the worst places include, shape (n,)
+    counted      True for samples that count in the figures and the worst places, shape (n,)
     curve        the path
     """
 
@@ -356,17 +353,17 @@ class ContourError(Result):
 
     @property
     def signed(self) -> bool:
-        """True if left and right of the path are distinguished: for two axes."""
+        """True if the error is signed, which it is for two axes."""
         return len(self.axes) == 2
 
     @property
     def largest(self) -> float:
-        """The largest distance that counts, m."""
+        """The largest contour error that counts, m."""
         return float(np.max(np.abs(self.error[self.counted]), initial=0.0))
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """The weight of each sample in the path that counts: half of the way to both neighbors, 0 at a standstill."""
+        """The weight of each sample by path length: half the distance to both neighbors, 0 at a standstill."""
         way = np.diff(lengths(self.set_position))
         share = 0.5 * (np.append(way, 0.0) + np.insert(way, 0, 0.0)) * self.counted
         total = float(np.sum(share))
@@ -374,20 +371,20 @@ class ContourError(Result):
 
     @property
     def rms(self) -> float:
-        """The root mean square along the path, m."""
+        """The RMS contour error along the path, m."""
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """Return the distance that is kept on this share of the path that counts, m; 0 where nothing counts."""
+        """Return the contour error not exceeded on this share of the path, m; 0 if no sample counts."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         place = np.searchsorted(np.cumsum(weights[order]), share - 1e-12)
         return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """Return the largest errors that count, largest first: peaks that fall to half between them.
+        """Return the largest errors that count, largest first: peaks between which the error falls to half.
 
-        apart  least path length between two of them, m; default: a thousandth of the path
+        apart  minimum path length between two of them, m; default: a thousandth of the path
         """
         reach = _NEAR * float(self.curve.along[-1]) if apart is None else apart
         left = np.where(self.counted, np.abs(self.error), 0.0)
@@ -408,10 +405,10 @@ class ContourError(Result):
         return places
 
     def corners(self, least: float = np.radians(5.0), reach: float | None = None) -> list[Corner]:
-        """Return the corners of the path that turn by at least this angle, rad.
+        """Return the corners of the path that turn by at least `least`, rad.
 
-        reach  path length before and behind a corner that counts as around it, m; default: twice the largest lag, but
-               not beyond the middle to the next corner
+        reach  path length before and after a corner that belongs to it, m; default: twice the largest lag, but at most
+               half the distance to the next corner
         """
         turn = self.curve.turn
         nodes = np.flatnonzero(turn >= max(least, CORNER))
@@ -438,7 +435,7 @@ class ContourError(Result):
         return corners_seen
 
     def table(self) -> Table:
-        """Largest, RMS and 95 % of the error, and the worst places."""
+        """Return a table of the worst places, with the largest, RMS and 95 % error in its title."""
         title = Text(
             f"{self.name}: contour error {Quantity(self.largest, 'm')} at most, {Quantity(self.rms, 'm')} RMS, "
             f"{Quantity(self.within(0.95), 'm')} on 95 % of {Quantity(float(self.curve.along[-1]), 'm'):mm}; lag at "
@@ -467,7 +464,7 @@ class ContourError(Result):
 
 
 def _to_point(position: np.ndarray, point: np.ndarray) -> float:
-    """Return the distance at which the polyline through positions passes a point, m."""
+    """Return the distance of a point from the polyline through positions, m."""
     if len(position) < 2:
         return float(np.min(size(position - point)))
     step, from_begin = np.diff(position, axis=0), point - position[:-1]
@@ -494,24 +491,25 @@ def contour_error(
 
         estimate  ε = -e_n - κ e_t²/2,  e = set - actual position, n left of the direction t, κ > 0 in a left turn
 
-    actual        a run of a machine, or positions, m, shape (n, N); a sample belongs to the set position of its row
+    actual        a run of a machine, or positions, m, shape (n, N), one row per set position
     path          set positions, m, shape (n, N), or references by axis; default: those of the run
-    axes          names of the columns; default: all axes of the run that do not turn
-    velocity, acceleration  of the set positions given as an array, m/s and m/s², shape (n, N): without them tangents
-                  follow from the set positions, and there is no estimate; nor with velocities that are differences
-    signal        of the run that is the position: `tool`, the tool point of a machine with geometry errors and else the
-                  table, `position_load`, the table, or `reading_load`, the table as the control sees it
+    axes          names of the columns; default: all linear axes of the run
+    velocity, acceleration  of the set positions given as an array, m/s and m/s², shape (n, N): without them, or with
+                  velocities that are backward differences, tangents follow from the set positions, and there is no
+                  estimate
+    signal        actual position of the run: `tool`, the tool point of a machine with geometry errors and else the
+                  table; `position_load`, the table; or `reading_load`, the table as measured by the control
     line          of the part program for each row
     counted       True for rows that count in the figures, shape (n,); default: all
     sample_time   s, for arrays
-    window        path length around the set position in which the nearest point is looked for, m; default: twice the
-                  largest tracking error, which is at least 2 V (lag + dead time).  A path that comes near itself within
-                  the window is one path there
+    window        path length around the set position in which the nearest point is searched, m; default: twice the
+                  largest tracking error, which is at least 2 V (lag + dead time).  Parts of a path that are
+                  closer to each other than the window are not distinguished
 
-    The path between two set positions is of third degree (`curve_through`); a standstill is one point, a corner has no
-    normal.  Source: definition of the contour error, Koren & Lo 1991; the estimate right to second order.
-    Raises ParameterError for fewer than two axes, a name that is not there, shapes that differ, numbers that are not
-    finite, and a path that does not move.
+    The path between two set positions is a cubic (`curve_through`); a standstill is one point, a corner has no normal.
+    The estimate is accurate to second order.  Source: definition of the contour error, Koren & Lo 1991.
+    Raises ParameterError for fewer than two axes, an unknown name, shapes that differ, numbers that are not finite, and
+    a path that does not move.
     """
     run = actual if isinstance(actual, Run) else None
     if isinstance(actual, Run):
@@ -568,7 +566,7 @@ def contour_error(
 
 
 def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """Return the sign for two axes, positive at the left of the path, unsigned at corners; otherwise unsigned."""
+    """Return the contour error: for two axes positive on the left of the path, unsigned at corners; else unsigned."""
     distance = size(vector)
     if vector.shape[1] != 2:
         return distance
@@ -577,7 +575,7 @@ def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.n
 
 
 def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """Return ε = -e_n - κ e_t²/2; NaN where the set position stands still."""
+    """Return the estimate ε = -e_n - κ e_t²/2; NaN where the set position stands still."""
     speed = size(velocity)
     moves = speed > _SLOW
     t = unit(velocity)
@@ -589,14 +587,14 @@ def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> 
 
 
 def _differenced(position: np.ndarray, velocity: np.ndarray, T: float) -> bool:
-    """True if the velocities are backward differences of the positions, which are no tangents."""
+    """Return True if the velocities are backward differences of the positions, which are not tangents."""
     step = np.diff(position, axis=0)
     away = np.max(np.abs(T * velocity[1:] - step), initial=0.0)
     return bool(away <= 1e-9 * np.max(np.abs(step), initial=0.0))
 
 
 def _axes(run: Run, axes: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the requested axes of a run, or all that do not turn."""
+    """Return the requested axes of a run, by default all linear axes."""
     ports = [signal.removesuffix("set_position") for signal in run.signals if signal.endswith(".set_position")]
     if axes is None:
         return tuple(port[:-1] for port in ports if port not in run.turning)
@@ -607,7 +605,7 @@ def _axes(run: Run, axes: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
-    """Return positions of axes, m, shape (n, N): the tool point where the run has it, or a signal of each axis."""
+    """Return positions of axes, m, shape (n, N): the tool point if the run has it, or a signal of each axis."""
     if signal == "tool":
         there = all(f"tool.{name}" in run.signals for name in axes)
         names = [f"tool.{name}" if there else f"{name}.position_load" for name in axes]
@@ -627,7 +625,7 @@ def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarr
 
 
 def _checked(name: str, values: Any, position: np.ndarray) -> np.ndarray:
-    """Check an array: the shape of the positions, all finite."""
+    """Return an array with the shape of the positions. Raises ParameterError for another shape or NaN."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != position.shape:
         raise ParameterError(f"{name} is of shape {array.shape}, the positions are of shape {position.shape}")

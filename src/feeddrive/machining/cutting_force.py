@@ -1,4 +1,4 @@
-"""The cutting force of a finished run: on the tool along feed, normal and spindle, the spindle's torque and power."""
+"""Cutting forces of a finished run along feed, normal and spindle, with torque and power of the spindle."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from feeddrive.loop.trace import Carried, Program, concrete, leaf, node
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CuttingForces(Result):
-    """Forces of the work on a tool over a run, in the mean over each sample; all arrays of shape (n,).
+    """The forces of the workpiece on the tool over a run, averaged over each sample; all arrays of shape (n,).
 
-    time                 s, of the beginning of the sample
+    time                 s, start of the sample
     feed, normal, axial  N, along the feed, along spindle axis x feed, along the spindle
     torque, power        N m and W, of the spindle
     spindle_speed        rpm
-    angle                rad, of the spindle in the middle of the sample, all turns since the start
+    angle                rad, unwrapped spindle angle in the middle of the sample
     along, across        components of the direction of the feed in x and y
     """
 
@@ -46,16 +46,16 @@ class CuttingForces(Result):
 
     @property
     def power(self) -> np.ndarray:
-        """Torque times angular velocity, W."""
+        """The spindle power, torque times angular velocity, W."""
         return self.torque * self.spindle_speed * (np.pi / 30.0)
 
     @property
     def resultant(self) -> np.ndarray:
-        """The force across the spindle, N."""
+        """The resultant force in the plane normal to the spindle, N."""
         return np.hypot(self.feed, self.normal)
 
     def table(self) -> Table:
-        """Mean and peak while the tool cuts."""
+        """Return a table of mean and peak values while the tool cuts."""
         cuts = self.torque != 0.0
         rows: list[list[Cell]] = []
         units = {"feed": "N", "normal": "N", "axial": "N", "resultant": "N", "torque": "N m", "power": "W"}
@@ -69,9 +69,9 @@ class CuttingForces(Result):
 
 
 def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
-    """Compute the cutting forces of a run from the motion of its axes, by the same step that ran in it.
+    """Compute the cutting forces of a run from the motion of its axes, with the same model as in the run.
 
-    With one substep it is the force of the run; with more it is that of substeps as long as a sample.
+    For a run with one substep it is exactly the force of the run; otherwise it is that with one substep per sample.
     Raises ParameterError for a run that does not begin at 0 s or without the positions and velocities of x and y.
     """
     if run.first:
@@ -119,7 +119,7 @@ def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
 
 
 def _motions(cut: MillingCut, signals: Any, ahead: Any) -> dict[str, Motion]:
-    """Return the motions of the axes, predicted by a time in s."""
+    """Return the motions of the axes, extrapolated by a time in s."""
     motions: dict[str, Motion] = {}
     for axis in (cut.along_x, cut.along_y):
         x, v = signals[f"{axis}.position_load"], signals[f"{axis}.velocity_load"]

@@ -1,17 +1,17 @@
-"""Lines and arcs of a path with their form errors, and the samples of a cut on the finished part.
+"""Lines and arcs of a path with their form errors, and the samples of a cut that form the finished part.
 
-A tool that cuts with its side leaves the wall that it touches at its radius R beside the path p:
+A tool in peripheral milling leaves a wall at its radius R beside the path p:
 
-    w(t) = p(t) + R n(t),   n to the work: right of the feed in down milling, left of it in up milling (M3)
+    w(t) = p(t) + R n(t),   n towards the workpiece: right of the feed in down milling, left of it in up milling (M3)
 
 A point of that wall belongs to the part if
 
-1. no other place of the same cut takes it away:   min over s of |w(t) - p(s)| >= R.  A lead-in, a lead-out and the
-   corners of the path around an outer corner of the part, where the tool touches nothing, fail this.
-2. it lies on that side of the closed path on which most of the wall lies: inside of a path around the part, outside of
-   a path in a pocket.  Lead-in and lead-out from the other side fail this.
+1. no other point of the same cut removes it:   min over s of |w(t) - p(s)| >= R.  This excludes a lead-in, a lead-out
+   and the corners of the path around an outer corner of the part, where the tool touches nothing.
+2. it lies on the same side of the closed path as most of the wall: inside a path around the part, outside a path in a
+   pocket.  This excludes lead-in and lead-out from the other side.
 
-A cut along an edge goes around nothing and counts whole: where its part ends is not known.
+A cut along an edge encloses nothing and counts completely, since the end of its part is not known.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ class Element(NamedTuple):
 
     kind    "line" or "arc"
     begin, end  path length, m
-    angle   of a line against the first axis, of an arc its turn, rad
-    radius  of an arc, m; 0 of a line
-    form    straightness of a line, the width of the strip around it; roundness of an arc, the gap of two circles, m
-    tilt    of a line against its direction, rad, + counter-clockwise; 0 of an arc
-    size    radius of an arc less that of the path, m; 0 of a line
+    angle   angle of a line to the first axis, or the angle of an arc, rad
+    radius  of an arc, m; 0 for a line
+    form    straightness of a line (width of its zone) or roundness of an arc (gap of its zone), m
+    tilt    angular deviation of a line, rad, + counter-clockwise; 0 for an arc
+    size    radius of an arc minus that of the path, m; 0 for a line
     error   the largest contour error, m, unsigned
     line    of the part program, if known
     """
@@ -72,7 +72,7 @@ class Elements(Result):
     corners: tuple[Corner, ...]
 
     def table(self) -> Table:
-        """One row for each element, then one for each corner."""
+        """Return a table with one row for each element, then one for each corner."""
         rows: list[list[str | float | Quantity]] = [
             [
                 f"{i + 1} {element.kind}{_in_line(element.line)}",
@@ -113,13 +113,13 @@ def _in_line(line: int | None) -> str:
 
 
 def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
-    """Split the path of a contour error of two axes into lines and arcs.
+    """Split the path of a two-axis contour error into lines and arcs.
 
-    ends  share of each element that is left out at both ends, 0 to 0.4
+    ends  share of each element that is left out at each end, 0 to 0.4
 
     An element is at least 2 mm long; an arc turns by at least 17 degrees.  Straightness and tilt are those of the
-    least-squares line, roundness that of the minimum zone from half a turn on, of a shorter arc about its center.
-    Raises ParameterError for more than two axes and for `ends` beyond its bounds.
+    least-squares line; roundness is that of the minimum zone for arcs of at least half a turn, else about the center of
+    the arc.  Raises ParameterError for more than two axes and for `ends` out of range.
     """
     if not contour.signed:
         raise ParameterError(f"elements are those of a plane path, not of {', '.join(contour.axes)}: choose two axes")
@@ -163,7 +163,7 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
 
 
 def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
-    """Return angle, straightness and tilt of a line through places."""
+    """Return angle, straightness and tilt of a line through positions."""
     t = along / np.linalg.norm(along)
     middle = place - np.mean(place, axis=0)
     s, off = middle @ t, middle @ np.array([-t[1], t[0]])
@@ -173,7 +173,7 @@ def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
 
 
 def _arc(place: np.ndarray, nodes: np.ndarray, turn: float) -> tuple[float, float, float]:
-    """Return the radius of an arc, the roundness of the places on it, and the excess of their radius."""
+    """Return the radius of an arc, the roundness of the positions on it, and their radius minus that of the arc."""
     center, radius = circle_fit(nodes[:, 0], nodes[:, 1])
     if turn >= np.pi:
         zone = minimum_zone(place[:, 0], place[:, 1])
@@ -188,12 +188,11 @@ _CORNERS = 300  # of the polygon that decides what lies inside: as many places o
 
 
 def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: str) -> np.ndarray:
-    """Return whether each sample of one cut leaves a wall of the part, shape (n,).
+    """Return True for each sample of one cut that leaves a wall of the part, shape (n,).
 
-    position, velocity  of the set point in the plane of the cut, m and m/s, shape (n, 2); a place where it stands
-                        leaves no wall
+    position, velocity  of the setpoint in the plane of the cut, m and m/s, shape (n, 2); a standstill leaves no wall
     radius              of the tool, m
-    milling             up or down, with a spindle that turns clockwise
+    milling             up or down, with clockwise spindle rotation
     """
     from scipy.spatial import KDTree
 
@@ -211,7 +210,7 @@ def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: 
 
 
 def enclosed(points: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Return whether a path, closed by a straight line, goes around each point: its winding number is not 0.
+    """Return True for each point that a path, closed by a straight line, encloses: its winding number is not 0.
 
     points  shape (n, 2); path  shape (m, 2)
     """

@@ -1,4 +1,4 @@
-"""The load of motors and spindle by a motion: RMS and peak force, heat, losses, energy and power."""
+"""Load of motors and spindle due to a motion: RMS and peak force, heat, losses, energy and power."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ WARN, TRIP = 0.8, 1.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AxisLoad(Result):
-    """The load of one motor by a motion. Forces in N at the table; for an axis that turns torques in N m.
+    """The load of one motor due to a motion. Forces in N at the table; for a rotary axis torques in N m.
 
-    axis            its name
+    axis            name of the axis
     sample_time     s
-    force           that the motor makes, held over each sample, shape (n,)
+    force           motor force, held over each sample, shape (n,)
     rms, peak       of the force; RMS over the whole time, standstills counted
-    continuous_force, peak_force  of the motor, None where they are not stated
-    time_constant   of its heating, s, None where it is not stated
-    heat            share of the continuous heat, shape (n + 1,), from cold; None without the two
-    heat_repeated   the largest share when the motion repeats for ever
+    continuous_force, peak_force  of the motor, None if not stated
+    time_constant   thermal time constant, s, None if not stated
+    heat            heat relative to continuous load, shape (n + 1,), from the cold state; None without the continuous
+                    force or the time constant
+    heat_repeated   the largest heat when the motion is repeated indefinitely
     copper_loss     mean power lost in the winding, W; None without the motor constant
-    work            mechanical energy given to the axis, J: for friction, cut and height
-    drawn           mechanical energy drawn where braking gives nothing back, J
+    work            net mechanical energy delivered to the axis, J: friction, cut and height
+    drawn           mechanical energy drawn without recovery of braking energy, J
     turning         True for a rotary axis
     """
 
@@ -55,34 +56,32 @@ class AxisLoad(Result):
 
     @property
     def duration(self) -> float:
-        """The duration, s."""
+        """The duration of the motion, s."""
         return len(self.force) * self.sample_time
 
     @property
     def of_continuous(self) -> float | None:
-        """RMS force over continuous force."""
+        """The RMS force over the continuous force."""
         return None if self.continuous_force is None else self.rms / self.continuous_force
 
     @property
     def of_peak(self) -> float | None:
-        """Peak force over the largest force of the motor."""
+        """The peak force over the peak force of the motor."""
         return None if self.peak_force is None else self.peak / self.peak_force
 
     @property
     def recovered(self) -> float:
-        """Mechanical energy that braking gives back, J."""
+        """The mechanical energy recovered by braking, J."""
         return self.drawn - self.work
 
     @property
     def loss(self) -> float | None:
-        """Energy lost in the winding, J."""
+        """The energy lost in the winding, J."""
         return None if self.copper_loss is None else self.copper_loss * self.duration
 
     @property
     def verdict(self) -> str:
-        """The verdict for continuous operation: fits, warns (from 80 % of the heat), trips, or the data that are
-        missing.
-        """
+        """The verdict for continuous operation: fits, warns (from 80 % of the heat), trips, or the missing data."""
         shares = [] if self.of_continuous is None else [self.of_continuous**2]
         shares += [] if self.heat_repeated is None else [self.heat_repeated]
         if self.of_peak is not None and self.of_peak > 1.0:
@@ -93,18 +92,18 @@ class AxisLoad(Result):
         return "trips" if most >= TRIP else "warns" if most >= WARN else "fits"
 
     def table(self) -> Table:
-        """One row."""
+        """Return a table with one row for the axis."""
         return _table([self], Text(f"load of axis {self.axis} over {Quantity(self.duration, 's'):SI}"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpindleLoad(Result):
-    """Power and energy of the spindle.
+    """The power and energy of the spindle.
 
-    power, peak      mean and largest, W
+    power, peak      mean and peak power, W
     energy           J
-    volume           of chips, m³, None where it is not known
-    specific_energy  J/m³, energy by volume
+    volume           removed volume, m³, None if unknown
+    specific_energy  energy per volume, J/m³
     """
 
     power: float
@@ -114,7 +113,7 @@ class SpindleLoad(Result):
     specific_energy: float | None
 
     def table(self) -> Table:
-        """One row."""
+        """Return a table with one row for the spindle."""
         columns = [
             "",
             Column("mean", "W"),
@@ -127,20 +126,18 @@ class SpindleLoad(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MachineLoad(Result):
-    """The load of all axes, and of the spindle if it is known."""
+    """The load of all axes, and of the spindle if known."""
 
     axes: Mapping[str, AxisLoad]
     spindle: SpindleLoad | None = field(default=None)
 
     def energy(self, *, recovers: bool = True) -> float:
-        """Return the mechanical energy of the axes, the losses in their windings where known, and the spindle's energy,
-        J.
-        """
+        """Return the total energy in J: mechanical energy of the axes, known winding losses and spindle energy."""
         total = sum((axis.work if recovers else axis.drawn) + (axis.loss or 0.0) for axis in self.axes.values())
         return total + (0.0 if self.spindle is None else self.spindle.energy)
 
     def table(self) -> Table:
-        """One row for each axis; the energy of all in the title."""
+        """Return a table with one row for each axis, and the total energy in its title."""
         spindle = "" if self.spindle is None else Text(f", {Quantity(self.spindle.energy, 'J')} of them by the spindle")
         title = Text(
             f"load: {Quantity(self.energy(), 'J')} with recovery, {Quantity(self.energy(recovers=False), 'J')} "
@@ -199,16 +196,16 @@ def axis_load(
     axis: str = "x",
     turning: bool = False,
 ) -> AxisLoad:
-    """Compute the load of a motor whose force is held from sample to sample.
+    """Compute the load of a motor from its force, which is held over each sample.
 
         F_rms² = mean F²,   θ' = ((F / F_continuous)² - θ) / τ,   loss = (F / K_m)²,   work = Σ F(k) (x(k+1) - x(k))
 
     force           N, shape (n,)
     position        at each sample and at the end of the last one, m, shape (n + 1,)
-    motor_constant  K_m, N/√W: force by the root of the power that it costs in the winding
-    time_constant   τ of the winding's heating, s
+    motor_constant  K_m, N/√W: force per square root of the winding loss
+    time_constant   τ, thermal time constant of the winding, s
 
-    Raises ParameterError for rows that do not fit, numbers that are not finite, and constants that are not > 0.
+    Raises ParameterError for rows that do not match, numbers that are not finite, and constants that are not > 0.
     """
     force, position = np.asarray(force, dtype=np.float64), np.asarray(position, dtype=np.float64)
     if force.ndim != 1 or not len(force) or position.shape != (len(force) + 1,):
@@ -263,11 +260,11 @@ def axis_load(
 def spindle_load(
     torque: np.ndarray, spindle_speed: float | np.ndarray, sample_time: float, volume: float | None = None
 ) -> SpindleLoad:
-    """Compute power = torque · ω of a spindle.
+    """Compute power = torque · ω and energy of a spindle.
 
     torque         N m, shape (n,)
-    spindle_speed  rpm, one number or of each sample
-    volume         of chips, m³, for the specific energy
+    spindle_speed  rpm, one number or one per sample
+    volume         removed volume, m³, for the specific energy
 
     Raises ParameterError for numbers that are not finite and a volume that is not > 0.
     """
@@ -291,14 +288,14 @@ def machine_load(
     time_constant: Mapping[str, float] | None = None,
     spindle: SpindleLoad | None = None,
 ) -> MachineLoad:
-    """Compute the load of each axis of a run, with the limits that its motor states in the machine file.
+    """Compute the load of each axis of a run, with the motor limits of the machine file.
 
-    The force is that which acts in the last substep of a sample (`drive_force`), taken for all of it: with a dead time
-    that is no whole number of samples, and with a slow current loop, the energy is right to first order of the sample
-    time.  The last sample of the run is left out, since its motion is not recorded.
+    The force of the last substep (`drive_force`) is taken as constant over the sample: with a dead time that is not a
+    whole number of samples, or with a slow current loop, the energy is accurate to first order in the sample time.
+    The last sample of the run is left out, since its motion is not recorded.
 
     Constants are given by axis.  Raises ParameterError for a run without `drive_force` and `position_motor` of an axis,
-    for fewer than two samples, and for an axis that is not there.
+    for fewer than two samples, and for an unknown axis.
     """
     check_system(system)
     loops: dict[str, Loop] = dict(zip(system.ports(), system.loops().values(), strict=True))

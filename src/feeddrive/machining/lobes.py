@@ -1,6 +1,6 @@
 """Chatter: the stability lobes of a milling cut, and the signs of chatter in a signal.
 
-Beside the exact method stand two published ones: zero-order lobes, a quick estimate, and semi-discretization.
+Besides the exact method there are two published ones: zero-order lobes, a quick estimate, and semi-discretization.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ _APART = 0.25  # of their spread: every second sample that spreads by less is on
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ChatterSigns(Result):
-    """Spectrum and once-per-tooth samples of a signal.
+    """The spectrum and once-per-tooth samples of a signal, for the detection of chatter.
 
-    harmonic   of each line: it belongs to a harmonic of the teeth, or with run-out of the spindle, bool
-    passing    frequency of the teeth, Hz
+    harmonic   True for lines at harmonics of the tooth passing frequency, or with run-out of the spindle frequency
+    passing    tooth passing frequency, Hz
     samples    value at the same angle of each tooth (of each turn, with run-out), SI
-    swing      from the least to the largest value within a tooth, mean over the teeth, SI
-    dots       1: all samples agree, the cut is stable; 2: every second one does, a flip; 0: a ring, a Hopf chatter
+    swing      peak-to-peak value within a tooth, mean over the teeth, SI
+    dots       1: all samples agree, the cut is stable; 2: every second one agrees, flip chatter; 0: a ring, Hopf
+               chatter
     """
 
     spectrum: Spectrum
@@ -52,12 +53,12 @@ class ChatterSigns(Result):
 
     @property
     def chatter(self) -> float:
-        """The strongest line beside all harmonics, Hz; for a stable cut it means nothing."""
+        """The frequency of the strongest line that is not a harmonic, Hz; meaningless for a stable cut."""
         beside = np.where(self.harmonic, 0.0, self.spectrum.amplitude)
         return float(self.spectrum.frequency[np.argmax(beside)])
 
     def sentence(self) -> str:
-        """The interpretation of the samples as a sentence."""
+        """Return the interpretation of the samples as a sentence."""
         spread = float(np.std(self.samples)) / self.swing if self.swing else 0.0
         phrase = {
             1: "no chatter: samples once per tooth agree",
@@ -70,7 +71,7 @@ class ChatterSigns(Result):
         return Text(f"{phrase} (they spread by {Quantity(spread, 'share'):2} of the swing within a tooth)")
 
     def table(self) -> Table:
-        """The strongest lines and their origin."""
+        """Return a table of the strongest lines and their origin."""
         rows: list[list[str | float]] = []
         for frequency, amplitude in self.spectrum.largest():
             line = int(np.searchsorted(self.spectrum.frequency, frequency))
@@ -92,15 +93,14 @@ def chatter_signs(
     start: float | None = None,
     runout: bool = False,
 ) -> ChatterSigns:
-    """Look for the signs of chatter in equidistant samples of a force, an error or a sound, once the cut is
-    established.
+    """Detect chatter in equidistant samples of a force, an error or a sound of an established cut.
 
-    speed   of the spindle in rpm, constant; teeth: of the tool
+    speed   spindle speed in rpm, constant; teeth: number of teeth of the tool
     start   s, time of the first once-per-tooth sample after the first value; None: where samples spread most
-    runout  the tool runs out: harmonics of the spindle are no chatter, and samples are taken once per turn
+    runout  True for a tool with run-out: harmonics of the spindle are not chatter, and samples are taken once per turn
 
-    A stable cut repeats itself with the teeth: all its lines are harmonics, and samples once per tooth are one dot, or
-    come together to one.  At a flip they are two dots, else a ring.
+    A stable cut is periodic with the teeth: all its lines are harmonics, and samples once per tooth are one dot, or
+    converge to one.  After a flip bifurcation they are two dots, else a ring.
     Raises ParameterError for fewer than 16 teeth (turns, with run-out) and for fewer than four samples a tooth.
     """
     signal = np.asarray(values, float)
@@ -132,7 +132,7 @@ def chatter_signs(
 
 
 def _dots(samples: np.ndarray, swing: float) -> int:
-    """Return 1 or 2 dots, 0 for a ring."""
+    """Return the number of dots, 1 or 2; 0 for a ring."""
     spread, half = float(np.std(samples)), samples.size // 2
     if spread <= _STILL * swing or np.std(samples[half:]) < _FALLS * np.std(samples[:half]):
         return 1
@@ -146,7 +146,7 @@ _RESPONSE_LINES = 4000  # of a modeled response over its band
 class ZeroOrder:
     """Zero-order limits: axial depth in m and chatter frequency in Hz by spindle speed in rpm; NaN where there is none.
 
-    `least` is the depth below which no speed chatters by this theory, m.
+    `least` is the depth below which this theory predicts no chatter at any speed, m.
     """
 
     spindle_speed: np.ndarray
@@ -163,8 +163,8 @@ def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = (
     tool   a `ToolPoint`, or a response from a force on the tool to its position in m/N, an `FRF` along the feed, or a
            pair of them for feed and normal
 
-    It is exact where H is constant and no bound anywhere else: in narrow down milling it is up to twice too high, and
-    it knows no flip lobes.  From a measured response it needs no model; its lines are joined by straight ones.
+    It is exact where H is constant, but elsewhere not a bound: in narrow down milling it is up to twice too high, and
+    it has no flip lobes.  For a measured response it needs no model; the lines are interpolated linearly.
     Raises ParameterError for a response that is not in m/N.
     Source: Altintas & Budak 1995, Analytical Prediction of Stability Lobes in Milling, CIRP Annals 44.
     """
@@ -229,7 +229,7 @@ def _lines(tool: Any) -> tuple[np.ndarray, np.ndarray, list[int]]:
 
 
 def _tracked(eigenvalues: np.ndarray) -> np.ndarray:
-    """Reorder eigenvalues so that each continues from line to line."""
+    """Reorder eigenvalues so that each is continuous from line to line."""
     if eigenvalues.shape[1] == 1:
         return eigenvalues
     tracked = eigenvalues.copy()
@@ -245,10 +245,10 @@ def semi_discretisation(
 ) -> np.ndarray:
     """Return all multipliers µ of a cut by semi-discretization, the largest first; speed in rpm, axial depth in m.
 
-    The tooth period is cut into `steps`; over each the coefficients are their means, and the delayed value is the mean
-    of its ends (order 0) or a straight line (order 1).  The error falls with steps²; the usual 40 are 6 % off in |µ|
-    where a mode swings 5 times between two teeth, and ω τ / steps <= 0.05 is needed for 2e-4.
-    Straight edges only, as in the source; without process damping.  Raises ParameterError for others.
+    The tooth period is divided into `steps`; in each the coefficients are averaged, and the delayed value is the mean
+    of its ends (order 0) or linear (order 1).  The error falls with steps²; with the usual 40 the error of |µ| is 6 %
+    if a mode oscillates 5 times between two teeth, and an error of 2e-4 requires ω τ / steps <= 0.05.
+    Only for straight edges, as in the source, without process damping; raises ParameterError for others.
     Source: Insperger & Stépán 2002 and 2004, Semi-discretization method for delayed systems.
     """
     cut: Regeneration = regeneration(cutter)
@@ -294,10 +294,10 @@ POCKETS = 5  # that a table names
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CutStability(Result):
-    """One cut: the largest multiplier µ over a tooth at `speed` (rpm) and axial `depth` (m), and the nearest limit.
+    """The stability of one cut: the largest multiplier µ over a tooth at `speed` (rpm) and axial `depth` (m).
 
-    limit       axial depth in m above which chatter first grows at this speed; infinite: none up to `deepest`
-    frequency   Hz of the vibration that decides: the chatter at the limit, or at `depth` if there is no limit
+    limit       lowest axial depth in m at which chatter begins at this speed; infinite: none up to `deepest`
+    frequency   Hz of the dominant vibration at the limit, or at `depth` if there is no limit
     """
 
     speed: float
@@ -310,7 +310,7 @@ class CutStability(Result):
 
     @property
     def growth(self) -> float:
-        """|µ|, the factor of a vibration from tooth to tooth; below 1 it decays."""
+        """The growth factor |µ| of a vibration per tooth; below 1 it decays."""
         return abs(self.multiplier)
 
     @property
@@ -320,11 +320,11 @@ class CutStability(Result):
 
     @property
     def kind(self) -> str:
-        """The border at the limit: "hopf", a beat beside the teeth; "flip", period doubling; or "none"."""
+        """The bifurcation at the limit: "hopf", quasi-periodic chatter; "flip", period doubling; or "none"."""
         return kind_of(self.limit_multiplier) if np.isfinite(self.limit) else "none"
 
     def sentence(self) -> str:
-        """The verdict in words."""
+        """Return the verdict as a sentence."""
         at = Text(f"at {Quantity(self.speed, 'rpm'):6} and {Quantity(self.depth, 'm'):mm}")
         behavior = "does not chatter" if self.stable else Text(f"chatters at {Quantity(self.frequency, 'Hz')}")
         limit = (
@@ -336,7 +336,7 @@ class CutStability(Result):
         return Text(f"{at} the cut {behavior}: a vibration is multiplied by {growth} from tooth to tooth; {limit}")
 
     def table(self) -> Table:
-        """The verdict and its numbers."""
+        """Return a table of the figures, with the verdict as its title."""
         limit = self.limit if np.isfinite(self.limit) else _over(self.deepest)
         columns = [_SPEED, Column("depth", "m", "4 mm"), Column("|mu|", "", "5"), _LIMIT, "kind", _CHATTER]
         row = [self.speed, self.depth, self.growth, limit, self.kind, self.frequency]
@@ -345,15 +345,15 @@ class CutStability(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Lobes(Result):
-    """Largest axial depth in m without chatter, by spindle speed in rpm, all arrays of shape (n,).
+    """The largest axial depth in m without chatter, by spindle speed in rpm; all arrays of shape (n,).
 
     depth       infinite where no limit was found up to `deepest`
     frequency   Hz of the chatter at the limit, NaN without one
-    multiplier  µ at the limit: -1 for a flip, another number of size 1 for a Hopf border
-    islands     stable ranges above the limit: speed in rpm, from and to in m; scanned for if asked
-    natural     own frequencies of the tool point that answer along the cut, Hz
-    own         the cut that the machine has, if it was named
-    missed      error of the linear model, over its largest compliance (see `ToolPoint`)
+    multiplier  µ at the limit: -1 for a flip bifurcation, another number of magnitude 1 for a Hopf bifurcation
+    islands     stable ranges above the limit: speed in rpm, lower and upper depth in m; searched on request only
+    natural     natural frequencies of the tool point that can resonate with the teeth, Hz
+    own         the current cut of the machine, if stated
+    missed      error of the linear model relative to its largest compliance (see `ToolPoint`)
     """
 
     spindle_speed: np.ndarray
@@ -380,9 +380,7 @@ class Lobes(Result):
         return [int(i) for i in peaks[np.argsort(-depth[peaks], kind="stable")][:count]]
 
     def passing(self) -> list[tuple[float, float, int]]:
-        """Return the speeds f·60/(k teeth) at which a tooth passes every k periods of a mode: rpm, Hz and k, within the
-        range.
-        """
+        """Return the resonant speeds f·60/(k teeth) in the range, one tooth per k periods of a mode: rpm, Hz and k."""
         low, high = float(self.spindle_speed.min()), float(self.spindle_speed.max())
         passing_speeds: list[tuple[float, float, int]] = []
         for f in self.natural:
@@ -393,7 +391,7 @@ class Lobes(Result):
         return sorted(passing_speeds)
 
     def sentence(self) -> str:
-        """The lowest limit and the best pocket as a sentence."""
+        """Return the lowest limit and the best pocket as a sentence."""
         i, best = int(np.argmin(self.depth)), self.pockets(1)[0]
         if not np.isfinite(self.depth[i]):
             return Text(f"no chatter up to {Quantity(self.deepest, 'm'):mm} at any of these speeds")
@@ -406,7 +404,7 @@ class Lobes(Result):
         )
 
     def table(self) -> Table:
-        """The best pockets and the lowest limit."""
+        """Return a table of the best pockets and the lowest limit."""
         rows: list[list[float | str | None]] = []
         least = int(np.argmin(self.depth))
         for i in [*(pocket for pocket in self.pockets() if pocket != least), least]:
@@ -426,12 +424,12 @@ _SPEED, _LIMIT, _CHATTER = Column("speed", "rpm", "6"), Column("limit", "m", "5 
 
 
 def _over(deepest: float) -> str:
-    """Return the cell of a limit that lies beyond the depths that were looked at."""
+    """Return the table cell of a limit above the largest depth that was searched."""
     return Text(f"over {Quantity(deepest, 'm', bare=True):mm}")
 
 
 def kind_of(multiplier: complex) -> str:
-    """Return the kind of border from its µ: "flip" near -1, "fold" near 1, else "hopf"."""
+    """Return the kind of bifurcation from µ: "flip" for negative real µ, "fold" for positive real µ, else "hopf"."""
     if abs(multiplier.imag) > 1e-6 * abs(multiplier):
         return "hopf"
     return "flip" if multiplier.real < 0.0 else "fold"
@@ -449,15 +447,16 @@ def stability_lobes(
     progress: Progress | None = None,
     **changes: float,
 ) -> Lobes:
-    """Compute the limits of a milling cut over spindle speeds in rpm, exact for the linear tool point (`ToothPassage`).
+    """Compute the stability limits of a milling cut over spindle speeds in rpm, exactly for a linear tool point.
 
-    tool      modes (`tool_modes`), or a loop, machine or sampled model, of which `tool_point` makes one
-    cutter    a tool of `feeddrive.blocks`, or a `Regeneration`; `changes` as process_damping = 2e4 replace its fields
-    deepest   axial depth in m up to which a limit is looked for; default: 12 times the least zero-order limit
-    islands   look for stable ranges above the limit as well, up to `deepest`
-    speed, depth   of the cut that the machine has, in rpm and m, whose |µ| is stated
+    tool      modes (`tool_modes`), or a loop, machine or sampled model, which `tool_point` converts
+    cutter    a tool of `feeddrive.blocks`, or a `Regeneration`; `changes` such as process_damping = 2e4 replace fields
+    deepest   axial depth in m up to which a limit is searched; default: 12 times the lowest zero-order limit
+    islands   True to search for stable ranges above the limit as well, up to `deepest`
+    speed, depth   of the current cut of the machine, in rpm and m, whose |µ| is reported
 
-    The first depth with |µ| = 1 is bracketed by a scan from below in steps of 15 % and found to 1e-10.
+    The method is that of `ToothPassage`. The first depth with |µ| = 1 is bracketed by a scan from below in steps of
+    15 % and found to 1e-10.
     Raises UnstableError for a tool point that is unstable without a cut, ParameterError for a measured response, for
     speeds that are not above 0, and as `ToothPassage` does.
     """
@@ -496,7 +495,7 @@ def stability_lobes(
 def cut_stability(
     tool: Dynamics | Any, cutter: Any, speed: float, depth: float, *, deepest: float | None = None, **changes: float
 ) -> CutStability:
-    """Judge one cut: |µ| at a spindle speed in rpm and an axial depth in m, and the limit at this speed.
+    """Compute |µ| of one cut at a spindle speed in rpm and an axial depth in m, and the limit at this speed.
 
     Raises as `stability_lobes` does, and for a depth that is not above 0.
     """
@@ -513,9 +512,7 @@ def cut_stability(
 
 
 def as_tool_point(tool: Dynamics | Any) -> ToolPoint:
-    """Return the tool point of a machine, loop or tool. Raises ParameterError with the remedy for a measured
-    response.
-    """
+    """Return the tool point of a machine, loop or tool. Raises ParameterError for a measured response."""
     if isinstance(tool, ToolPoint):
         return tool
     if isinstance(tool, FRF):
@@ -552,10 +549,10 @@ def _range(point: ToolPoint, cut: Regeneration, deepest: float | None) -> tuple[
 def _borders(
     point: ToolPoint, cut: Regeneration, speed: float, first: float, most: float, *, every: bool = False
 ) -> Iterator[float]:
-    """Return the axial depths in m at which |µ| crosses 1, rising: the first, or all up to `most`.
+    """Yield the axial depths in m at which |µ| crosses 1, in ascending order: the first, or all up to `most`.
 
-    A scan in steps of _RATIO, with both sides of every flip and the tops between steps, by fewer points; the border is
-    then found with all.
+    A coarse passage is scanned in steps of _RATIO, on both sides of every flip and at maxima between steps; the limit
+    is then refined with all points.
     """
     coarse, fine = ToothPassage(point, cut, speed, share=0.6), ToothPassage(point, cut, speed)
 
@@ -618,7 +615,7 @@ def _root(growth: Callable[[float], float], low: float, high: float, digits: flo
 
 
 def _at(passage: ToothPassage, point: ToolPoint, limit: float) -> tuple[float, complex, float]:
-    """Return a limit with µ and the frequency there."""
+    """Return a limit with its multiplier µ and its chatter frequency."""
     if not np.isfinite(limit):
         return np.inf, complex(np.nan), np.nan
     return limit, complex(passage.multipliers([limit])[0]), passage.frequency(limit, point)

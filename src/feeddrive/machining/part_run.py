@@ -1,4 +1,4 @@
-"""A part program on a machine, as one law ran it: errors and their lines, what the motors give, the cutting force."""
+"""Evaluation of a part program on a machine: errors with their program lines, motor load and cutting force."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _APART = 3e-3  # m of path: places that lie closer are one
 
 
 class AxisRun(NamedTuple):
-    """One axis under a part program, in SI; `line` and `time` belong to the largest following error.
+    """The figures of one axis under a part program, in SI; `line` and `time` are those of the largest following error.
 
     following_rms, following_peak  m, over all samples
-    glitch, glitches               m, the largest contour error in the 50 ms after a reversal; how many reversals
+    glitch, glitches               the largest contour error in the 50 ms after a reversal, m; the number of reversals
     """
 
     following_rms: float
@@ -45,11 +45,12 @@ class AxisRun(NamedTuple):
 
 
 class Estimated(NamedTuple):
-    """An observer that listens on an axis, against all that acts beside the drive: cut, friction, weight; without the
-    viscous friction that its own model has.
+    """The accuracy of a disturbance observer on an axis, compared with the true disturbance.
 
-    error, true  N, RMS of estimate - truth and of the truth without its mean; the estimate's own lag is taken out
-    slow         N, RMS of the error where both are means over a turn of the spindle; None without a spindle
+    The true disturbance is that of `disturbance_of` without the viscous friction in the observer's own model.
+
+    error, true  N, RMS of estimate - truth, and of the truth without its mean; the lag of the estimate is compensated
+    slow         N, RMS of the error averaged over a turn of the spindle; None without a spindle
     lag          s
     disturbance  N, the estimate, shape (n,)
     """
@@ -63,15 +64,15 @@ class Estimated(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PartRun(Result):
-    """The result of a law under a part program.
+    """The result of a controller under a part program.
 
-    contour    of all moving axes, in space; those samples count in which the tool leaves a wall of the part
-               (`on_part`), or is moved at a feed
-    axes       by name
-    load       of the motors, and of the spindle where something cuts
-    cutting    N, force of the cut on the axes (x, y, z as they are there), shape (n, N); None without a cut
+    contour    contour error of all moving axes; samples count in which the tool leaves a wall of the part (`on_part`),
+               or moves at a feed
+    axes       figures by axis
+    load       of the motors, and of the spindle if there is a cut
+    cutting    N, cutting force on the axes that exist among x, y, z, shape (n, N); None without a cut
     estimates  by observer and axis
-    disturbances  N, all that acts on an axis beside its drive, where observers listen, by axis
+    disturbances  N, the true disturbance of the axes with observers, by axis
     """
 
     name: str
@@ -83,19 +84,19 @@ class PartRun(Result):
     disturbances: Mapping[str, np.ndarray]
 
     def worst(self, count: int = _LISTED) -> list[Worst]:
-        """The places of the largest contour errors that count, a few millimeters of path apart."""
+        """Return the largest contour errors that count, a few millimeters of path apart."""
         return self.contour.worst(count, apart=max(_APART, 2e-3 * float(self.contour.along[-1])))
 
     @property
     def cutting_rms(self) -> float | None:
-        """RMS of the resultant cutting force on all axes while it cuts, N; None without a cut."""
+        """The RMS of the resultant cutting force on all axes during the cut, N; None without a cut."""
         if self.cutting is None or not np.any(self.contour.counted):
             return None
         return _rms(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
 
     @property
     def duty(self) -> float | None:
-        """The largest share of a motor's continuous force that an axis needs in the RMS; None if none is stated."""
+        """The largest ratio of RMS force to continuous force among the axes; None if none is stated."""
         shares = [axis.of_continuous for axis in self.load.axes.values() if axis.of_continuous is not None]
         return max(shares, default=None)
 
@@ -142,7 +143,7 @@ class PartRun(Result):
         return figures
 
     def table(self) -> Table:
-        """One row for each axis."""
+        """Return a table with one row for each axis."""
         title = Text(
             f"{self.name}: contour error {Quantity(self.contour.largest, 'm')} at most, "
             f"{Quantity(self.contour.rms, 'm')} RMS, {Quantity(self.contour.within(), 'm')} on 95 % of the path that "
@@ -186,17 +187,17 @@ def part_run(
 ) -> PartRun:
     """Evaluate a run of a machine along a part program.
 
-    run        of a machine, with all signals
-    machine    that ran
-    axes       that the program moves
-    line       of the program by sample, shape (n,); the run may be longer
+    run        run of the machine, with all signals
+    machine    the machine that was simulated
+    axes       axes that the program moves
+    line       program line by sample, shape (n,); the run may be longer
     counted    True for samples that count for the contour, shape (n,); default: all
     cuts       True if the machine has a cut, whose force is then `load_force`
-    turn       s, of the spindle at its slowest; None without one
-    spindle    power of the spindle, if it is known
-    observers  that listen, by name and axis: `observe` of the readings and forces of the run
+    turn       s, longest duration of a spindle turn; None without a spindle
+    spindle    load of the spindle, if known
+    observers  observers by name and axis, applied to the readings and forces of the run by `observe`
 
-    Raises ParameterError for lines that are not those of the run, and as `contour_error`.
+    Raises ParameterError for lines that do not match the run, and as `contour_error`.
     """
     names, loops = tuple(axes), machine.loops()
     n = min(run.samples, len(line))
@@ -239,7 +240,7 @@ def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: n
 
 
 def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: float | None) -> Estimated:
-    """Compare an observer with the force of cut, friction and weight in the same run."""
+    """Compare an observer with the true disturbance in the same run."""
     encoder = getattr(observer, "encoder", "load")
     T, before = run.sample_time, float(run[f"{axis}.force"][0])
     seen = observe(observer, run[f"{axis}.reading_{encoder}"], run[f"{axis}.force"], T, before=before)
@@ -260,9 +261,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:
-    """Return everything that acts on an axis beside its drive over each sample, N: cut, friction, weight; shape
-    (n,).
-    """
+    """Return the true disturbance of an axis over each sample, N, shape (n,): cut, weight, dry and viscous friction."""
     mechanics = loop.axis.mechanics()
     along = mechanics.rigid_motion()
     viscous = float(matrix.dot([matrix.dot(row, along) for row in mechanics.damping], along))

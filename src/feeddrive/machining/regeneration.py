@@ -1,7 +1,7 @@
 """The regenerative cut: the chip remembers the surface that the previous tooth left.
 
-`Regeneration` is the force of a tool that vibrates, `ToothPassage` the map of a vibration over one tooth period: the
-monodromy of the cut, by collocation.
+`Regeneration` is the force on a vibrating tool, `ToothPassage` the map of a vibration over one tooth period, the
+monodromy matrix of the cut, by collocation.
 """
 
 from __future__ import annotations
@@ -24,9 +24,7 @@ _APART = 1e-12  # rad; engagement changes closer than this are one
 
 
 class Piece(NamedTuple):
-    """The angles of the spindle between two changes of the engagement, rad; `cutting` is True if an edge is in the cut
-    there.
-    """
+    """The spindle angles between two changes of engagement, rad; `cutting` is True if an edge is in the cut."""
 
     begin: float
     end: float
@@ -35,7 +33,7 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class Regeneration:
-    """The force of a tool with equally spaced teeth under a motion r = (feed t, normal n) of tool against work.
+    """The force on a tool with equally spaced teeth for a motion r = (feed t, normal n) of tool against work.
 
         F     = -a H(φ) (r(t) - r(t - τ)) - a P(φ) r'(t),   τ = 60/(teeth · rpm)
         H(φ)  = Σ over engaged edges of [[s (Kt c + Kn s), c (Kt c + Kn s)], [s (Kn c - Kt s), c (Kn c - Kt s)]]
@@ -45,12 +43,12 @@ class Regeneration:
     means over the depth.  t, n and v are those of `HelicalCutter`; up milling begins at v = 0.
 
     tangential, radial   Kt and Kn, force per area of chip, N/m²
-    entry, leave         angles between which a tooth is in the work, rad
-    lag                  turn of the edge per depth, 2 tan(helix_angle)/diameter, rad/m
+    entry, leave         angles between which a tooth is in the workpiece, rad
+    lag                  angle of the edge per depth, 2 tan(helix_angle)/diameter, rad/m
     diameter             of the tool, m; needed for process damping only
     process_damping      C_i, force per depth and per r'/V_c, N/m; depends on wear and land of the edge
-    Run-out, edge forces and the feed do not enter: they are the same with and without vibration, to first order.
-    Raises ParameterError for a tool without teeth, without engagement, or with coefficients that no metal has.
+    Run-out, edge forces and the feed have no influence: to first order they are the same with and without vibration.
+    Raises ParameterError for a tool without teeth, without engagement, or with implausible coefficients.
     Source: Altintas & Budak 1995, eqs. (1)-(5).
     """
 
@@ -93,13 +91,11 @@ class Regeneration:
 
     @property
     def pitch(self) -> float:
-        """The angle from tooth to tooth, rad."""
+        """The pitch angle of the teeth, rad."""
         return 2.0 * float(np.pi) / self.teeth
 
     def period(self, speed: float) -> float:
-        """Return the tooth period at a spindle speed in rpm, s. Raises ParameterError for a spindle that does not
-        turn.
-        """
+        """Return the tooth period in s at a spindle speed in rpm. Raises ParameterError for a speed that is not > 0."""
         if not (speed > 0.0 and np.isfinite(speed)):
             raise ParameterError(
                 f"spindle speed = {Quantity(speed, 'rpm'):6} must be > 0: a spindle that stands does not mill"
@@ -107,9 +103,7 @@ class Regeneration:
         return 60.0 / (self.teeth * speed)
 
     def steps(self, depth: float) -> Iterator[Piece]:
-        """Return one pitch of the spindle, cut where the engagement changes; with helical edges it depends on the
-        depth.
-        """
+        """Yield the pieces of one pitch angle, divided where the engagement changes; helical edges: at this depth."""
         lag = self.lag * depth if self.lag * depth > _STRAIGHT else 0.0
         borders = {0.0, self.pitch}
         for angle in (self.entry, self.leave, self.entry + lag, self.leave + lag):
@@ -122,9 +116,7 @@ class Regeneration:
             yield Piece(begin, end, any(upper > lower for _, lower, upper in self._edges(middle, lag)))
 
     def _edges(self, angle: Any, lag: float) -> Iterator[tuple[Any, Any, Any]]:
-        """Return the tip and the ends of the engaged part of each edge that can be in the work; equal ends: it is
-        not.
-        """
+        """Yield the tip angle and the ends of the engaged part of each edge; equal ends mean no engagement."""
         first = int(np.floor((self.entry - self.pitch) / self.pitch))
         last = int(np.ceil((self.leave + lag) / self.pitch))
         for tooth in range(first, last + 1):
@@ -158,9 +150,7 @@ class Regeneration:
         return self._directed(sc, ss, cc), _rows(ss, sc, sc, cc)
 
     def averaged(self, begin: float, end: float) -> np.ndarray:
-        """Return the mean of H of straight edges while the spindle turns from begin to end (rad), N/m², shape (2,
-        2).
-        """
+        """Return the mean of H of straight edges over spindle angles from begin to end (rad), N/m², shape (2, 2)."""
         # an edge that sweeps an angle passes the same places as one that lags by it
         swept = replace(self, lag=end - begin)
         return swept.matrices(Piece(end, end, True), np.array([end]), 1.0)[0][0]
@@ -178,7 +168,7 @@ class Regeneration:
         return self._directed(*(averaged[:, None] / self.pitch))[0]
 
     def damped(self, speed: float) -> float:
-        """Return process_damping over the cutting speed, N s/m²."""
+        """Return the process damping divided by the cutting speed, N s/m²."""
         return self.process_damping / (np.pi * self.diameter * speed / 60.0) if self.process_damping else 0.0
 
 
@@ -187,7 +177,7 @@ def _rows(a: Any, b: Any, c: Any, d: Any) -> np.ndarray:
 
 
 def regeneration(cutter: Cutter | Regeneration, **changes: float) -> Regeneration:
-    """Return the regeneration of a cutter's edges; `changes` replace fields, as process_damping = 2e4."""
+    """Return the regeneration of a cutter; `changes` replace fields, such as process_damping = 2e4."""
     if isinstance(cutter, Regeneration):
         cut = cutter
     else:
@@ -211,7 +201,7 @@ _MOST = 420  # degree of a piece: about 50 vibrations
 
 @lru_cache(maxsize=32)
 def _differences(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return Chebyshev points -1 ... 1, the differentiation matrix on them and the weights of the integral."""
+    """Return Chebyshev points -1 ... 1, their differentiation matrix and their quadrature weights."""
     j = np.arange(n + 1)
     x = -np.cos(np.pi * j / n)
     c = np.where((j == 0) | (j == n), 2.0, 1.0) * (-1.0) ** j
@@ -229,7 +219,7 @@ def _differences(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class _Passage(NamedTuple):
-    """A piece in time; on a cutting one also the response to the force at its points and the state at its start."""
+    """A piece in time; if it is cutting, also its response to the force at the points and to the initial state."""
 
     piece: Piece
     length: float  # s
@@ -241,22 +231,22 @@ class _Passage(NamedTuple):
 
 
 class ToothPassage:
-    """One tooth period of a tool point under a cut, at a spindle speed in rpm.
+    """The monodromy of a tool point under a cut over one tooth period, at a spindle speed in rpm.
 
         y' = A y + B f,   f = -a H (C y - C y(t - τ)) - a P C A y,      split where the engagement changes
 
-    On a cutting piece f is a polynomial through Chebyshev points, at which the equations hold; on a free one y moves by
-    e^{AΔ}.  The unknowns are C y at the points of the cutting pieces and y at the end; their map over a tooth is the
-    monodromy, whose largest multiplier µ decides: |µ| < 1, and the vibration dies out.  The error falls exponentially
-    with the number of points, 12 + 8 for each vibration in a piece.
+    On a cutting piece f is a polynomial through Chebyshev points, at which the equations hold; on a free one the state
+    transition is e^{AΔ}.  The unknowns are C y at the points of the cutting pieces and y at the end; their map over a
+    tooth is the monodromy matrix; the vibration decays if its largest multiplier has |µ| < 1.  The error falls
+    exponentially with the number of points, 12 + 8 for each vibration in a piece.
     With straight edges pieces and their response do not depend on the depth and are computed once.
-    Raises ParameterError where a piece holds more vibrations than 50.
+    Raises ParameterError if a piece contains more than 50 vibrations.
     Source: Insperger & Stépán, Semi-Discretization for Time-Delay Systems, 2011, ch. 1 (monodromy); Trefethen,
     Spectral Methods in MATLAB, 2000, ch. 6 (points).
     """
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
-        """Prepare the points; `share` of them is used: 0.6 gives |µ| to 1 %, enough to find a start."""
+        """Prepare the points; with a `share` of 0.6 of them |µ| is accurate to 1 %, enough for a start value."""
         from scipy.linalg import schur  # not for commands that only read
 
         self.cut, self.speed, self.period, self.share = cut, speed, cut.period(speed), share
@@ -330,7 +320,7 @@ class ToothPassage:
         return _Passage(piece, length, angles, own, seen(self.C), seen(self.C @ self.A), ends)
 
     def _directional(self, passage: _Passage, depth: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return H and P at the points as matrices over points and directions."""
+        """Return H and P at the points as block-diagonal matrices over points and directions."""
         n, q = passage.points.size, len(self.directions)
         chosen = np.ix_(range(n), self.directions, self.directions)
         matrices: list[np.ndarray] = []
@@ -342,11 +332,11 @@ class ToothPassage:
         return matrices[0], matrices[1]
 
     def monodromy(self, depths: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the monodromy at each axial depth in m; with helical edges all depths must be equal."""
+        """Return the monodromy matrix at each axial depth in m; with helical edges all depths must be equal."""
         return self._maps(np.asarray(depths, float))[0]
 
     def _maps(self, depths: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the monodromies, and the forces of each cutting piece by the state before it."""
+        """Return the monodromy matrices, and the forces of each cutting piece as a function of the initial state."""
         passages = self._passages(float(depths[0]))
         sizes = [cut_passage.points.size * len(self.directions) for cut_passage in passages]
         d, total, many = self.A.shape[0], sum(sizes), depths.size
@@ -374,9 +364,7 @@ class ToothPassage:
         return np.concatenate([*rows, state], axis=1), forces
 
     def multipliers(self, depths: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the largest multiplier µ at each axial depth (m); of a conjugate pair the one with the positive
-        angle.
-        """
+        """Return the largest multiplier µ at each axial depth (m); of a conjugate pair that with positive angle."""
         depths = np.atleast_1d(np.asarray(depths, float))
         # straight edges: the pieces are the same for all depths, which are solved in one batch
         if self.cut.lag == 0.0:
@@ -388,10 +376,10 @@ class ToothPassage:
         return np.array([complex(m.real, abs(m.imag)) for m in largest])
 
     def flips(self) -> np.ndarray:
-        """Return all axial depths in m, rising, at which a multiplier is -1; straight edges only.
+        """Return all axial depths in m, ascending, at which a multiplier is -1; for straight edges only.
 
         y(τ) = -y(0) and r(t - τ) = -r(t) make the motion a linear function G of the force, f = -a (2 H + P d/dt) G f:
-        the depths are the eigenvalues of a matrix, and none is missed, however narrow the tongue above it is.
+        the depths follow from the eigenvalues of a matrix, so that no lobe is missed, however narrow it is.
         """
         if self.cut.lag:
             return np.zeros(0)
@@ -424,9 +412,7 @@ class ToothPassage:
         return np.sort(-1.0 / real)
 
     def frequency(self, depth: float, tool: ToolPoint) -> float:
-        """Return the chatter frequency of the largest multiplier, Hz: |arg µ|/2πτ + k/τ with the k of the largest
-        velocity.
-        """
+        """Return the chatter frequency in Hz: |arg µ|/2πτ + k/τ, with the k of the largest velocity amplitude."""
         maps, forces = self._maps(np.array([depth]))
         values, vectors = np.linalg.eig(maps[0])
         values = values + 0j

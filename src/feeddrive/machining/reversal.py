@@ -1,4 +1,4 @@
-"""Quadrant glitches: the contour errors by dry friction at the reversals of an axis, reversal by reversal."""
+"""Quadrant glitches: the contour errors due to dry friction at each reversal of an axis."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _STUCK = 1e-12  # m/s
 
 
 class Reversal(NamedTuple):
-    """One reversal of the set velocity of an axis.
+    """A reversal of the set velocity of an axis.
 
-    axis, side  as "x" and "+": at its most positive or its most negative place
+    axis, side  axis and end, as "x" and "+": the most positive or most negative position
     time        of the reversal of the set velocity, s
     base        outward contour error before it, m
-    height, peak_time  the largest outward contour error above the base, m, and when after the reversal, s
-    width       time for which it is above half of its height, s
-    stick_begin, stick_time  when after the reversal the axis stands, and for how long, s, to a sample; 0 if it does not
-    rows        of the samples from the reversal to the next one of any axis
+    height, peak_time  the largest outward contour error above the base, m, and its time after the reversal, s
+    width       width of the peak at half its height, s
+    stick_begin, stick_time  start after the reversal and duration of sticking, s, to a sample; 0 without sticking
+    rows        samples from the reversal to the next one of any axis
     """
 
     axis: str
@@ -45,7 +45,7 @@ class Reversal(NamedTuple):
 class Reversals(Result):
     """The reversals of a run along a curved path.
 
-    outward  contour error away from the center of the curvature, m, shape (n,)
+    outward  contour error away from the center of curvature, m, shape (n,)
     """
 
     name: str
@@ -54,7 +54,7 @@ class Reversals(Result):
     outward: np.ndarray
 
     def table(self) -> Table:
-        """One row for each reversal."""
+        """Return a table with one row for each reversal."""
         rows = [
             [
                 f"{turn.axis} {turn.side}",
@@ -85,10 +85,10 @@ class Reversals(Result):
 def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0.0) -> Reversals:
     """Return the reversals of the two axes of a run along a curved path, such as a circle.
 
-    contour  the contour error of the run, if it is there already
-    begin    reversals before this time are left out, s: of the run-in
+    contour  the contour error of the run, if already computed
+    begin    reversals before this time are left out as run-in, s
 
-    The base is the mean of the last fifth of the way from the reversal before, or from the begin of the run.
+    The base is the mean over the last fifth of the path from the previous reversal, or from the start of the run.
     Raises ParameterError for a run of other than two axes, or without velocities.
     """
     deviation = contour_error(run) if contour is None else contour
@@ -162,8 +162,8 @@ def stick_time(
 
         Kp A (t + (Kv + 1/Tn) t²/2 + Kv t³/(6 Tn)) = F_c + F_s - m A,   A = V²/R
 
-    acceleration of the set position at the reversal, m/s²; the share of velocity feedforward hardly matters.  0 where
-    the axis does not stand, F_c + F_s <= m A.  Raises ParameterError for numbers that are not > 0.
+    acceleration of the set position at the reversal, m/s²; the share of velocity feedforward hardly matters.  0 if
+    the axis does not stick, F_c + F_s <= m A.  Raises ParameterError for numbers that are not > 0.
     """
     positive = {
         "acceleration": (acceleration, "m/s2"),

@@ -1,4 +1,4 @@
-"""The wall that an end mill leaves: the envelope of its edges, from the actual motion of the axes, and feed marks."""
+"""Machined surface of an end mill: the envelope of its edges under the actual motion of the axes, and feed marks."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ SIDES = ("up", "down")
 class Surface(Result):
     """A machined wall over a patch: its height above the nominal surface, positive where material is left.
 
-    along    m of feed, shape (n,)
-    heights  m above the tip of the tool, shape (k,)
-    map      m, shape (k, n)
-    feed     m of a tooth, the mean over the patch; `mark` the height of its mark alone, m
+    along    position along the feed, m, shape (n,)
+    heights  height above the tip of the tool, m, shape (k,)
+    map      height above the nominal surface, m, shape (k, n)
+    feed     mean feed per tooth over the patch, m; `mark` is the theoretical height of its marks, m
     """
 
     along: np.ndarray
@@ -37,12 +37,12 @@ class Surface(Result):
 
     @property
     def roughness(self) -> tuple[float, float]:
-        """Ra and Rz of the whole patch, m: mean distance from the mean, and from the deepest to the highest point."""
+        """The roughness Ra and Rz of the whole patch, m: mean absolute deviation, and peak-to-valley height."""
         off = self.map - np.mean(self.map)
         return float(np.mean(np.abs(off))), float(np.ptp(self.map))
 
     def table(self) -> Table:
-        """Roughness, mean height and the closed form of the feed mark."""
+        """Return a table of roughness, mean height and the theoretical height of the feed mark."""
         ra, rz = self.roughness
         columns = ["", *(Column(head, "m") for head in ("Ra", "Rz", "mean", "feed mark"))]
         return Table("wall that the edges leave", columns, [["patch", ra, rz, float(np.mean(self.map)), self.mark]])
@@ -51,7 +51,7 @@ class Surface(Result):
 def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
     """Return the height in m of the marks of equal teeth along a straight feed: c²/(8R (1 ± cN/2πR)²), + in up milling.
 
-    radius, feed  of the tool and of a tooth, m.   Source: Martellotti 1941, of which this is the second order.
+    radius, feed  tool radius R and feed per tooth c, m.   Source: Martellotti 1941, to second order.
     """
     _side(milling)
     sign = 1.0 if milling == "up" else -1.0
@@ -59,9 +59,10 @@ def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
 
 
 def runout_mark(radius: float, feed: float, difference: float) -> float:
-    """Return the height in m of the marks of two teeth whose radii differ by Δ, on a circle: (R/2)(Δ/c + c/2R)².
+    """Return the height in m of the marks of two teeth whose radii differ by Δ: (R/2)(Δ/c + c/2R)².
 
-    From Δ = c²/2R on one tooth makes them alone, and they are those of twice the feed: 1 µm often erases a tooth.
+    The tooth paths are taken as circles.  For Δ >= c²/2R only one tooth leaves marks, those of twice the feed per
+    tooth; 1 µm is often enough for that.
     """
     if difference >= feed**2 / (2.0 * radius):
         return (2.0 * feed) ** 2 / (8.0 * radius)
@@ -69,9 +70,7 @@ def runout_mark(radius: float, feed: float, difference: float) -> float:
 
 
 def scallop(radius: float, step: float) -> float:
-    """Return the scallop height in m that a ball of this radius leaves between two passes a step apart: R - √(R² -
-    s²/4).
-    """
+    """Return the scallop height R - √(R² - s²/4) in m of a ball end mill for passes at a distance s."""
     return radius - float(np.sqrt(radius**2 - 0.25 * step**2))
 
 
@@ -88,17 +87,17 @@ def wall(
 ) -> Surface:
     """Compute the finished wall of a run between two instants, on a straight feed.
 
-    For each line across the wall the deepest edge is kept; an edge stands at v = angle + 2πj/N - k z and makes the
-    wall near v = 0 in up milling, near π in down milling, so that the vibration at that instant is the surface.
+    For each line across the wall the deepest edge counts. The angle of an edge is v = angle + 2πj/N - k z; it generates
+    the wall near v = 0 in up milling and near π in down milling, so that the vibration at that instant is imprinted.
 
     begin, end     s; the feed is the straight line between the set positions there
     milling        up or down
-    points, levels of the patch along the feed and along the spindle; one level is the tip
+    points, levels number of points along the feed and along the spindle; one level is the tip
     axial_depth    of the section, m; default: that of the cutter
 
-    Between the samples the motion is a cubic Hermite of positions and velocities; the walk of an edge has steps that
-    sag by 1 nm, and its crossings are interpolated.  Run-out is left out.
-    Raises ParameterError for instants that are none of the run, a feed that stands, or another way of milling.
+    Between samples the motion is a cubic Hermite interpolant of positions and velocities; the path of an edge is a
+    polyline with a sagitta of 1 nm, and its crossings are interpolated.  Run-out is left out.
+    Raises ParameterError for instants outside the run, a standstill of the feed, or an unknown kind of milling.
     """
     _side(milling)
     if not run.time[0] <= begin < end <= run.time[-1]:

@@ -1,4 +1,4 @@
-"""The compliance of a tool against the work: modes and closed loops as one linear system, seen from the cut."""
+"""Compliance between tool and workpiece: modes and closed loops as one linear system at the cut."""
 
 from __future__ import annotations
 
@@ -26,9 +26,11 @@ _KNEE = 0.03  # of the sampling rate: above it the fit counts less, since images
 
 @dataclass(frozen=True)
 class ToolMode:
-    """A mode of tool, holder and spindle, or of the work: m (η'' + 2 ζ ω η' + ω² η) = (feed, normal) · F, r = shape η.
+    """A mode of tool, holder and spindle, or of the workpiece.
 
-    frequency in Hz, damping_ratio, mass in kg; feed and normal: the shape along t and n.
+        m (η'' + 2 ζ ω η' + ω² η) = (feed, normal) · F,   r = shape η
+
+    frequency in Hz, damping_ratio, mass in kg; feed and normal: the mode shape along t and n.
     """
 
     frequency: float
@@ -46,10 +48,13 @@ class ToolMode:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolPoint(Result):
-    """y' = A y + B F,  r = C y: motion r = (t, n) of tool against work in m by a force F on the tool in N.
+    """The linear model of the motion r = (t, n) of tool against workpiece in m due to a force F on the tool in N.
 
-    On the tool acts F and on the work -F, so that compliances of both add: `a + b` is a tool on a work piece or table.
-    `missed` is the largest deviation of a fitted response from the one given, over the largest compliance.
+        y' = A y + B F,   r = C y
+
+    F acts on the tool and -F on the workpiece, so that their compliances add: `a + b` is a tool on a workpiece or a
+    table.
+    `missed` is the largest deviation of a fitted response from the exact one, relative to the largest compliance.
     """
 
     A: np.ndarray
@@ -64,7 +69,7 @@ class ToolPoint(Result):
         return ToolPoint(A, np.vstack([self.B, other.B]), np.hstack([self.C, other.C]), max(self.missed, other.missed))
 
     def turned(self, angle: float) -> ToolPoint:
-        """Return the tool point for a feed that is turned by an angle in rad, counterclockwise, from t towards n."""
+        """Return the tool point for a feed direction rotated by an angle in rad, counterclockwise, from t towards n."""
         # rounded, so that a quarter turn leaves nothing of the other direction
         cosine, sine = round(float(np.cos(angle)), 15), round(float(np.sin(angle)), 15)
         turn = np.array([[cosine, sine], [-sine, cosine]])
@@ -81,7 +86,7 @@ class ToolPoint(Result):
         return self.C @ np.linalg.solve(inside, np.broadcast_to(self.B.astype(complex), (s.size, *self.B.shape)))
 
     def moving(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return A, B, C with the compliant directions only. Raises ParameterError if there is none."""
+        """Return A, B, C for the compliant directions only. Raises ParameterError if there is none."""
         kept = [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
         if not kept:
             raise ParameterError("the tool gives way in no direction: add a mode, or an axis that feels the cut")
@@ -92,8 +97,9 @@ class ToolPoint(Result):
         return [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
 
     def fastest(self) -> float:
-        """Return the fastest pole that counts, rad/s: one damped by 30 % or more that hardly moves the tool does
-        not.
+        """Return the largest frequency of a relevant pole, rad/s.
+
+        Poles with a damping ratio of at least 30 % that hardly move the tool are not relevant.
         """
         eigen: Any = np.linalg.eig(self.A)
         poles, shapes = eigen
@@ -105,7 +111,7 @@ class ToolPoint(Result):
         return float(np.max(np.abs(poles.imag[counts]), initial=0.0))
 
     def table(self) -> Table:
-        """The modes: frequency and damping of the poles, and the static stiffness along t and n."""
+        """Return a table of the modes: frequency and damping ratio of the poles."""
         poles = np.linalg.eigvals(self.A)
         upper = sorted(poles[poles.imag >= 0.0], key=abs)
         rows = [[float(abs(p)) / (2.0 * np.pi), float(-p.real / abs(p) if p else 1.0)] for p in upper]
@@ -113,7 +119,7 @@ class ToolPoint(Result):
 
 
 def tool_modes(*modes: ToolMode) -> ToolPoint:
-    """Return the tool point of parallel modes, of the tool or of the work. Raises ParameterError for none."""
+    """Return the tool point of parallel modes of tool or workpiece. Raises ParameterError without modes."""
     if not modes:
         raise ParameterError("a tool point needs at least one mode")
     n = len(modes)
@@ -135,19 +141,18 @@ def tool_point(
 ) -> ToolPoint:
     """Return the tool point of a loop or a machine with its sampled controls, from a force at the load to its position.
 
-    along     the axes that move along feed and normal, None for one that is rigid; of a loop its own along the feed
+    along     the axes along feed and normal, None for a rigid direction; default for a loop: its axis along the feed
     velocity  m/s at which the axes move, as in `linearize`
-    lowest    Hz from which on the response counts
+    lowest    Hz, lowest frequency of the fit
 
-    The sampled model, divided by the hold of the force, is the response of the machine to a force that is not held:
+    The sampled model, divided by the hold of the force, is the response of the machine to a continuous force:
 
         G(jω) = G_d(e^(jωT)) / [(1 - e^(-jωT))/(jωT)]
 
-    It has the poles of the model, ln(z)/T, and a rest from hold and dead time that a few fast poles stand for; their
-    residues are fitted to G up to 0.4/T, by least squares.  `missed` says how well; images of the sampling, of the
-    order of (fT)², are left out.  A `MillingCut` of the machine is taken out, since its force is what the lobes add,
-    and names the axes.
-    Raises UnstableError for a loop that is unstable without a cut, ParameterError for a fit that misses by 1 %.
+    It has the poles of the model, ln(z)/T, and a few fast poles that approximate the effect of hold and dead time;
+    their residues are fitted to G up to 0.4/T by least squares, with the error `missed`.  Aliases, of the order of
+    (fT)², are neglected.  A `MillingCut` of the machine names the axes and is removed, since the lobes add its force.
+    Raises UnstableError for a loop that is unstable without a cut, ParameterError for a fit error above 1 %.
     """
     if isinstance(system, StateSpace):
         model, size = system, len(system.inputs)
@@ -184,7 +189,7 @@ def tool_point(
 
 
 def cut_of(machine: Machine) -> MillingCut:
-    """Return the milling cut of a machine. Raises ParameterError if it has none, or several."""
+    """Return the milling cut of a machine. Raises ParameterError if it has none or several."""
     cuts = [coupling for coupling in machine.couplings if isinstance(coupling, MillingCut)]
     if len(cuts) != 1:
         count = "no milling_cut" if not cuts else f"{len(cuts)} milling_cuts"
@@ -196,7 +201,7 @@ def cut_of(machine: Machine) -> MillingCut:
 
 
 def _moved(system: Loop | Machine) -> tuple[str, ...]:
-    """Return the axes of the feed and the normal that the cut names, or the first two."""
+    """Return the axes along feed and normal that the cut names, or the first two axes."""
     cuts = (
         [coupling for coupling in system.couplings if isinstance(coupling, MillingCut)]
         if isinstance(system, Machine)
@@ -206,7 +211,7 @@ def _moved(system: Loop | Machine) -> tuple[str, ...]:
 
 
 def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
-    """Return the continuous system with the poles of a sampled one that has the same response without the hold."""
+    """Return the continuous system with the poles of a sampled one that fits its response without the hold."""
     T, q = model.sample_time, len(model.inputs)
     z = model.poles()
     if z.size and abs(z[0]) >= 1.0:
@@ -259,7 +264,7 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
 
 
 def _poles(z: np.ndarray, T: float) -> list[complex]:
-    """Return one pole of each pair, in 1/s; poles that hold and dead time leave at 0 become a few fast ones."""
+    """Return one pole of each pair, in 1/s; poles at z = 0 from hold and dead time are replaced by a few fast ones."""
     slow = [complex(np.log(complex(p)) / T) for p in z if abs(p) > 1e-3 and p.imag >= 0.0 and not _alternates(p)]
     return [*slow, *(complex(-rate / T) for rate in _FAST)]
 
@@ -269,7 +274,7 @@ def _alternates(p: complex) -> bool:
 
 
 def _terms(s: np.ndarray, pole: complex) -> list[np.ndarray]:
-    """Return 1/(s - p), or 1 and s over the denominator of a pair."""
+    """Return the basis functions of a pole: 1/(s - p), or for a pair 1 and s over its denominator."""
     if abs(pole.imag) < 1e-9 * abs(pole):
         return [abs(pole) / (s - pole.real)]
     below = s * s - 2.0 * pole.real * s + abs(pole) ** 2
@@ -277,7 +282,7 @@ def _terms(s: np.ndarray, pole: complex) -> list[np.ndarray]:
 
 
 def _realized(poles: Sequence[complex], residues: np.ndarray, missed: float) -> ToolPoint:
-    """Realize one block for each pole and each direction of the force."""
+    """Realize the residues as a state-space model, one block for each pole and each direction of the force."""
     q = residues.shape[1]
     blocks: list[tuple[np.ndarray, np.ndarray, Any]] = []
     at = 0

@@ -31,16 +31,15 @@ _SURE = 0.1  # standard error over value up to which a parameter of such a combi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Agreement(Result):
-    """Measured and fitted responses, and the RMS of ln(fitted/measured) on used and on unused lines.
+    """The agreement of measured and fitted responses: the RMS of ln(fitted/measured) on used and on unused lines.
 
-    drawn        the model as a curve: so many frequencies between the lines that no step in the complex plane is long;
-                 its variance is that of the fitted parameters, J C Jᴴ with their covariance C and the slopes J, and
-                 holds nothing of what the model lacks
-    unused       each line was predicted by a fit without it and without every fifth line
+    drawn        the model as a smooth curve, with short steps in the complex plane; its variance J C Jᴴ follows from
+                 the covariance C of the parameters and the derivatives J, and does not include model errors
+    unused       cross-validation: each line is predicted by a fit without it and without every fifth line
     spread       standard deviation of the weighted residual; near 1 if variances were measured and the model agrees
                  within them
-    model_error  share of the response by which the model is wrong beyond the noise; 0 where no variance is known
-    order        of the derivative of the position that was measured: 0, 1 for velocities, 2 for accelerations
+    model_error  relative model error beyond the noise; 0 if no variance is known
+    order        order of the measured derivative: 0 for positions, 1 for velocities, 2 for accelerations
     """
 
     measured: tuple[FRF, ...]
@@ -54,15 +53,13 @@ class Agreement(Result):
     order: int = 0
 
     def autocorrelation(self, lag: int = 1) -> float:
-        """Return the autocorrelation of the residuals from line to line: 0 for noise, near 1 if the
-        model lacks a term.
-        """
+        """Return the autocorrelation of the residuals over lines: 0 for noise, near 1 if the model lacks a term."""
         across = sum(float(np.real(np.vdot(r[:-lag], r[lag:]))) for r in self.residuals if r.size > lag)
         return across / max(sum(float(np.real(np.vdot(r, r))) for r in self.residuals), 1e-300)
 
     @property
     def worst(self) -> tuple[float, float]:
-        """Return frequency in Hz and size in dB of the largest error of the fit, over five neighboring lines."""
+        """The frequency in Hz and magnitude in dB of the largest fit error, averaged over five neighboring lines."""
         worst = (0.0, 0.0)
         for measured, fitted in zip(self.measured, self.fitted, strict=True):
             apart = np.abs(np.log(fitted.response / measured.response))
@@ -74,7 +71,7 @@ class Agreement(Result):
         return worst[0], _DECIBEL * worst[1]
 
     def remarks(self) -> list[str]:
-        """Return remarks on the model that follow from the residuals."""
+        """Return remarks on the model, based on its residuals."""
         remarks: list[str] = []
         if self.unused > 1.3 * self.used + 1e-6:
             remarks.append(
@@ -102,7 +99,7 @@ class Agreement(Result):
         return remarks
 
     def table(self) -> Table:
-        """Return the figures of the agreement."""
+        """Return a table of the figures of the agreement."""
         where, apart = self.worst
         rows: list[Sequence[Cell]] = [
             [name, Quantity(_DECIBEL * error, "dB", form=".3f"), Quantity(error, "rad", form=".2f deg")]
@@ -116,14 +113,14 @@ class Agreement(Result):
 
 
 class LineModel(Protocol):
-    """A model that is refined and can also be evaluated on other lines."""
+    """A model for refinement that can also be evaluated on other lines."""
 
     def __call__(self, values: np.ndarray, /) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return each response and its slopes."""
+        """Return each response and its derivatives with respect to the parameters."""
         ...
 
     def on(self, frequencies: Sequence[np.ndarray], /) -> LineModel:
-        """Return the model on other lines in Hz, an array for each response."""
+        """Return the model on other lines in Hz, one array per response."""
         ...
 
 
@@ -143,9 +140,7 @@ def agreement(
 
 
 def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order: int) -> list[FRF]:
-    """Return the model between the first and the last line; steps are halved where velocity over force moves far in
-    one.
-    """
+    """Return the model between the first and the last line, with steps halved where the mobility changes much."""
     values = refined.values
     lines = [np.geomspace(frf.frequency[0], frf.frequency[-1], _COARSE) for frf in responses]
     for _ in range(_MOST_HALVED):
@@ -165,7 +160,7 @@ def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order:
 
 
 def _variance(slopes: np.ndarray, covariance: np.ndarray) -> np.ndarray | None:
-    """Return E|dG|² of each line, to first order; None where a parameter has no error."""
+    """Return E|dG|² of each line, to first order; None if a parameter has no finite error."""
     variance = np.real(np.einsum("li,ij,lj->l", slopes, covariance, np.conj(slopes)))
     return np.maximum(variance, 0.0) if np.all(np.isfinite(variance)) else None
 
@@ -173,10 +168,10 @@ def _variance(slopes: np.ndarray, covariance: np.ndarray) -> np.ndarray | None:
 def predicted(
     model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], refined: Refined
 ) -> tuple[float, float]:
-    """Return the RMS of ln(G/Gm) on the lines that were used, and on lines predicted by a fit of the others.
+    """Return the RMS of ln(G/Gm) on used lines, and on unused lines by five-fold cross-validation.
 
-    Every fifth line is left out, then its neighbor, and so on, so that each line is predicted once. Lines that are
-    uncertain by more than 30 % because of noise do not count.
+    Every fifth line is left out, then its neighbor, and so on, so that each line is predicted once. Lines whose noise
+    exceeds 30 % do not count.
     """
     own, other = [], []
     for fold in range(_FOLDS):
@@ -198,16 +193,14 @@ def predicted(
 
 
 def _known(frf: FRF) -> np.ndarray:
-    """Return the lines above the noise; all lines if hardly any are above it."""
+    """Return True for lines above the noise; for all lines if hardly any are above it."""
     share = np.zeros(frf.frequency.size) if frf.variance is None else frf.variance / frf.magnitude**2
     known = share < _OPEN_LINE**2
     return known if np.count_nonzero(known) >= 2 * _FOLDS else np.ones(known.size, bool)
 
 
 def advice(name: str, band: tuple[float, float], mass: float, error: float, units: ResponseUnits) -> str:
-    """Return why a parameter cannot be identified from these lines, and what to measure next; band in Hz, mass as
-    fitted.
-    """
+    """Return why a parameter cannot be identified from these lines, and what to measure next; band in Hz."""
     low, high = band
     last = name.rsplit(".", 1)[-1]
     known = Text(f"its standard error is {Quantity(error):2}")
@@ -242,7 +235,7 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
 
 
 def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
-    """Return a sentence on a resonance in Hz that lies outside the lines."""
+    """Return a remark on a resonance in Hz outside the measured band; an empty list if it is inside."""
     low, high = band
     if low <= resonance.value <= high:
         return []
@@ -263,11 +256,10 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
 
 
 def entangled(names: Sequence[str], refined: Refined) -> list[str]:
-    """Return remarks on parameters of which the lines determine only a combination: by the singular values of the
-    slopes.
+    """Return remarks on parameters of which the lines determine only a combination.
 
-    The slopes are scaled to columns of length one; a singular value near zero is a direction in which the parameters of
-    the row may change together without a visible effect.
+    They follow from the singular values of the Jacobian with columns scaled to length one: a singular value near zero
+    is a direction in which the parameters may change together without a visible effect.
     """
     return [
         Text(
@@ -279,9 +271,9 @@ def entangled(names: Sequence[str], refined: Refined) -> list[str]:
 
 
 def blind(estimates: Sequence[Estimate], refined: Refined) -> dict[str, str]:
-    """Return the parameters of a nearly invisible combination, with errors above a tenth, and the reason.
+    """Return parameters of a nearly undetermined combination with errors above 10 %, and the reason, by name.
 
-    Their standard errors are valid only if the model is exact to a hundredth of the effect of each parameter.
+    Their standard errors would be valid only if the model were exact to 1 % of the effect of each parameter.
     """
     gone: dict[str, str] = {}
     for share, together in _combinations([estimate.name for estimate in estimates], refined):
@@ -300,9 +292,7 @@ def blind(estimates: Sequence[Estimate], refined: Refined) -> dict[str, str]:
 
 
 def _combinations(names: Sequence[str], refined: Refined) -> list[tuple[float, list[str]]]:
-    """Return the parameters of which the lines determine only a combination, and the independent share of their
-    effects.
-    """
+    """Return groups of parameters of which the lines determine only a combination, with their independent share."""
     loose = [i for i in range(len(names)) if not refined.bound[i]]
     size = np.linalg.norm(refined.slopes[:, loose], axis=0)
     seen = [i for i, s in zip(loose, size, strict=True) if s > 0.0]

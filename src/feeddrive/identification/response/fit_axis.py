@@ -1,4 +1,4 @@
-"""Selection of the structure of an axis by evidence: rigid, two masses, modes, or that of a machine file."""
+"""Selection of the model structure of an axis: rigid, two masses, modes, or that of a machine file."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AxisFits(Result):
-    """Fits of several structures to the same lines, and the one to use.
+    """Fits of several structures to the same lines, and the selected one.
 
-    fits     by structure; `chosen` is the name of the one to use
-    refused  structures that could not be fitted, with the reason, or that were not needed
-    wrong_sign  a mode or the free motion has a sign at an encoder that none of them can have
+    fits     by structure; `chosen` is the name of the selected one
+    refused  structures that could not be fitted or were not needed, with the reason
+    wrong_sign  True if a mode or the rigid-body motion has a sign at an encoder that no structure allows
     """
 
     fits: Mapping[str, PlantFit]
@@ -41,11 +41,11 @@ class AxisFits(Result):
 
     @property
     def fit(self) -> PlantFit:
-        """The fit to use."""
+        """The selected fit."""
         return self.fits[self.chosen]
 
     def table(self) -> Table:
-        """Return a row for each structure: parameters, error on unused lines in dB RMS, correlation of residuals."""
+        """Return a table with one row per structure: parameters, RMS error on unused lines in dB, autocorrelation."""
         rows: list[Sequence[Cell]] = [
             [
                 name,
@@ -82,18 +82,18 @@ def fit_axis(
     travel_per_unit: float | None = None,
     progress: Progress | None = None,
 ) -> AxisFits:
-    """Fit the structures that an axis may have, from simple to rich, and take the one that predicts best.
+    """Fit possible structures of an axis, from simple to complex, and select the one that predicts best.
 
-    plant      of a machine file: its structure is tried too, from its values, if it is not rigid
-    actuator   of that file: if it has a current loop, its bandwidth is identified too
-    modes      how many, for modes in parallel; None: as many as unused lines support
-    fixed      parameters that are known; structures that lack one of them are not tried
-    structure  "rigid", "machine", "two-mass" or "modal": only this one
+    plant      plant of a machine file: its structure is tried too, from its values, if it is not rigid
+    actuator   actuator of that file: if it has a current loop, its bandwidth is identified too
+    modes      number of modes in parallel; None: as many as unused lines support
+    fixed      known parameters; structures that lack one of them are not tried
+    structure  "rigid", "machine", "two-mass" or "modal": only this structure is fitted
     progress   reports the name of each structure when it begins
 
-    The rest is as in `fit_plant`.  Each structure predicts lines that were left out of its fit; of those within a tenth
-    of the least error the one with the fewest parameters is taken.  Modes in parallel are tried only where the
-    residuals of the others are still correlated from line to line.
+    Other arguments as in `fit_plant`.  Each structure predicts lines that were left out of its fit; of those within
+    10 % of the smallest error the one with the fewest parameters is selected.  Modes in parallel are tried only where
+    the residuals of the others are still correlated from line to line.
     Raises ParameterError if no structure can be fitted, with the reason for each.
     """
     ways = _ways(motor, load, plant, actuator, modes, dict(fixed or {}), held, band, force_per_unit, travel_per_unit)
@@ -137,7 +137,7 @@ def _ways(
     force_per_unit: float | None,
     travel_per_unit: float | None,
 ) -> dict[str, Callable[[], PlantFit]]:
-    """Return the fits that are possible with these known parameters, in the order in which they are tried."""
+    """Return the fits that are possible with the fixed parameters, in the order in which they are tried."""
     corner = None if actuator is None else actuator.current_loop
     common: dict[str, Any] = {
         "held": held,

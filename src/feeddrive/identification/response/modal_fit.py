@@ -27,13 +27,13 @@ _TURNS = 12
 def common_poles(
     s: Sequence[np.ndarray], responses: Sequence[np.ndarray], pairs: int, reals: int, *, power: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poles of `pairs` resonances with positive imaginary part, and the height of each peak above the
-    response.
+    """Return the poles of `pairs` resonances with positive imaginary part and their peak heights, by vector fitting.
 
-    Each response is fitted by Σ c/(s - p) + d with the same poles, in least squares weighted by |G|^-power: 1 for
-    equal shares of peaks and valleys, 0.5 where valleys are all noise.  Poles move to the zeros of
+    The responses are fitted by Σ c/(s - p) + d with common poles, by least squares weighted with |G|^-power: 1 for
+    equal weight of peaks and valleys, 0.5 if valleys are only noise.  Heights are relative to the response.  Poles are
+    relocated to the zeros of
     σ(s) = Σ c̃/(s - p) + d̃ until σ is one; unstable poles are mirrored.
-    Sources: Gustavsen & Semlyen 1999; Gustavsen 2006 (relaxed); Deschrijver et al. 2008 (one QR a response).
+    Sources: Gustavsen & Semlyen 1999; Gustavsen 2006 (relaxed); Deschrijver et al. 2008 (one QR per response).
     """
     low, high = min(float(abs(points[0])) for points in s), max(float(abs(points[-1])) for points in s)
     poles = np.geomspace(1.2 * low, high / 1.2, max(pairs, 1))[:pairs] * (-0.01 + 1j)
@@ -59,7 +59,7 @@ def _basis(s: np.ndarray, poles: np.ndarray, real: np.ndarray) -> np.ndarray:
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve real least squares of complex equations, columns scaled."""
+    """Solve complex equations for real unknowns by least squares, with scaled columns."""
     stacked = np.vstack([np.real(matrix), np.imag(matrix)])
     scale = np.linalg.norm(stacked, axis=0) + 1e-300
     return np.linalg.lstsq(stacked / scale, np.concatenate([np.real(right), np.imag(right)]), rcond=None)[0] / scale
@@ -104,9 +104,11 @@ def _moved(
 
 @dataclass(frozen=True, eq=False)
 class ModalResponse:
-    """x/f = e^(-s·dead_time) · s^order · [ free/(s (s + corner)) + Σ (residue + skew s/ω)/(s² + 2ζωs + ω²) + rest ]
+    """The response of a rigid body and modes in parallel, for several outputs.
 
-    for each output, with common ω, ζ, corner and dead time; the parameters are stacked as
+        x/f = e^(-s·dead_time) · s^order · [ free/(s (s + corner)) + Σ (residue + skew s/ω)/(s² + 2ζωs + ω²) + rest ]
+
+    All outputs have common ω, ζ, corner and dead time; the parameters are stacked as
     [frequency ..., damping ..., corner, dead_time, then for each output: free, residue ..., skew ..., rest].
     A `skew` of zero is proportional damping: all points of a mode move in phase.
     """
@@ -133,7 +135,7 @@ class ModalResponse:
         return replace(self, s=tuple(2j * np.pi * f for f in frequencies))
 
     def shapes(self, s: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """Return the regressors of free motion, residues and remainder, without delay; shape (lines, 2 modes + 2)."""
+        """Return the regressors of rigid-body motion, residues and rest, without delay; shape (lines, 2 modes + 2)."""
         k = self.modes
         omega, ratio, corner = 2.0 * np.pi * parameters[:k], parameters[k : 2 * k], parameters[2 * k]
         factor = s**self.order
@@ -143,7 +145,7 @@ class ModalResponse:
         return np.column_stack([free, poles, turned, factor if self.rest else np.zeros(s.size, complex)])
 
     def __call__(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return response and slopes of each output."""
+        """Return the response of each output and its derivatives with respect to the parameters."""
         k, n = self.modes, self.common
         omega, ratio, corner, late = (
             2.0 * np.pi * parameters[:k],
@@ -173,7 +175,7 @@ class ModalResponse:
 
 
 class Poles:
-    """The resonances that several responses share, computed once for each number and weight."""
+    """The common resonances of several responses, computed once for each number and weight."""
 
     def __init__(self, model: ModalResponse, responses: Sequence[np.ndarray], dead_time: float | None) -> None:
         late = dead_time or 0.0
@@ -183,7 +185,7 @@ class Poles:
         self.computed: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = {}
 
     def most(self, wanted: int, pairs: int, power: float) -> np.ndarray | None:
-        """Return the `wanted` most pronounced of `pairs` resonances, by frequency; None if there are fewer."""
+        """Return the `wanted` most pronounced of `pairs` resonances, ordered by frequency; None if there are fewer."""
         if wanted == 0:
             return np.zeros(0, complex)
         if (pairs, power) not in self.computed:
@@ -198,9 +200,9 @@ class Poles:
 def begun(
     model: ModalResponse, responses: Sequence[np.ndarray], chosen: np.ndarray, dead_time: float | None
 ) -> tuple[float, np.ndarray]:
-    """Return start parameters with the poles of the modes: weights by least squares of relative errors.
+    """Return initial parameters for given mode poles: residues by least squares of relative errors.
 
-    The sum of their squares comes first.  Dead time and corner are those of a coarse search.
+    The first value is the sum of squared errors.  Dead time and corner are found by a coarse search.
     """
     late = [0.0] if dead_time is None else [dead_time]
     highest = max(float(abs(s[-1])) for s in model.s)
@@ -231,7 +233,7 @@ def begun(
 
 
 def unknowns(model: ModalResponse, start: np.ndarray, outputs: Sequence[str], unit: str) -> list[Unknown]:
-    """Return the parameters of the model by name; `unit` is that of a response in position, as m/N."""
+    """Return the parameters of the model by name; `unit` is that of a position response, such as m/N."""
     k = model.modes
     number = [str(i + 1) for i in range(k)]
     parameters = [Unknown(f"frequency_{i}", "Hz", start[j], positive=True) for j, i in enumerate(number)]
@@ -278,24 +280,24 @@ _FIRST = 20  # steps after which the best of several starts is chosen
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FittedMode(Result):
-    """A mode: Hz, damping ratio, and by output the complex residue R = residue + j skew at its own frequency."""
+    """A fitted mode: frequency, damping ratio, and the complex residue R = residue + j skew of each output."""
 
     frequency: Estimate
     damping_ratio: Estimate
     residues: tuple[complex, ...]
 
     def table(self) -> Table:
-        """Return frequency, damping and residues with their errors."""
+        """Return a table of frequency and damping ratio with their errors."""
         return estimates_table("mode", (self.frequency, self.damping_ratio))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModalFit(Result):
-    """Result of a modal fit; `values` and `covariance` in the order of `unknowns`.
+    """The result of a modal fit; `values` and `covariance` are in the order of `unknowns`.
 
-    modes      by frequency, only oscillating ones within the lines; all other terms are in `beyond`
-    estimates  every parameter that was sought, with its standard errors
-    remarks    remarks that follow from the residuals and the errors
+    modes      by frequency, only oscillating modes within the measured band; all other terms are in `beyond`
+    estimates  every fitted parameter with its standard errors
+    remarks    remarks based on the residuals and the errors
     """
 
     modes: tuple[FittedMode, ...]
@@ -316,7 +318,7 @@ class ModalFit(Result):
         return estimates_by_name[name]
 
     def table(self) -> Table:
-        """Return a row for each mode."""
+        """Return a table with one row for each mode."""
         heads = [
             "mode",
             Column("frequency", "Hz", "5"),
@@ -354,24 +356,24 @@ def fit_modes(
     dead_time: float | None = None,
     progress: Progress | None = None,
 ) -> ModalFit:
-    """Fit the modes that several responses to one input have in common.
+    """Fit the common modes of several responses to one input.
 
         x/f = e^(-s·dead_time) [ free/(s (s + corner)) + Σ (residue + skew s/ω)/(s² + 2ζωs + ω²) + rest ]
 
-    responses     position, velocity or acceleration over force or current; their unit says which
-    modes         how many; None: as many as lines that were not used support (at most 8)
+    responses     position, velocity or acceleration over force or current, as stated by their unit
+    modes         number of modes; None: as many as unused lines support (at most 8)
     band          Hz, lowest and highest line that counts
-    rigid         whether the axis moves freely at low frequencies
+    rigid         True if the axis moves freely at low frequencies
     proportional  residues are real, skew = 0: all points of a mode move in phase, as in an undamped structure. Friction
                   and local dampers violate this
     rest          a constant for all modes above the band
-    progress      reports the number of modes that are tried
-    dead_time     s; None: it is found
+    progress      reports the number of modes being tried
+    dead_time     s; None: it is fitted
 
-    The start comes from vector fitting; the cost is that of `refine`.  Each parameter has a standard error that is
+    Initial values come from vector fitting; the cost is that of `refine`.  Each parameter has a standard error that is
     valid for correlated residuals.  Mode parameters of a model that lacks a mode are wrong by more than their
     errors: see `remarks`.
-    Raises ParameterError for units that differ and for too few lines.
+    Raises ParameterError for different units and for too few lines.
     When not: for masses and stiffnesses; see `fit_two_mass` and `fit_modal_axis`.
     """
     if modes is not None and not 0 <= modes <= _MOST_ASKED:
@@ -420,7 +422,7 @@ def _named(responses: FRF | Sequence[FRF] | Mapping[str, FRF]) -> dict[str, FRF]
 
 
 def _simplest(candidates: Sequence[tuple[float, ModalResponse, list[Unknown], Refined]]) -> Any:
-    """Return the candidate with the fewest modes, unless a larger one is better by a tenth per mode."""
+    """Return the candidate with the fewest modes, unless a larger one is better by 10 % per mode."""
     for i, (error, *_) in enumerate(candidates):
         rest = candidates[i + 1 :]
         if not any(other < error * _GAIN ** (more + 1) for more, (other, *_) in enumerate(rest)):
@@ -436,9 +438,7 @@ def _begun(
     dead_time: float | None,
     poles: Poles,
 ) -> tuple[float, list[Unknown], Refined] | None:
-    """Return the best of several automatic starts, after a few steps, by its mean |ln(fitted/measured)|, at most 1 a
-    line.
-    """
+    """Return the best of several automatic starts after a few steps, by its mean |ln(fitted/measured)|, at most 1."""
     best: tuple[float, list[Unknown], Refined] | None = None
     arrays = [frf.response for frf in frfs]
     low, high = min(frf.frequency[0] for frf in frfs), max(frf.frequency[-1] for frf in frfs)
@@ -461,7 +461,7 @@ def _begun(
 
 
 def _settled(unknown: Unknown, model: ModalResponse, dead_time: float | None, low: float, high: float) -> Unknown:
-    """Return an unknown, fixed as requested."""
+    """Return an unknown with its bounds, fixed if the model does not have it or its value is given."""
     kind = unknown.name.split("_")[0]
     absent = (kind == "rest" and not model.rest) or (kind == "skew" and not model.skewed)
     absent = absent or (kind in ("free", "corner") and not model.rigid)
@@ -477,7 +477,7 @@ def _settled(unknown: Unknown, model: ModalResponse, dead_time: float | None, lo
 
 
 def _frequencies(modes: Sequence[FittedMode]) -> Text:
-    """Return the frequencies of some modes as a list with one unit."""
+    """Return the frequencies of modes as text, with one unit."""
     frequencies = [Quantity(mode.frequency.value, "Hz", bare=True) for mode in modes]
     return Text(f"{joined(', ', map(format, frequencies))} {unit_name('Hz')}")
 

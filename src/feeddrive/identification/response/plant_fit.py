@@ -1,4 +1,4 @@
-"""Plants fitted to frequency responses of one or both encoders: two masses, or a rigid mass with modes, in SI."""
+"""Plant models fitted to frequency responses of one or both encoders: two masses, or a rigid mass with modes."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ _IDEAL = 20.0  # times the highest line: a faster current loop counts as ideal
 class PlantFit(Result):
     """A plant and its actuator, fitted to measured responses.
 
-    estimates         every parameter that was sought, with its standard errors; `covariance` in their order
-    derived           quantities that follow from them: antiresonance, resonance, inertia ratio, total mass
+    estimates         every fitted parameter with its standard errors; `covariance` in their order
+    derived           derived quantities: antiresonance, resonance, inertia ratio, total mass
     not_identifiable  by parameter: the reason, and what to measure next; its value is the one in `plant`
-    agreement         agreement with the responses, on lines that were used and on lines that were not
-    remarks           further remarks that follow from the residuals and the errors
+    agreement         agreement with the responses, on used and on unused lines
+    remarks           further remarks based on the residuals and the errors
     """
 
     plant: Plant
@@ -65,9 +65,7 @@ class PlantFit(Result):
         return estimates_by_name[name]
 
     def blocks(self) -> tuple[Plant, Actuator]:
-        """Return plant and actuator as parts of an axis. Raises ParameterError for a result that is
-        not in kg and N/m.
-        """
+        """Return plant and actuator as blocks of an axis. Raises ParameterError for units other than kg and N/m."""
         if not self.units.si:
             raise ParameterError(
                 f"the fit is in {self.units.of('kg')} and not in kg: give force_per_unit in N/{self.units.input}"
@@ -77,7 +75,7 @@ class PlantFit(Result):
         return self.plant, self.actuator
 
     def table(self) -> Table:
-        """Return a row for each parameter, and one for each that is not identifiable."""
+        """Return a table with one row for each parameter, including those that are not identifiable."""
         title = Text(
             f"{self.plant.kind}; unused lines are predicted within {Quantity(8.686 * self.agreement.unused, 'dB'):.3f} "
             "RMS"
@@ -102,7 +100,7 @@ class PlantFit(Result):
 
 @dataclass(frozen=True)
 class Task:
-    """The fit problem: start values and known parameters. The responses are those of `taken`, by sensor."""
+    """The fit problem: initial values, known parameters, and the responses by sensor, as returned by `taken`."""
 
     plant: Plant
     actuator: Actuator
@@ -113,7 +111,7 @@ class Task:
 
     @property
     def frfs(self) -> list[FRF]:
-        """The responses in their order."""
+        """The responses as a list, in the order of the sensors."""
         return list(self.responses.values())
 
     @property
@@ -122,7 +120,7 @@ class Task:
         return min(f.frequency[0] for f in self.frfs), max(f.frequency[-1] for f in self.frfs)
 
     def model(self, names: Sequence[str]) -> TracedPlant:
-        """Return the model with these parameters free."""
+        """Return the model with these parameters as unknowns."""
         lines = [
             SensorLines(frf.frequency, sensor, self.units.order, frf.sample_time if self.held else None)
             for sensor, frf in self.responses.items()
@@ -133,7 +131,7 @@ class Task:
         return TracedPlant(self.plant, names, lines, known)
 
     def unknowns(self, names: Sequence[str]) -> list[Unknown]:
-        """Return start, scale and bounds of each parameter."""
+        """Return initial value, scale and bounds of each parameter."""
         leaves = dict(tree.leaves(self.plant))
         low, high = (2.0 * np.pi * f for f in self.band)
         mass = float(self.plant.rigid_mass())
@@ -165,7 +163,7 @@ class Task:
 
 
 def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = STEPS) -> tuple[Task, Refined]:
-    """Return the task with plant and actuator at the least cost, and the refined parameters."""
+    """Return the task with the plant and actuator of minimum cost, and the refined parameters."""
     model, unknowns = task.model(names), task.unknowns(names)
     refined = refine(model, unknowns, task.frfs, logarithmic=logarithmic, steps=steps)
     values = dict(zip(names, refined.values, strict=True))
@@ -181,10 +179,10 @@ def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = S
 def finished(
     task: Task, names: Sequence[str], neutral: Sequence[str] = (), known: Mapping[str, float] | None = None
 ) -> PlantFit:
-    """Fit until convergence, fix those of `neutral` that the lines do not determine, and report the others.
+    """Fit until convergence, fixing parameters of `neutral` that the lines do not determine, and return the fit.
 
-    `neutral` names parameters that a plant can do without, in the order in which they are fixed: at zero, or at their
-    `known` value.  The errors of all others count them as unknown.
+    `neutral` lists optional parameters in the order in which they are fixed, at zero or at their `known` value.  The
+    errors of the other parameters are computed as if these were unknown.
     """
     kept = {name: (known or {}).get(name, 0.0) for name in neutral}
     names, gone = list(names), {}
@@ -250,7 +248,7 @@ def finished(
 def _covariance(
     task: Task, names: Sequence[str], refined: Refined, weighted: bool, gone: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariance of all parameters that were sought; those that were fixed count as unknown."""
+    """Return robust and plain covariance of the parameters; those fixed during the fit count as unknown."""
     every = [*names, *gone]
     at = np.concatenate([refined.values, [*gone.values()]])
     both = covariances_at(
@@ -266,9 +264,7 @@ def _covariance(
 
 
 def with_derived(fit: PlantFit, derived: Sequence[tuple[str, str, Any]]) -> PlantFit:
-    """Return the fit with quantities that follow from its plant: name, unit, function of the plant; errors to first
-    order.
-    """
+    """Return the fit with derived quantities, given by name, unit and function of the plant; errors to first order."""
     leaves = [name for name, _ in tree.leaves(fit.plant)]
     places = [(i, e) for i, e in enumerate(fit.estimates) if e.name in leaves]
     derived_estimates: list[Estimate] = []
@@ -305,7 +301,7 @@ _SENSORS = ("motor", "load")  # the outputs of the traced model, in their order
 
 @dataclass(frozen=True)
 class SensorLines:
-    """A fitted response: its lines in Hz, its encoder, and the derivative of the position that it shows."""
+    """The lines of a fitted response in Hz, its encoder, and the order of its derivative of the position."""
 
     frequency: np.ndarray
     sensor: str  # "motor" or "load"
@@ -314,13 +310,13 @@ class SensorLines:
 
 
 class TracedPlant:
-    """x/f = e^(-s·dead_time) · s^order · Gᵢ(s) with its slopes; G is the linear core that the loop holds, traced.
+    """The response x/f = e^(-s·dead_time) · s^order · Gᵢ(s) and its derivatives; G is the traced core of an axis.
 
     The parameters are leaves of the plant by name, then "dead_time" (s) and "current_loop" (Hz) of the actuator; the
-    slopes are forward tangents of the traced core.  `fixed` holds values of others of them.  Of a sampled response,
-    from a command that is held over each sample, the sum over its aliases is taken:
+    derivatives are forward tangents of the traced core.  `fixed` has the values of other parameters.  A sampled
+    response, from a command that is held over each sample, is the sum over its aliases:
 
-        (1 - e^(-jωT))/T Σ G(jω + jmω_s)/(jω + jmω_s),   |m| <= 4, or fewer where the lines are low
+        (1 - e^(-jωT))/T Σ G(jω + jmω_s)/(jω + jmω_s),   |m| <= 4, or fewer for low frequencies
 
     It agrees with the loop's own sampled model to 2e-5 below a tenth of the sample rate and to 2e-3 at 0.4 of it.
     """
@@ -342,16 +338,16 @@ class TracedPlant:
         return other
 
     def values(self, parameters: np.ndarray) -> list[float]:
-        """Return all leaves of the plant."""
+        """Return the values of all leaves of the plant."""
         values_by_name = {**self.known, **dict(zip(self.names, map(float, parameters), strict=True))}
         return [values_by_name[name] for name, _ in tree.leaves(self.plant)]
 
     def responses(self, values: Mapping[str, float]) -> list[np.ndarray]:
-        """Return each response, without slopes, at other values of any parameters by name."""
+        """Return each response, without derivatives, at other values of parameters by name."""
         return [response for response, _ in self._at({**self.known, **values}, ())]
 
     def __call__(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return each response and its slopes, shape (lines, parameters)."""
+        """Return each response and its derivatives, shape (lines, parameters)."""
         return self._at({**self.known, **dict(zip(self.names, map(float, parameters), strict=True))}, self.names)
 
     def _at(self, values: Mapping[str, float], names: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -383,9 +379,7 @@ class TracedPlant:
 def _core(
     model: LinearModel, frequency: np.ndarray, T: float | None, dead_time: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return s at all lines and their aliases, dead time and hold there, and the core's response and slopes at both
-    bodies.
-    """
+    """Return s at all lines and aliases, the factor of dead time and hold, and response and derivatives of the core."""
     aliases = np.zeros(1) if T is None else np.arange(-(most := _aliases(frequency, T)), most + 1) / T
     s = 2j * np.pi * (frequency + aliases[:, None]).ravel()
     factor = np.exp(-s * dead_time)
@@ -397,14 +391,14 @@ def _core(
 
 
 def _aliases(frequency: np.ndarray, T: float) -> int:
-    """Return how many aliases count on either side; those of a mass behind a hold fall as (f/f_alias)³."""
+    """Return the number of aliases on either side to be summed; for a held mass they fall as (f/f_alias)³."""
     share = float(np.max(frequency)) * T
     first = range(1, _ALIASES)
     return next((m for m in first if (share / (m + 1.0 - share)) ** 3 < _ALIAS), _ALIASES)
 
 
 def _trace(plant: Plant, lagging: bool) -> TracedModel:
-    """Trace the core: states q, q' and the drive's force if it lags, one input, the two bodies' positions."""
+    """Trace the linear core: states q, q' and a lagging drive force, one input, two positions as outputs."""
     graph = Graph()
 
     def leaf(name: str) -> Number:
@@ -457,24 +451,24 @@ def fit_plant(
     force_per_unit: float | None = None,
     travel_per_unit: float | None = None,
 ) -> PlantFit:
-    """Fit any plant block, from its own values as the start, to the responses of motor and load encoder.
+    """Fit any plant block, with its values as the initial ones, to the responses of motor and load encoder.
 
         x/f = e^(-s·dead_time) / (1 + s/ω) · Sᵢ (M s² + C s + K)⁻¹ S_driveᵀ,   both responses together
 
-    motor, load        position (or velocity, acceleration, by their unit) over the drive's force, one of them or both
-    fixed              parameters that are known, by name; they keep that value
+    motor, load        position (or velocity, acceleration, by their unit) over the drive's force, at least one of them
+    fixed              known parameters by name; they keep that value
     absent             parameters, such as friction, that keep the value of `plant` if the lines do not determine them
-    dead_time          s; None: it is found.  For a response with a sample time the hold is not part of it
-    held               whether the input of a sampled response is a command, held over each sample; False for a current
-                       or force that was measured
-    current_loop       Hz; None: the force follows at once, unless `find_current_loop`
+    dead_time          s; None: it is fitted.  For a response with a sample time it does not include the hold
+    held               True if the input of a sampled response is a command held over each sample; False for a measured
+                       current or force
+    current_loop       Hz; None: the force follows without lag, unless `find_current_loop`
     band               Hz, lowest and highest line that counts
-    force_per_unit     N for each unit of the responses' input (a motor's force constant); travel_per_unit m for each
-                       unit of their output (lead/2π for rad).  Without them a result is in the responses' own units
+    force_per_unit     N per unit of the responses' input (a motor's force constant); travel_per_unit m per unit of
+                       their output (lead/2π for rad).  Without them a result is in the responses' own units
 
     The cost is that of `refine`: weighted by the variances where they are known, else the complex logarithmic ratio.
-    Raises ParameterError for units that differ, an unknown name and too few lines.
-    When not: far from the start; `fit_two_mass` and `fit_modal_axis` find their own.
+    Raises ParameterError for different units, an unknown name and too few lines.
+    When not: for poor initial values; `fit_two_mass` and `fit_modal_axis` find their own.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
     known = dict(fixed or {})
@@ -506,13 +500,13 @@ def fit_two_mass(
 
         (m1 s² + (b1 + c) s + k) x1 - (c s + k) x2 = e^(-s·dead_time) f,   (m2 s² + (b2 + c) s + k) x2 = (c s + k) x1
 
-    Arguments as in `fit_plant`; no start is needed, it follows from a modal fit:  m2/m1 = residue/free at the motor,
+    Arguments as in `fit_plant`; initial values follow from a modal fit:  m2/m1 = residue/free at the motor,
     k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at zero and reported as not
     identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia ratio m2/m1, total mass.
 
     Raises NotIdentifiableError if only the load's response is given and no mass is fixed: it determines the total mass
-    and the resonance, but not the split of the masses.
-    When not: for an axis with further modes in the band; cut the band, or take `fit_modal_axis`.
+    and the resonance, but not the mass ratio.
+    When not: for an axis with further modes in the band; reduce the band, or use `fit_modal_axis`.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
     known = dict(fixed or {})
@@ -548,7 +542,7 @@ def fit_two_mass(
 
 
 def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
-    """Raise ParameterError for a mode that moves against the force at the motor's encoder."""
+    """Raise ParameterError for a mode with negative residue at the motor encoder."""
     known = {estimate.name: estimate for estimate in modal.estimates}
     number = int(np.argmin(np.abs(modal.values[: modal.model.modes] - frequency))) + 1
     error = known[f"residue_{number}_motor"].error if f"residue_{number}_motor" in known else np.inf
@@ -619,9 +613,9 @@ def fit_modal_axis(
 
 
 def starts(responses: Mapping[str, FRF], units: ResponseUnits, dead_time: float | None) -> list[TwoMass]:
-    """Return starts from modal fits, with one mode and with the most pronounced of several, and from the grid.
+    """Return initial plants from modal fits, with one mode and with the most pronounced of several, and from a grid.
 
-    The grid is for resonances at the edge of the lines or beyond, whose peak a modal fit does not see.
+    The grid covers resonances at the edge of the band or beyond, whose peak a modal fit cannot detect.
     """
     plants: list[TwoMass] = []
     plain = {name: replace(frf, variance=None) for name, frf in responses.items()}
@@ -655,7 +649,7 @@ def _of_grid(responses: Mapping[str, FRF], units: ResponseUnits) -> list[TwoMass
 
 
 def _scaled(total: float, ratio: float, omega: float, damping_ratio: float, viscous: float) -> TwoMass:
-    """Return two masses by their sum, their ratio and their resonance in rad/s."""
+    """Return the two-mass plant with a given total mass, mass ratio and resonance in rad/s."""
     first = total / (1.0 + ratio)
     reduced = first * ratio * first / total
     return TwoMass(
@@ -682,7 +676,7 @@ def _from_mode(modal: ModalFit, place: int) -> TwoMass | None:
 
 
 def check_signs(modal: ModalFit) -> None:
-    """Raise WrongSignError for an encoder that counts against the force: its free motion has the wrong sign."""
+    """Raise WrongSignError if the rigid-body motion at an encoder has the wrong sign (encoder counts reversed)."""
     for name in modal.outputs:
         free = modal[f"free_{name}"] if name else modal["free"]
         if free.value < -5.0 * free.error:

@@ -1,4 +1,4 @@
-"""Refinement of models on measured frequency responses: cost, minimization, and covariance of the parameters."""
+"""Refinement of models by measured frequency responses: cost, minimization, and covariance of the parameters."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LITTLE = 1e-3  # of a squared residual: two steps in a row that lower the cost 
 
 @dataclass(frozen=True)
 class Unknown:
-    """An unknown parameter. A positive one is varied by its logarithm; any other in steps of `scale`."""
+    """An unknown parameter. A positive one is optimized by its logarithm, any other in units of `scale`."""
 
     name: str
     unit: str
@@ -39,7 +39,7 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A response with the standard deviation of its lines, `relative` ones if no variance was measured.
+    """A response with the standard deviation of its lines, which is relative if no variance was measured (`relative`).
 
     With a variance the residual is (G - Gm)/σ, σ² = variance + (model error · |Gm|)²; without one it is ln(G/Gm), which
     gives peaks and valleys the same weight, divided by 1 or by the deviation that follows from the coherence of each
@@ -58,14 +58,14 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """The parameters of least cost, in the order of the unknowns.
+    """The parameters of minimum cost, in the order of the unknowns.
 
     covariance   valid for residuals correlated from line to line; `ols` for uncorrelated ones
-    slopes       of the residuals, one row a real residual, one column an internal parameter
-    residuals    complex and weighted, of each response
+    slopes       Jacobian of the real residuals (rows) with respect to the internal parameters (columns)
+    residuals    complex weighted residuals of each response
     spread       standard deviation of a real residual by their median; 1 if the variances are right
-    model_error  share of the response by which the model is wrong beyond the noise
-    bound        which parameters ended at a bound
+    model_error  relative model error beyond the noise
+    bound        True for parameters that ended at a bound
     """
 
     values: np.ndarray
@@ -114,12 +114,12 @@ def refine(
     steps: int = STEPS,
     model_error: float = 0.0,
 ) -> Refined:
-    """Minimize the cost by Gauss-Newton steps with Levenberg's damping, on the lines in `use`, from `start` (default:
-    that of the unknowns).
+    """Minimize the cost by the Levenberg-Marquardt method, on the lines in `use`.
 
-    The cost is Σ ρ(r), ρ = 2 s² c² (√(1 + (r/sc)²) - 1), c = 2, s the median size of the residuals: a square for all
-    but outlying lines, whose influence is bounded.  If the variances are known and the model fits worse than they
-    predict, a `model_error` is added to them until both agree.
+    The initial values are `start`, by default those of the unknowns.  The cost is Σ ρ(r), ρ = 2 s² c² (√(1 + (r/sc)²) -
+    1), c = 2, s the median magnitude of the residuals: quadratic except for outlying lines, whose influence is
+    bounded.  If the variances are known and the model fits worse than they predict, a `model_error` is added to them
+    until both agree.
     Sources: Levenberg 1944; Marquardt 1963; Pintelon & Schoukens, System Identification, section 9 (the cost).
     """
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
@@ -150,7 +150,7 @@ def _near_its_start(
 ) -> Refined:
     """Return the equally good point closest to the start, if noise leaves logarithms undetermined.
 
-    An unconstrained descent ends anywhere in such a valley because of rounding, and the errors there are arbitrary.
+    In such a valley an unconstrained descent ends at a point that depends on rounding, with arbitrary errors.
     """
     inner = np.array([unknown.positive and not unknown.fixed for unknown in unknowns])
     loose = np.array([not unknown.fixed for unknown in unknowns]) & ~refined.bound
@@ -168,9 +168,9 @@ def _near_its_start(
 
 
 def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
-    """Return the directions, one per column, in which noise of this size leaves the logarithms determined.
+    """Return the directions, one per column, in which the logarithms are determined at this noise level.
 
-    From the normal equations of the logarithms, reduced by all other parameters: H₁₁ - H₁₂ H₂₂⁻¹ H₂₁.
+    They follow from the normal equations of the logarithms, reduced by all other parameters: H₁₁ - H₁₂ H₂₂⁻¹ H₂₁.
     """
     if not np.any(inner):
         return np.eye(inner.size)
@@ -192,7 +192,7 @@ def _inner(unknowns: Sequence[Unknown], values: np.ndarray) -> np.ndarray:
 
 
 def _outer(unknowns: Sequence[Unknown], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return values and their slopes."""
+    """Return parameter values and their derivatives with respect to the internal parameters."""
     values = np.array(
         [np.exp(v) if unknown.positive else v * unknown.scale for unknown, v in zip(unknowns, u, strict=True)]
     )
@@ -203,7 +203,7 @@ def _outer(unknowns: Sequence[Unknown], u: np.ndarray) -> tuple[np.ndarray, np.n
 def _residuals(
     model: Model, unknowns: Sequence[Unknown], data: Sequence[Measured], use: Sequence[np.ndarray], u: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Return the complex residuals of each response, and all real ones with their slopes."""
+    """Return the complex residuals of each response, and all real residuals with their Jacobian."""
     values, inner = _outer(unknowns, u)
     whole: list[np.ndarray] = []
     rows: list[np.ndarray] = []
@@ -230,7 +230,7 @@ def _cost(r: np.ndarray, far: float) -> float:
 
 
 def _spread(r: np.ndarray) -> float:
-    """Return the robust standard deviation of residuals, by their median."""
+    """Return the robust standard deviation of residuals, from their median absolute value."""
     return 1.4826 * float(np.median(np.abs(r))) + 1e-12
 
 
@@ -243,7 +243,7 @@ def _descend(
     steps: int,
     noise: float | None = None,
 ) -> Refined:
-    """Descend from `u`; with a noise level only along directions in which the residuals determine the parameters."""
+    """Minimize from `u`; with a noise level only in directions that the residuals determine."""
     lower, upper = (
         np.array([getattr(unknown, side) / (1.0 if unknown.positive else unknown.scale) for unknown in unknowns])
         for side in ("least", "most")
@@ -305,10 +305,9 @@ def covariances_at(
     logarithmic: bool,
     model_error: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariances of all these parameters at given values, also of those that were not moved
-    there.
+    """Return robust and plain covariances of all parameters at given values, without a fit.
 
-    The errors of a parameter are larger if others that were fixed because they are not identifiable count as unknown.
+    Errors are larger if parameters that were fixed because they are not identifiable count as unknown.
     """
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
     everywhere = [np.ones(frf.frequency.size, bool) for frf in chosen]
@@ -321,18 +320,17 @@ def covariances_at(
 
 
 def _turns(whole: Sequence[np.ndarray]) -> np.ndarray:
-    """Return 1 and -1 alternating from line to line, for the real residuals of each response."""
+    """Return alternating signs from line to line, for the real residuals of each response."""
     return np.concatenate([np.tile(1.0 - 2.0 * (np.arange(r.size) % 2), 2) for r in whole])
 
 
 def _covariances(
     r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariance of the values; `scale` is the slope of each value in its
-    internal parameter.
+    """Return robust and plain covariance of the values; `scale` has their derivatives by the internal parameters.
 
-    Of an estimate that satisfies Σ ψ(r) ∂r = 0 with ψ = ρ r:  mean ψ² / (mean ψ')² (JᵀJ)⁻¹.  Source: Huber 1981.
-    What even lines say otherwise than odd ones, beyond noise, is distortion or model error and adds to the robust one:
+    For an estimate that satisfies Σ ψ(r) ∂r = 0 with ψ = ρ r:  mean ψ² / (mean ψ')² (JᵀJ)⁻¹.  Source: Huber 1981.
+    A difference between even and odd lines beyond noise is distortion or model error, which adds to the robust one:
 
         (1 - p/s²)₊ u uᵀ,   u = (JᵀJ)⁻¹ Σ ± Jᵀψ, half of the difference of both halves,   s² = uᵀ C⁻¹ u, C the plain one
 
@@ -366,10 +364,10 @@ def _covariances(
 
 
 def _independent(columns: np.ndarray) -> np.ndarray:
-    """Return the columns with the least change that makes them independent in doubles.
+    """Return the columns with the smallest change that makes them linearly independent in double precision.
 
-    An undetermined parameter then gets a very large error. For exactly dependent columns rounding alone would give
-    errors of any size, small ones too.
+    An undetermined parameter then has a very large error. For exactly dependent columns rounding alone would give
+    arbitrary errors, including small ones.
     """
     size = np.linalg.norm(columns, axis=0)
     left, values, right = np.linalg.svd(columns / size, full_matrices=False)
@@ -377,9 +375,7 @@ def _independent(columns: np.ndarray) -> np.ndarray:
 
 
 def _model_error(refined: Refined, data: Sequence[Measured], use: Sequence[np.ndarray], now: float) -> float:
-    """Return the model error with which residuals of known variance agree with their weights; `now`
-    if they do already.
-    """
+    """Return the model error at which residuals of known variance agree with their weights; `now` if they do."""
     parts = [
         (np.abs(r * weighted.sigma[kept]) ** 2, weighted.frf.variance[kept], weighted.frf.magnitude[kept] ** 2)
         for r, weighted, kept in zip(refined.residuals, data, use, strict=True)

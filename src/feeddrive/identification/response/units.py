@@ -1,4 +1,4 @@
-"""Input and output quantity of a frequency response: its differentiation order, scale, and resulting units."""
+"""Input and output quantities of a frequency response, its order of differentiation, and the resulting units."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FEWEST = 8  # lines
 
 @dataclass(frozen=True)
 class ResponseUnits:
-    """Position (`output`) over force (`input`), differentiated `order` times: m/N, (m/s)/N, (m/s2)/N, rad/A ..."""
+    """The units of position (`output`) over force (`input`), differentiated `order` times: m/N, (m/s)/N, rad/A ..."""
 
     output: str
     input: str
@@ -55,7 +55,7 @@ def response_units(frf: FRF) -> ResponseUnits:
 
 
 def _known(unit: str) -> tuple[str, float] | None:
-    """Return a unit in SI, and the factor to it; None for a unit of another quantity or an unknown name."""
+    """Return the SI unit and the conversion factor; None for a unit of another quantity or an unknown unit."""
     try:
         return units.response(unit) if unit else None
     except ParameterError:
@@ -63,7 +63,7 @@ def _known(unit: str) -> tuple[str, float] | None:
 
 
 def _in_si(frf: FRF) -> FRF:
-    """Return a response of known unit in SI, in the canonical spelling."""
+    """Return a response in SI with the canonical spelling of its unit; unchanged if the unit is unknown."""
     known = _known(frf.unit)
     if known is None:
         return frf
@@ -79,9 +79,9 @@ def taken(
 ) -> tuple[dict[str, FRF], ResponseUnits]:
     """Return the available responses, cut to a band in Hz and in SI, with their input and output quantities.
 
-    force_per_unit    N for each unit of the input, as the force constant of a motor in N/A
-    travel_per_unit   m for each unit of the output, as lead/2π for an angle in rad
-    Raises ParameterError if there is none, if one is 0, if their units differ or if too few lines are left.
+    force_per_unit    N per unit of the input, such as the force constant of a motor in N/A
+    travel_per_unit   m per unit of the output, such as lead/2π for an angle in rad
+    Raises ParameterError if there is no response, if one is 0, if their units differ or if too few lines are left.
     """
     there = {name: _in_si(as_frf(frf)) for name, frf in responses.items() if frf is not None}
     if not there:
