@@ -1,7 +1,7 @@
-"""A routine as C99 text: expressions and statements, the checks of the arithmetic, header and sources.
+"""A routine as C99 text: expressions and statements, checks of the arithmetic, header and sources.
 
-The header declares structs with units and meanings; one source holds `step` and `reset`, another the functions that run
-outside the interrupt.  `header_only` puts all of it into one header.
+The header declares structs with units and meanings; one source contains `step` and `reset`, another the functions that
+run outside the interrupt.  `header_only` combines all of it in one header.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ _TAKEN = frozenset(
 
 
 class Body:
-    """Statements that compute some nodes of a graph, in the order of the law's text.
+    """The statements that compute some nodes of a graph, in the order of the law's source.
 
-    `leaves` gives the text of what is there already, `makers` and `titles` what stands above the lines of a block.
+    `leaves` maps existing values to their text; `makers` and `titles` determine the heading above a block's lines.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Body:
         return self.texts[index]
 
     def compute(self, order: Iterable[int], kept: Iterable[int]) -> None:
-        """Emit statements for the nodes of an order; nodes that are kept, or used more than once, get a name."""
+        """Emit statements for nodes in order; nodes that are kept, or used more than once, become variables."""
         order = [index for index in order if index not in self.texts]
         self._counts = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
         self._counts.update(2 * list(kept))
@@ -102,7 +102,7 @@ class Body:
                 self.texts[index] = text
 
     def _matrix(self, index: int, values: list[str]) -> None:
-        """Test if the powers of a matrix decay, in a block of its own so that its numbers leave the stack early."""
+        """Emit the test whether the powers of a matrix decay, in a separate scope to free stack memory early."""
         size = math.isqrt(len(values))
         self._unnamed += 1
         self.texts[index] = f"v{self._unnamed}"
@@ -135,7 +135,7 @@ class Body:
 
 
 def wrapped(line: str) -> list[str]:
-    """Break a statement into lines of a readable length; a chain of choices gets a line for each case."""
+    """Wrap a statement to readable line lengths; a chain of conditionals gets one line per case."""
     if len(line) <= _LINE:
         return [line]
     head, assigned, value = line.partition(" = ")
@@ -149,7 +149,7 @@ def wrapped(line: str) -> list[str]:
 
 
 def _choices(text: str) -> list[str]:
-    """Split `a ? b : (c ? d : e)` into `a ? b`, `c ? d`, `e`, in the order of evaluation."""
+    """Split `a ? b : (c ? d : e)` into `a ? b`, `c ? d`, `e`, in evaluation order."""
     depth, asked = 0, False
     for place, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
@@ -174,7 +174,7 @@ _SAID = {
 
 
 def helpers(used: set[str], real: str) -> list[str]:
-    """Return the functions that statements need, dependencies first; adds the operations that they use to `used`."""
+    """Return the helper functions that statements need, dependencies first; add their operations to `used`."""
     suffix = "f" if real == "float" else ""
     wanted = [name for name in sorted(ELEMENTARY) if name in used]
     texts = []
@@ -191,7 +191,7 @@ def helpers(used: set[str], real: str) -> list[str]:
 
 @cache
 def _printed(name: str, real: str) -> tuple[str, frozenset[str]]:
-    """Return the text of a function, and the operations that it uses."""
+    """Return the text of a function and the operations that it uses."""
     graph = Graph()
     argument = graph.input("x")
     result = graph.symbol(getattr(_module(real), name)(argument)).index
@@ -222,8 +222,9 @@ RESERVED = re.findall(
 
 
 def _bits(real: str, bits: int, place: int, suffix: str) -> dict[str, str]:
-    """Return functions on the exponent field of a number of so many bits, which starts at bit `place`; by memcpy, the
-    only way that C defines.
+    """Return functions that access the exponent field of a floating-point number with the given width.
+
+    The field starts at bit `place`. The functions use memcpy, the only conversion that C defines.
     """
     exponents = (1 << (bits - 1 - place)) - 1
     bias, whole = exponents // 2, f"{1.5 * 2.0**place:.1f}{suffix}"
@@ -352,7 +353,7 @@ def number(value: float, real: str = "double") -> str:
 
 
 def expression(name: str, values: list[str], real: str = "double") -> str:
-    """Return an operation as C text, in parentheses where it has an operator."""
+    """Return an operation as C text, parenthesized if it contains an operator."""
     suffix = "f" if real == "float" else ""
     if name in INFIX:
         return f"({values[0]} {INFIX[name]} {values[1]})"
@@ -399,9 +400,7 @@ SENTENCE = (
 
 
 def rules(routine: Routine) -> dict[int, str]:
-    """Return the meaning of each code of `P_broken_rule`: the check of the arithmetic, then the rules of the
-    parameters.
-    """
+    """Return the meaning of each code of `P_broken_rule`: the arithmetic check, then the parameter rules."""
     return {CODE: SENTENCE, **routine.sentences}
 
 
@@ -557,7 +556,7 @@ simulation."""
 
 
 def _trips(layout: Layout) -> list[str]:
-    """Return macros for the codes of `trip`."""
+    """Return the macros for the codes of `trip`."""
     if layout.routine.memory != "controller":
         return []
     codes = [(name, value) for name, value in vars(guards).items() if name.startswith("TRIP_")]
@@ -569,9 +568,7 @@ def _trips(layout: Layout) -> list[str]:
 
 
 def _designed_struct(name: str, layout: Layout) -> list[str]:
-    """Return the struct of design numbers: parameters with unit and meaning, prepared numbers grouped by their
-    block.
-    """
+    """Return the struct of design numbers: parameters with unit and meaning, prepared numbers grouped by block."""
     prepared = {node: path for path, node in reversed(layout.prepared)}
     lines, group = [], ""
     wide = max((len(field.name) for field in layout.design), default=0) + len(layout.precision) + 2
@@ -618,7 +615,7 @@ def _grouped(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
 
 
 def comment(text: str) -> list[str]:
-    """Return a comment of one or more lines; `*/` within the text is broken up."""
+    """Return a comment of one or more lines; `*/` within the text is split."""
     lines = [""]
     for line in text.replace("*/", "* /").replace("/*", "/ *").split("\n"):
         lines += textwrap.wrap(line, _WIDTH, subsequent_indent=" " * (len(line) - len(line.lstrip()))) or [""]
@@ -645,7 +642,7 @@ def _flushes(P: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Texts:
-    """The three files of a routine."""
+    """The three C files of a routine."""
 
     header: str
     source: str
@@ -730,9 +727,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """Return the outputs after a refused configure: the safe force of the machine file for a control, none for
-    an axis.
-    """
+    """Return the outputs after a failed configure: the safe force of the machine file; empty for a plant."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""
@@ -742,7 +737,7 @@ def _off(layout: Layout, answers: bool) -> str:
 
 
 def _designed(layout: Layout) -> tuple[str, set[str]]:
-    """Return the function that computes the design from the parameters if all conditions hold, and its operations."""
+    """Return the function that computes the design from valid parameters, and the operations that it uses."""
     routine, P = layout.routine, layout.routine.name
     leaves = _leaves(layout, {"parameter": "parameters->"}, _DESIGN)
     for index, node in enumerate(layout.graph.nodes):
@@ -774,7 +769,7 @@ def _designed(layout: Layout) -> tuple[str, set[str]]:
 
 
 def _inline(layout: Layout, index: int, body: Body) -> str:
-    """Return the comparisons of a bound as one expression."""
+    """Return the comparisons of a bounds check as one expression."""
     name, *values = layout.graph.nodes[index]
     if name == "and":
         return " && ".join(_inline(layout, i, body) for i in values)
@@ -782,18 +777,18 @@ def _inline(layout: Layout, index: int, body: Body) -> str:
 
 
 def _refused(holds: str, code: int, sentence: str) -> list[str]:
-    """Return the lines that return the code of a condition that does not hold."""
+    """Return the lines that return the code of a violated condition."""
     return [*comment(sentence), *wrapped(f"if (!({holds})) {{"), f"    return {code};", "}"]
 
 
 def _assigned(place: str, value: float) -> str:
-    """Return `place = number;`, with the decimal value in a comment where the number is printed by its bits."""
+    """Return `place = number;`, with the decimal value in a comment if the number is printed in hexadecimal."""
     text = number(value)
     return f"{place} = {text};" + (f" /* {value!r} */" if "0x" in text else "")
 
 
 def _retune(layout: Layout) -> tuple[str, set[str]]:
-    """Return the function that converts the state to new parameters: `retune` of the blocks, in double precision."""
+    """Return the function that adapts the state to new parameters: `retune` of the blocks, in double precision."""
     routine, P, real = layout.routine, layout.routine.name, layout.precision
     assert layout.retune is not None
     graph, truth = layout.retune.graph, layout.retune_truth
@@ -833,7 +828,7 @@ def _retune(layout: Layout) -> tuple[str, set[str]]:
 
 
 def graph_constant(layout: Layout, index: int) -> str | None:
-    """Return the text of a node that is a constant of the law; None for any other node."""
+    """Return the text of a node that is a constant; None for any other node."""
     node = layout.graph.nodes[index]
     return number(float.fromhex(node[1])) if node[0] == "const" else None
 
@@ -842,7 +837,7 @@ _DESIGN = "DESIGN_"  # tables of `configure`, which are in double where those of
 
 
 def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> dict[int, str]:
-    """Return the text of values that exist before the statements: members of structs, tables, the sample time."""
+    """Return the text of values that already exist: struct members, tables, the sample time."""
     routine = layout.routine
     members: Mapping[str, Sequence[Variable]] = {
         "parameter": routine.parameters,
@@ -865,7 +860,7 @@ def _table(name: str, of: str = "") -> str:
 
 
 def _tables(routine: Routine, functions: Sequence[str], real: str, of: str = "") -> list[str]:
-    """Return the tables that the functions of a file read."""
+    """Return the declarations of the tables that the functions of a file read."""
     return [
         f"static const {real} {_table(name, of)}[{len(row)}] = {{{', '.join(number(float(x), real) for x in row)}}};"
         for name, _, row in routine.tables
@@ -879,7 +874,7 @@ def _function(signature: str, first: Iterable[str], lines: Iterable[str]) -> str
 
 
 def _laws(routine: Routine) -> str:
-    """Return the docstrings of the blocks."""
+    """Return the docstrings of the blocks as text for a comment."""
     parts = []
     for path, block in routine.blocks:
         if path and inspect.getdoc(type(block)):
@@ -888,7 +883,7 @@ def _laws(routine: Routine) -> str:
 
 
 def _titles(routine: Routine) -> Callable[[str], str]:
-    """Return a function that gives the heading above the statements of a block."""
+    """Return a function that returns the heading above the statements of a block."""
     kinds: dict[str, Block] = dict(routine.blocks)
 
     def title(owner: str) -> str:
@@ -903,7 +898,7 @@ def _titles(routine: Routine) -> Callable[[str], str]:
 
 
 def _needed(used: set[str], real: str) -> list[str]:
-    """Return the includes of a file, and the functions that its statements call."""
+    """Return the includes of a file and the helper functions that its statements call."""
     functions = helpers(used, real)
     lines = ["#include <math.h>"] if used & {"abs", "sqrt", "floor"} else []
     lines += ["#include <string.h>"] if used & set(FUNCTIONS) else []
@@ -918,7 +913,7 @@ _SHARED = re.compile(r"\b(designed|designs_exactly|decays|exact_\w+|power_of_two
 
 
 def header_only(P: str, files: Texts) -> str:
-    """Return declarations and bodies in one file, to be included where the step is called."""
+    """Return declarations and definitions in one header, to be included where the step is called."""
     close = f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {P.upper()}_H */\n"
     header = files.header.removesuffix(close)
     assert header != files.header, "the header ends otherwise than expected"
@@ -941,7 +936,7 @@ def _own(P: str, text: str) -> str:
 
 
 def _pieces(text: str, P: str) -> list[str]:
-    """Split a file into the comment at its top and its functions with their comments; includes are dropped."""
+    """Split a file into its top comment and its functions with their comments, dropping includes."""
     lines = [line for line in text.splitlines() if not line.startswith("#include")]
     body = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", "\n".join(lines), flags=re.MULTILINE)
     top, rest = body.split("*/\n", 1)

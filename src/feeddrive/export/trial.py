@@ -19,7 +19,7 @@ BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # readings th
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Inputs of shape (n, inputs), and parameter changes by sample and dotted name."""
+    """The inputs, of shape (n, inputs), and the parameter changes by sample and dotted name."""
 
     inputs: np.ndarray
     changes: Mapping[int, Mapping[str, float]]
@@ -35,12 +35,12 @@ class Answers:
 
 
 def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, broken: float = 2e-4) -> Trial:
-    """Return `count` samples of a wandering axis under a wandering set motion, from a seed.
+    """Return `count` random samples of set motion and readings for a seed.
 
     The reading follows the set position with an error and a jitter whose sizes change every 40 samples, from less than
-    a count of an encoder to more than any bound, so that a quiet loop, limits and trips all occur; `broken` is how
-    often a reading is NaN or absurdly large for one to four samples.  Every 20 samples the enable may be taken
-    away for two of them, which clears trips.
+    one encoder count to more than any limit, so that a quiet loop, limits and trips all occur; `broken` is the
+    probability that a reading is NaN or absurdly large for one to four samples.  Every 20 samples, enable may drop for
+    two samples, which clears trips.
     At `changes` samples up to three parameters change by up to 25 %, within their bounds and the checks of their block.
     """
     random = np.random.default_rng(seed)
@@ -91,7 +91,7 @@ def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
 
 
 def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
-    """Draw parameters that change by up to 25 % and pass the check of their block."""
+    """Return random parameter changes of up to 25 % that pass the checks of their blocks."""
     both = on_target(routine.origin)
     first = {variable.path: variable for variable in routine.parameters}
     changes: dict[int, dict[str, float]] = {}
