@@ -131,7 +131,7 @@ def _remedy(plant: NominalPlant, place: float) -> str:
 
 PlantLike = Loop | Axis | FRF | Sequence[Loop | Axis | FRF]
 _MODEL, _LEAST, _BEYOND = 0.2, 0.05, 1.0
-_MOST = 1e6  # a larger reserve is not stated
+_MOST = 1e6  # largest reserve that is stated
 _ROUNDS = 4
 
 

@@ -45,7 +45,7 @@ from itertools import pairwise
 from operator import mul
 from typing import Any, NamedTuple
 
-Poly = list[int]  # whole coefficients, lowest power first
+Poly = list[int]  # integer coefficients, lowest power first
 Matrix = list[list[float]]
 System = dict[str, Matrix]  # A, B, C, D
 Complexes = list[complex]
@@ -54,8 +54,8 @@ Polynomials = tuple[Poly, Numerators]
 
 FORMAT, VERSION, MOST_BYTES = "feeddrive certificate", 1, 64_000_000
 OTHER = "it is no certificate; give the certificate.json that `feeddrive certify` wrote"
-KEPT = Fraction(999, 1000)  # of a claimed reserve that is proven
-NODES, DEPTH = 20_000, 160  # stretches of u before the check gives up
+KEPT = Fraction(999, 1000)  # fraction of a claimed reserve that must be proven
+NODES, DEPTH = 20_000, 160  # intervals of u before the check gives up
 BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
 HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
@@ -166,7 +166,7 @@ def stable(F: Poly) -> bool:
         if rows[k - 1][0] <= 0 or rows[k][0] <= 0:
             return False
         p, q = rows[k - 1], rows[k] + [0]
-        # dividing by the entry two rows above is exact (Bareiss) and keeps the integers from doubling with every row
+        # dividing by the entry two rows above is exact (Bareiss) and keeps the integers from doubling in length per row
         divisor = rows[k - 2][0] if k > 2 else 1
         rows.append([(q[0] * p[i + 1] - p[0] * q[i + 1]) // divisor for i in range(len(p) - 1)] or [0])
     return True
@@ -275,9 +275,9 @@ def at(polynomials: Sequence[Poly], f: float, T: float) -> list[complex]:
     return [complex(re >> digits, im >> digits) for re, im in values]
 
 
-ROUND = 1e-12  # of a sum of at most 200 products of floats: thirty times the largest rounding error of such a sum
-ANGLE_DEPTH = 40  # halvings of the range of θ; a narrower stretch is lost in the rounding of its center
-NEAR = 0.75  # of |E| + h W: the spectral radius up to which a stretch is tried; the bound grows as 1/(1 - NEAR)
+ROUND = 1e-12  # relative error bound of a sum of at most 200 products: thirty times the largest rounding error
+ANGLE_DEPTH = 40  # bisections of the range of θ; a narrower interval is lost in the rounding of its center
+NEAR = 0.75  # largest spectral radius of |E| + h W for which an interval is tried; the bound grows as 1/(1 - NEAR)
 
 
 class Lifted(NamedTuple):
@@ -425,7 +425,7 @@ def most_of(stretch: Stretch, k: int, enough: float) -> float:
     """Return an upper bound of Σl |Hl| on the interval; a rougher one if that is already below `enough`."""
     y0, y1, rest = stretch.forces(k)
     N, h = len(y0), stretch.h
-    # the parts at all images have the mean square of all samples, and Σ|Hl| <= √N √Σ|Hl|²
+    # Parseval: the images have the mean square of all samples, and Σ|Hl| <= √N √Σ|Hl|²
     rough = math.sqrt(sum((abs(x) + h * abs(y)) ** 2 for x, y in zip(y0, y1, strict=True))) + rest
     if rough < enough:
         return rough
@@ -461,7 +461,7 @@ def separated_with_images(loop: Lifted, bands: Bands, factor: float) -> int:
         i, depth = waiting.pop()
         nodes += 1
         h = 0.5 * math.pi / 2**depth
-        wide = h + 1e-14  # neighboring stretches overlap by more than the rounding of their centers
+        wide = h + 1e-14  # neighboring intervals overlap by more than the rounding of their centers
         stretch = Stretch(loop, (2 * i + 1) * h, wide)
         hertz = [(stretch.center + 2.0 * math.pi * k) * per for k in range(N)]
         near = f"near {hertz[0]:.6g} Hz and its images"
@@ -556,7 +556,7 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
         loop = [sum(terms) for terms in zip(*parts, strict=True)]
         closed = [x - y for x, y in zip(times(control[0], Dp), loop, strict=True)]
         split = parts if plant["discs"] == "each" else [loop]
-        # a common power of two is dropped: it would be squared, and slows every product
+        # a common power of two is dropped: it would be squared and slow down every product
         spare = min((x & -x).bit_length() for p in (closed, *split) for x in p if x) - 1
         F, *N = [[x >> spare for x in p] for p in (closed, *split)]
         need(stable(F), "the nominal loop is not stable")

@@ -16,9 +16,9 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
 
-_BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which lines are added
+_BESIDE = np.linspace(-4.0, 4.0, 33)  # offsets, in half-widths of a resonance, at which lines are added
 _PER_DECADE, _LOWEST = 150, 1e-6  # of Nyquist
-_REFINED = 6  # rounds, each of which takes the search ten times nearer
+_REFINED = 6  # refinement rounds, each of which narrows the search by a factor of ten
 
 
 def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
@@ -168,7 +168,7 @@ class LoopResponse:
             f = np.unique(np.concatenate([f, spread[spread <= f[-1]]]))
         room = self._ratio(f)
         best = float(np.min(room)), float(f[np.argmin(room)])  # it may lie on an edge of the radius
-        # each local minimum is followed down between its neighbors
+        # each local minimum is refined between its neighbors
         inner = np.flatnonzero((room <= np.append(room[1:], np.inf)) & (room <= np.append(np.inf, room[:-1])))
         for i in inner[np.argsort(room[inner])][:8]:
             low, high = f[max(i - 1, 0)], f[min(i + 1, f.size - 1)]
@@ -182,13 +182,13 @@ class LoopResponse:
         return best
 
     def _ratio(self, f: np.ndarray) -> np.ndarray:
-        # a disc of radius 0 takes nothing: the floor keeps the quotient finite
+        # a disc of radius 0 uses nothing: the floor keeps the quotient finite
         distance, taken = self.room(f)
         return distance / np.maximum(taken, 1e-12 * distance)
 
 
 Radius = float | Sequence[tuple[float, float]]
-_ALIKE = 1.15  # radii of neighboring lines that become one step
+_ALIKE = 1.15  # largest ratio of the radii of neighboring lines that become one step
 
 
 def deviations(lines: int, confidence: float) -> float:

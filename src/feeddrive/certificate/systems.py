@@ -31,9 +31,9 @@ from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
 READINGS = ("reading_motor", "reading_load")
-_COARSE = 0.01  # of a number: a loss by rounding that is worth a word
-_STATES = 60  # of a control, as the checker admits
-_KEPT = 2.0**-300, 2.0**300  # sizes that a certificate holds
+_COARSE = 0.01  # relative change of a number by rounding that is reported
+_STATES = 60  # largest number of states of a control, as in the checker
+_KEPT = 2.0**-300, 2.0**300  # smallest and largest magnitude of a number in a certificate
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,10 +161,10 @@ def _fits(value: float) -> bool:
     return value == 0.0 or _KEPT[0] < abs(value) < _KEPT[1]
 
 
-_LINES = 250  # that are fitted, spread over ln f
+_LINES = 250  # number of fitted lines, spread over ln f
 _MOST = 8  # modes
-_SHARE = 0.01  # of a response: less noise does not increase the weight of a line
-_BETTER = 0.85  # largest share of the misfit that one more mode may leave
+_SHARE = 0.01  # relative noise floor of a response: less noise does not increase the weight of a line
+_BETTER = 0.85  # an additional mode must reduce the misfit to this fraction
 _USELESS = 0.5  # largest mean relative misfit of a model
 
 
@@ -195,7 +195,7 @@ def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float)
         # one more mode always fits the noise a little better: it must reduce the misfit by 15 %
         if best is None or candidate[0] < _BETTER ** (count - _modes(best[1])) * best[0]:
             best = candidate
-        # two modes in a row that do not pay: more of them will not
+        # stop after two modes in a row without sufficient improvement
         elif count >= _modes(best[1]) + 2:
             break
     assert best is not None
@@ -235,7 +235,7 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
     for response, w in zip(G, weight, strict=True):
         matrix = columns * w[:, None]
         stacked = np.vstack([np.real(matrix), np.imag(matrix)])
-        # columns of free motion and modes differ by many powers of ten
+        # columns of rigid-body motion and modes differ by many orders of magnitude
         scale = np.linalg.norm(stacked, axis=0) + 1e-300
         right = np.concatenate([np.real(response * w), np.imag(response * w)])
         x = np.linalg.lstsq(stacked / scale, right, rcond=None)[0]
@@ -246,11 +246,11 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
 
 def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: int) -> tuple[float, np.ndarray]:
     """Minimize the misfit, starting from the best vector fit over several dead times."""
-    from scipy.optimize import least_squares  # not for commands that only read
+    from scipy.optimize import least_squares  # imported late: commands that only read do not need it
 
     s = 2j * np.pi * f
     low = 2.0 * np.pi * f[0]
-    # s² removes the free motion; the rest of dead time and hold needs a few poles
+    # s² removes the rigid-body motion; the remaining dead time and hold need a few poles
     plain = [response * s * s for response in G]
     starts: list[tuple[float, np.ndarray]] = []
     for pairs in range(count, count + 4) if count else (0,):
@@ -374,7 +374,7 @@ def _free(model: StateSpace, along: Sequence[float]) -> StateSpace:
     unit = np.eye(n)[r]
     if np.any(np.abs(A[:, r] - unit) > _ZERO * size[:, r]):
         return model  # a spring to the ground
-    # exactly, so that the integrator keeps its pole at 1 in the checker's arithmetic
+    # set exactly, so that the integrator keeps its pole at 1 in the checker's arithmetic
     A[:, r] = unit
     return replace(model, A=A, B=S @ model.B, C=model.C @ back)
 

@@ -23,7 +23,7 @@ from feeddrive.loop.routine import Routine, run
 
 # C programs that run an export, a self-test and one that reads samples, and the compiler that builds them.
 
-# Few, so that the vectors stay small; broken readings are ten times as frequent as in `trial`, so that some occur.
+# Few samples keep the vectors small; invalid readings are ten times as frequent as in `trial`, so that some occur.
 SAMPLES, CHANGES, BROKEN = 400, 4, 2e-3
 
 
@@ -267,7 +267,7 @@ def _stream_filled(struct: str, names: Sequence[str], source: str, cast: str) ->
     return "\n".join(f"                {struct}.{name} = {cast}{source}[{i}];" for i, name in enumerate(names))
 
 
-_REFUSED = 5  # status of a program whose compiler rounds otherwise
+_REFUSED = 5  # exit status of a program whose compiler rounds differently
 _STREAM_PROGRAM = """\
 #include "{P}.h"
 
@@ -385,7 +385,7 @@ def prove(directory: Path, design: Design, tried: Trial, flags: Sequence[str], c
     return Answers(ran.outputs, ran.compiler, " ".join(ran.flags))
 
 
-# The target `c`: a directory with a routine as C99, a self-test, builds for make and CMake, and a README.
+# The target `c`: a directory with a routine as C99, a self-test, build files for make and CMake, and a README.
 
 BUILD_FLAGS = "-std=c99 -O2 -ffp-contract=off"
 WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"

@@ -33,7 +33,7 @@ from feeddrive.loop.routine import Routine, Variable, off_outputs
 # The statements and expressions of exported C, from the nodes of a graph.
 
 _LINE = 112  # characters of a line, indented by 4
-# words that the functions themselves use
+# names that the functions themselves use
 _TAKEN = frozenset(
     {"controller", "plant", "parameters", "design", "state", "inputs", "outputs", "old", "before", "matrix"}
 )
@@ -93,7 +93,7 @@ class Body:
                 text = expression(node[0], values, self.real)
             self.used.add(node[0])
             named = self.names.get(index)
-            # what a `?:` chooses stays in it, however long: with a name it would be computed in every sample
+            # branches of a `?:` stay inline, however long: as variables they would be computed in every sample
             inner = node[0] == "select" and index in chosen and self._counts[index] == 1
             long = len(text) > WIDTH and node[0] != "select"
             if (named is not None and not inner) or self._counts[index] > 1 or long:
@@ -211,8 +211,8 @@ def _module(real: str) -> ModuleType:
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "==", "and": "&&", "or": "||"}
 CALLS = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"} | {name: name for name in ELEMENTARY}
-WIDTH = 72  # an expression longer than this is cut by giving a part of it a name
-# words of C, and names that the text itself uses
+WIDTH = 72  # a longer expression is split by introducing a variable
+# keywords of C, and names that the text itself uses
 RESERVED = re.findall(
     r"\w+",
     "auto break case char const constants continue count default do double else enum extern first float for goto if "
@@ -315,7 +315,7 @@ static double uniform(double seed, double sample, double channel)
 """,
 }
 
-# Numbers below the normal ones count as 0, as in the native code: they are slow and mean nothing here.
+# Subnormal numbers count as 0, as in the native code: they are slow and insignificant here.
 FLUSH = """\
 #if defined(__SSE2__) || defined(_M_X64)
 #include <xmmintrin.h>
@@ -370,12 +370,12 @@ def expression(name: str, values: list[str], real: str = "double") -> str:
     raise AssertionError(f"no text for the operation '{name}'")
 
 
-# The checks that a compiler computes as the simulation does: conditions in the header, and a test at start.
+# Checks that the compiler rounds as the simulation does: conditions in the header, and a test at startup.
 #
 # A compiler may change the order of sums (-fassociative-math), divide by multiplying with a reciprocal
 # (-freciprocal-math), round a product and a sum once (-ffp-contract=fast) or compute wider than the numbers (x87).
-# Each gives other last bits.  Where a macro tells it, the header does not compile.  Where none does, `configure`
-# refuses.
+# Each changes the last bits.  If a macro reveals the option, the header does not compile; otherwise `configure`
+# fails.
 
 # With the first options a compiler assumes that NaN cannot occur, and removes the checks for it.
 STRICT = (
@@ -385,7 +385,7 @@ STRICT = (
     "#if defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)",
     '#error "compile without -funsafe-math-optimizations and its parts: the bits would not be those of the simulation"',
     "#endif",
-    # 16: the half precision of ARM is not widened, and nothing else is
+    # 16 (ARM half precision): float and double are not widened
     "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 16)",
     '#error "FLT_EVAL_METHOD is not 0, as on an x87: compile for SSE2, as with -msse2 -mfpmath=sse"',
     "#endif",
@@ -405,8 +405,8 @@ def rules(routine: Routine) -> dict[int, str]:
 
 
 _DOUBLE, _FLOAT = "double", "float"
-# a number that is lost in a sum with 1; the distance of two numbers around 1 whose product rounds to 1; and a divisor
-# whose rounded reciprocal times itself is not 1
+# a number that vanishes when added to 1; the distance from 1 of two numbers whose product rounds to 1; and a divisor
+# whose product with its rounded reciprocal is not 1
 _TINY = {_DOUBLE: 2.0**-60, _FLOAT: 2.0**-30}
 _APART = {_DOUBLE: 2.0**-28, _FLOAT: 2.0**-13}
 _DIVISOR = {_DOUBLE: 49.0, _FLOAT: 41.0}
@@ -693,7 +693,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
     held = routine.memory
     defaults = [_assigned(f"parameters->{v.name}", v.value) for v in routine.parameters]
     designed, used = _designed(layout)
-    both = f"{P}_exact() && designs_exactly()"  # each file may be compiled with flags of its own
+    both = f"{P}_exact() && designs_exactly()"  # each file may be compiled with different flags
     functions = [
         exact("static bool designs_exactly(void)", "double"),
         _function(f"void {P}_defaults({P}_parameters *parameters)", [], defaults or ["(void)parameters;"]),
@@ -833,7 +833,7 @@ def graph_constant(layout: Layout, index: int) -> str | None:
     return number(float.fromhex(node[1])) if node[0] == "const" else None
 
 
-_DESIGN = "DESIGN_"  # tables of `configure`, which are in double where those of the step are not
+_DESIGN = "DESIGN_"  # tables of `configure`, in double precision even if those of the step are not
 
 
 def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> dict[int, str]:

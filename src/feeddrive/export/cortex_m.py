@@ -32,7 +32,7 @@ PACKAGES = {
     COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi",
     EMULATOR: "qemu-system-arm",
     "make": "make",
-}  # of Debian and Ubuntu
+}  # package names in Debian and Ubuntu
 
 
 def makefile(P: str, core: Core) -> str:
@@ -202,7 +202,7 @@ def find_core(name: str | None, precision: str) -> Core:
     return core
 
 
-PATIENCE = 300.0  # s, for a build and a run
+PATIENCE = 300.0  # timeout in s for a build and a run
 
 
 class EmulatorError(FeeddriveError):
@@ -322,7 +322,7 @@ def _made(
         return done.stdout, (folder / read).read_bytes() if read else b""
 
 
-# The target `cortex-m`: the step for a core, constants instead of configure, test programs, README.
+# The target `cortex-m`: the step for a core, precomputed constants, test programs, README.
 
 
 def cortex_m_files(design: Design, core: Core) -> dict[str, str]:

@@ -28,7 +28,7 @@ from feeddrive.loop.machine import System
 from feeddrive.loop.routine import Routine, controller_routine, machine_routine, plant_routine
 from feeddrive.version import __version__
 
-LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation
+LARGEST_MS = 3.0  # above this Ms, a change of the axis by a third may cause oscillation
 CONTROL, PLANT = "control", "plant"
 MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 

@@ -121,7 +121,7 @@ def _units(root: Element, variables: Sequence[FmuVariable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for name in units:
         unit = SubElement(definitions, "Unit", name=name)
-        with contextlib.suppress(ParameterError):  # a drive's own unit, "A or V", has no base units
+        with contextlib.suppress(ParameterError):  # a drive unit, "A or V", has no base units
             factor, dimension = measure(name)
             powers = {base: str(power) for base, power in zip(_BASE, dimension, strict=True) if power}
             SubElement(unit, "BaseUnit", powers | ({} if factor == 1.0 else {"factor": repr(factor)}))
@@ -389,12 +389,12 @@ def _row(variable: FmuVariable) -> str:
     return f'{{"{variable.name}", {group}, {kind}, {int(variable.tunable)}, {offset}, {bounds}}}'
 
 
-# The targets `fmu2` and `fmu3`: the archive, its binary for this computer, and its run in FMPy.
+# The targets `fmu2` and `fmu3`: the archive, its binary for this computer, and its execution in FMPy.
 
 VERSIONS = (2, 3)
 _SOURCES = Path(__file__).parent / "fmi"
 _SHARED = ("fmu_instance.h", "fmu_functions.h")
-# files beside which the model's own stand, and headers of the C library that they would hide
+# reserved file names in the folder of the model's sources, and C library headers that they would hide
 _TAKEN = (
     "fmu_model",
     "fmu_instance",

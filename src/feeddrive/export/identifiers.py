@@ -7,7 +7,7 @@ import unicodedata
 
 from feeddrive.language.errors import ParameterError
 
-HAL_LENGTH = 47  # characters of a name in LinuxCNC's HAL, the shortest of all
+HAL_LENGTH = 47  # maximum length of a name in LinuxCNC's HAL, the shortest limit of all targets
 
 
 def _words(text: str) -> frozenset[str]:

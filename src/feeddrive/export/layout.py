@@ -18,7 +18,7 @@ from feeddrive.language.naming import Name
 from feeddrive.loop.engine.plan import composed
 from feeddrive.loop.routine import Function, Retune, Routine, target_name
 
-# Memory layout of a routine on a target: what `configure` computes and stores, and what each step computes.
+# The memory layout of a routine on a target: what `configure` computes and stores, and what each step computes.
 #
 # A number that depends on parameters only is computed by `configure` and stored in the design, if a step or a reset
 # reads it; all others are computed in every step.  With a single-precision step, `configure` still computes in double

@@ -26,15 +26,15 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine, Variable, plant_routine
 from feeddrive.loop.simulate import simulate
 
-# The .comp files of a controller and of a simulated axis: HAL names, declarations, and the C text behind them.
+# The .comp files of a controller and of a simulated axis: HAL names, declarations, and C code.
 
-FAULT_PERIOD, FAULT_LATE, FAULT_PARAMETER = 11, 12, 13  # beside the trip codes of the guard
+FAULT_PERIOD, FAULT_LATE, FAULT_PARAMETER = 11, 12, 13  # in addition to the trip codes of the guard
 FAULTS = {int(code): word for code, word in TRIPS.items()} | {
     FAULT_PERIOD: "a thread with another period than the sample time",
     FAULT_LATE: "a call that came too late",
     FAULT_PARAMETER: "parameters that break a rule when enable is set",
 }
-LATE = 10  # periods, the longest time from call to call
+LATE = 10  # longest time between calls, in periods
 # pin and meaning of each input of the law; lengths are in the unit of the machine
 _INPUTS = {
     "set_position": ("position-cmd", "set position"),
@@ -211,9 +211,9 @@ def filled(name: str, /, **values: object) -> str:
     return Template(text(name)).substitute({key: str(value) for key, value in values.items()})
 
 
-# Components of LinuxCNC 2.9: one of the same name would take their place on the user's machine, or not load.
+# Components of LinuxCNC 2.9: one with the same name would replace them on the user's machine, or not load.
 STOCK = frozenset(text("stock.txt").split())
-FASTEST, SLOWEST = 10_000, 100_000_000  # ns; shortest period of a PC at best, and a period slower than any servo loop
+FASTEST, SLOWEST = 10_000, 100_000_000  # ns; shortest period of a PC, and longer than any servo period
 MEASURED = ("time", "tmax", "tmax-increased")  # pins that HAL adds to every function
 
 
@@ -293,7 +293,7 @@ def servo_period(routine: Routine) -> int:
     return whole
 
 
-# LinuxCNC's flags do not forbid a fused multiply-add, which processors other than x86 would take.
+# LinuxCNC's flags permit a fused multiply-add, which processors other than x86 would use.
 _EXACT = '#pragma GCC optimize("fp-contract=off")\n\n'
 _AS_IT_STANDS = """\
 #pragma GCC push_options
@@ -360,7 +360,7 @@ def where(wanted: bool, text: str) -> str:
     return text if wanted else ""
 
 
-# The target `linuxcnc`: components, wiring, limits of the axis checked in a simulation, and a README.
+# The target `linuxcnc`: components, wiring, axis limits checked by simulation, and a README.
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
@@ -494,7 +494,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
 def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: str, made_by: str) -> str:
     """Return the sections of the joint and of the axis; in mm, the LINEAR_UNITS of the desk."""
     velocity, acceleration, error = 1e3 * limit.velocity, 1e3 * limit.acceleration, 1e3 * limit.following_error
-    # inside the guard's travel: at its very end the smallest overshoot would trip
+    # inside the guard's travel: at its end the smallest overshoot would trip
     room = error if limit.travel_known else 0.0
     ends = [f"MIN_LIMIT = {1e3 * limit.least + room:.9g}", f"MAX_LIMIT = {1e3 * limit.most - room:.9g}"]
     moves = [f"MAX_VELOCITY = {velocity:.9g}", f"MAX_ACCELERATION = {acceleration:.9g}"]
@@ -605,10 +605,10 @@ HOME_SEQUENCE = 0
 """
 
 
-_VELOCITIES = (0.5, 0.25, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)  # m/s, tried one after the other
-_RAMP = 0.2  # s from rest to the velocity, and of the way between two ramps
-_SHARE = 0.7  # of the limits of force, following error and speed that a move may use
-_MARGIN = 2.0  # between the following error of the move and FERROR
+_VELOCITIES = (0.5, 0.25, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)  # m/s, tested in this order
+_RAMP = 0.2  # s from rest to the velocity, and at constant velocity
+_SHARE = 0.7  # fraction of the limits of force, following error and speed that a move may use
+_MARGIN = 2.0  # factor between the following error of the move and FERROR
 
 
 @dataclass(frozen=True)

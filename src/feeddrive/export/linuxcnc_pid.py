@@ -32,10 +32,10 @@ from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 
-# LinuxCNC's stock pids for a P-PI design: the gains that realize it, and the differences that remain.
+# LinuxCNC's stock pids for a P-PI design: the gains that realize it, and the remaining differences.
 #
-# With c = units · force_per_output (machine units in a meter, N per unit of the output), α = velocity_feedforward, b
-# the law's own `viscous`, and m, d the mass and viscous friction that are fed forward:
+# With c = units · force_per_output (machine units per meter, N per unit of the output), α = velocity_feedforward, b
+# the law's `viscous`, and m, d the feedforward mass and viscous friction:
 #
 #     two pids   position  Pgain = Kv, FF1 = α                       its output is a velocity
 #                velocity  Pgain = (Kp - b)/c, FF0 = b/c, Igain = Kp/(c Tn), maxoutput = force_limit / force_per_output
@@ -45,7 +45,7 @@ from feeddrive.loop.simulate import Run, simulate
 #     filters    a biquad each, with the coefficients of the design's own step
 #     weight     of a hanging axis, the guard's safe_force: bias of the last pid, by the same sum2
 #
-# One pid takes one encoder, since its D differences what P reads.  The integral of the velocity error is then that of
+# One pid uses one encoder, since D differentiates the reading of P.  The integral of the velocity error is then that of
 # the position error plus the position error itself, which needs α = 1 where there is a Tn.
 
 ROUTES = ("two", "one")
@@ -209,8 +209,8 @@ def left_out(cascade: Cascade, route: str = "two") -> tuple[LostPart, ...]:
     return tuple(row._replace(path=tree.in_paths(cascade.loop, row.path)) for row in lost(cascade, HELD, outside))
 
 
-LINES = 1500  # of the loop gain, from 1 Hz to half the sample rate
-_DWELL = 0.3  # s after a move, in which overshoot shows
+LINES = 1500  # number of frequencies of the loop gain, from 1 Hz to half the sample rate
+_DWELL = 0.3  # s after a move, in which overshoot becomes visible
 
 
 class Figure(NamedTuple):
@@ -366,7 +366,7 @@ def _margins(*loops: Loop) -> list[Figure]:
 # Files of the target `linuxcnc-pid`: .hal and .ini fragments, and a README with the expected differences.
 
 JOINTS = 16  # of a LinuxCNC
-_LONGEST = ".velocity.do-pid-calcs.tmax-increased"  # name behind the axis's
+_LONGEST = ".velocity.do-pid-calcs.tmax-increased"  # name after the axis name
 
 
 def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: float = 1000.0, joint: int = 0) -> Path:

@@ -130,8 +130,8 @@ def _ran(script: Path, patience: float) -> tuple[int, str]:
 # LinuxCNC waits three seconds for its own master process, which a busy machine may exceed: then it is repeated.
 _LATE, _AGAIN = "Waited 3 seconds for master", 4
 
-# A tmpfs over the folder of the components holds copies of them, what is installed, and the socket of its processes.
-# LinuxCNC talks to itself over the loopback device, which a new network has switched off.
+# A tmpfs over the component folder holds copies of the components, new installations, and the processes' socket.
+# LinuxCNC communicates internally over the loopback device, which is off in a new network namespace.
 _SESSION = """\
 set -e
 /usr/bin/python3 - <<'END'
@@ -151,7 +151,7 @@ _NOBODY = "RTAPI_UID=65534"  # LinuxCNC does not run as root: the user id is pas
 _USER = "unshare --user --map-user=1000"  # and the root of these namespaces can only become a user again
 
 
-STREAMER_PINS = 20  # of one streamer and of one sampler
+STREAMER_PINS = 20  # pins of one streamer and of one sampler
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +234,7 @@ def _whole(value: float) -> str:
     return str(int(value))
 
 
-# a thread of HAL waits for its next period by this call
+# a HAL thread waits for its next period by this call
 _UNPACED = """\
 #define _GNU_SOURCE
 #include <time.h>

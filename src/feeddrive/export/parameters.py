@@ -37,7 +37,7 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
 
-# The rows of a maker's file: names and units; ODrive's, and the CSV for all others.
+# The rows of a manufacturer's file: names and units of ODrive, and the CSV file for all others.
 
 NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common use"
 
@@ -741,7 +741,7 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
     ]
 
 
-STOCK_UNITS = 1000.0  # machine units in a meter: mm
+STOCK_UNITS = 1000.0  # machine units per meter: mm
 _PID_MANUAL = "LinuxCNC manual page pid(9); tested bit for bit against the component of LinuxCNC 2.9"
 _BIQUAD = "LinuxCNC manual page biquad(9); tested as the pids; it stands between two sum2, see the target linuxcnc-pid"
 _PID_MEANINGS = {

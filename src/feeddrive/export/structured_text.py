@@ -51,7 +51,7 @@ from feeddrive.version import __version__
 # above the bound is written as initial values, and the parameters that it depends on cannot be changed on the PLC: a
 # change needs a new export.
 
-MOST_OPERATIONS = 500  # behind one design number
+MOST_OPERATIONS = 500  # largest number of operations for one design number
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def configure(printer: Printing) -> Unit:
             leaves[node] = printer.parameter("parameters", i)
     section = printer.section(leaves, ["parameters", "design", "rule"], "LREAL")
     for node, (kind, i) in layout.leaves.items():
-        if kind == "table":  # one that is read at fixed places: what a law computes of it depends on parameters only
+        if kind == "table":  # a table read at fixed indices: results then depend only on parameters
             section.table(node, layout.routine.tables[i][0], [float(x) for x in layout.routine.tables[i][2]])
     lines = ["rule := 0;"]
     bounds = len(layout.routine.parameters)
@@ -217,14 +217,14 @@ def _unless_broken(lines: list[str]) -> list[str]:
     return ["IF rule = 0 THEN", *(f"{INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
 
 
-# A control as structures and function blocks: the law in one block, what is done once in three others.
+# A control as structures and function blocks: the law in one block, one-time computations in three others.
 #
 # axis_x             one sample; a reset in the first cycle, and a retune at a rising edge
 # axis_x_configure   parameters -> design numbers
 # axis_x_reset       design, inputs -> state: off, where the axis is
 # axis_x_retune      state, parameters and design before and after -> state
 
-CYCLE_TOLERANCE = 1e-6  # of the sample time: a task's cycle is known better
+CYCLE_TOLERANCE = 1e-6  # relative tolerance of the sample time: a task's cycle is known more precisely
 
 
 @dataclass(frozen=True)
@@ -647,7 +647,7 @@ _XHTML = "http://www.w3.org/1999/xhtml"
 _PLACES = {INPUTS: "inputVars", OUTPUTS: "outputVars", VARIABLES: "localVars", CONSTANTS: "localVars"}
 _ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (\w+)")
 _ELEMENTARY = ("LREAL", "REAL", "BOOL", "INT", "DINT")
-_WHEN = "2000-01-01T00:00:00"  # the format wants a date; the same export has the same bytes
+_WHEN = "2000-01-01T00:00:00"  # the format requires a date; a fixed one makes the export reproducible
 
 
 def plcopen(name: str, parts: Iterable[Structure | Unit]) -> str:

@@ -102,7 +102,7 @@ def _declared(variables: Iterable[Declared]) -> list[str]:
     printed: list[str] = []
     for line, variable in zip(lines, variables, strict=True):
         printed += [f"{INDENT}{text}".rstrip() for text in comment(variable.above)]
-        if len(line) > WIDTH:  # a row of first values
+        if len(line) > WIDTH:  # initial values of an array
             printed += textwrap.wrap(
                 line.strip(), WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT, break_on_hyphens=False
             )
@@ -137,7 +137,7 @@ def huge(real: str) -> Declared:
 REALS = ("LREAL", "REAL")  # IEEE 754 numbers of 64 and of 32 bits
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "=", "and": "AND", "or": "OR"}
 HUGE = "huge"  # a variable: its square is infinite, for which there is no literal
-OWN = frozenset({"floor", "power_of_two", "exponent"}) | ELEMENTARY  # functions that are printed with the block
+OWN = frozenset({"floor", "power_of_two", "exponent"}) | ELEMENTARY  # functions printed with the block
 
 
 def literal(value: float, real: str = "LREAL") -> str:
@@ -197,7 +197,7 @@ def own(prefix: str, name: str, real: str) -> str:
 # An unnamed operation that is used once is written inside the expression that uses it.  A choice is
 # an IF and not SEL, which computes both sides: what is not chosen must not divide by zero on a PLC that traps it.
 
-LINE_WIDTH = 84  # an expression longer than this is cut by giving a part of it a name
+LINE_WIDTH = 84  # a longer expression is split by introducing a variable
 LEAVES = ("input", "const", "truth", "table")
 
 
@@ -208,7 +208,7 @@ class Assignment:
     target: str
     text: str
     needs: frozenset[int] = frozenset()  # nodes whose variables it reads
-    owner: str | None = None  # the block in whose text it stands
+    owner: str | None = None  # the block that computes it
 
     def lines(self) -> list[str]:
         """Return the statement as text."""
@@ -281,13 +281,13 @@ class Statements:
         self.prefix = prefix
         self.real = real
         self.makers = makers or {}
-        self.bounds: set[int] = set()  # numbers that stand behind in a comparison, as constants do
+        self.bounds: set[int] = set()  # numbers written on the right of a comparison, such as constants
         self.used: set[str] = set()  # operations
         self.array: Callable[[int], str] = _no_array
         self.done: list[Assignment | Choice] = []
         self._reads: dict[int, frozenset[int]] = {}  # nodes whose variables a node's text reads
         self._held: set[int] = set()
-        self._inside: set[int] = set()  # choices that stand inside another choice
+        self._inside: set[int] = set()  # choices nested in another choice
 
     def compute(self, roots: Iterable[int], held: Iterable[int] = ()) -> list[Assignment | Choice]:
         """Return the statements for some nodes in the order of the law; those in `held` always get a variable."""
@@ -401,7 +401,7 @@ class Statements:
         return Assignment(target, self.texts[side], self._all_reads([side]))
 
 
-MOST_ENTRIES = 10_000  # of a table: an array with its first values in the source
+MOST_ENTRIES = 10_000  # an array with its initial values in the source, for a table
 
 
 class Section:
@@ -420,7 +420,7 @@ class Section:
     ) -> None:
         self.blocks, self.graph, self.names, self.real = blocks, graph, names, real
         self.variables: list[Declared] = []
-        self.places: dict[int, str] = {}  # where a number goes that needs no variable of its own
+        self.places: dict[int, str] = {}  # target of a number that needs no separate variable
         self._tables: dict[str, Declared] = {}
         self._taken = {HUGE, *taken}
         self._lines: list[str] = []
@@ -510,7 +510,7 @@ class Section:
 
 # Functions that IEC 61131-3 lacks or does not define to the last bit, printed with the block that calls them.
 #
-# The elementary functions are those of the simulator, traced from the same lines; a PLC's own EXP has other last bits.
+# The elementary functions are those of the simulator, traced from the same source; a PLC's EXP differs in last bits.
 
 _SAID = {
     "exp": "e^x.",
@@ -586,7 +586,7 @@ ELSE
     {name} := k;
 END_IF;""",
 }
-_RANGE = {  # of a real: digits of its fraction, its exponents, its largest number
+_RANGE = {  # floating-point format: fraction bits, exponents, largest number
     "LREAL": {
         "whole": 2.0**52,
         "lowest": -1022.0,

@@ -251,7 +251,7 @@ def _planned(
             f"mm or with a lead; {fits} are in rad and N m"
         )
     if not plant:
-        with suppress(NoSlopeError):  # an export needs no slope; the remarks of the design say that nothing is proven
+        with suppress(NoSlopeError):  # no derivative needed; the remarks state that nothing is proven
             require_stable(design.system)
     stem, part = Path(design.machine.file.name).stem, "all" if design.together else design.axis
     place = Path("results") / f"export_{stem}_{part}_{target}" if out is None else Path(out)

@@ -13,8 +13,8 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.routine import Routine, Variable, on_target
 
-_DRAWS = 5  # until a change is one that the block allows
-BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # readings that no encoder should give, and some do
+_DRAWS = 5  # attempts until the block accepts a change
+BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # invalid readings, which some encoders return
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ def _wandering(guard: Guard, T: float, count: int, random: np.random.Generator) 
 
     blocks = count // 40 + 1
     least, most = (0.5 * sign if end is None else float(end) for sign, end in _ends(guard))
-    middle, half = 0.5 * (least + most), 0.502 * (most - least)  # a little beyond the travel
+    middle, half = 0.5 * (least + most), 0.502 * (most - least)  # slightly beyond the travel
     turning = 0.4 * fast / half * np.sin(0.002 * np.cumsum(random.normal(0.0, 1.0, count)))
     angle = T * np.cumsum(turning)
     position, speed = middle + half * np.sin(angle), half * turning * np.cos(angle)

@@ -25,7 +25,7 @@ from feeddrive.loop.routine import run, target_name
 from feeddrive.version import __version__
 
 MOST = 20_000_000  # samples
-SINGLE = 5_000  # samples in single precision, whose answers come from Python, operation by operation
+SINGLE = 5_000  # samples in single precision, whose expected outputs are computed in Python, operation by operation
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
 
 
 _PLAIN = re.compile(r"""[^\x00-\x1f*"\\/]+""")
-_NOT_RUN = (".md", ".hal", ".ini", NEW)  # texts for people, and what they wire by
+_NOT_RUN = (".md", ".hal", ".ini", NEW)  # documentation and wiring files for people
 
 
 def _proven(
@@ -212,7 +212,7 @@ def _design(directory: Path, manifest: Manifest) -> Design:
     together = "," in manifest.axis
     axis = None if together else manifest.axis
     design = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
-    if not _PLAIN.fullmatch(manifest.source):  # it is printed in comments of the code
+    if not _PLAIN.fullmatch(manifest.source):  # it appears in comments of the code
         raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
     text = design.machine.file
     called = design.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`

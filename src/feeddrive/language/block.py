@@ -164,8 +164,8 @@ def defaults(kind: type[Declared]) -> dict[str, Any]:
     return values
 
 
-_EXACT = "12 SI"  # digits and unit in which a parameter is read
-# A number of a law: float in a single run, array over lanes in the oracle, Symbol in a trace.
+_EXACT = "12 SI"  # digits and unit for the display of a parameter
+# A number in a law: float in a single run, array over lanes in the reference, Symbol in a trace.
 Number: TypeAlias = float
 
 

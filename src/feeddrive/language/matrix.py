@@ -17,9 +17,9 @@ from feeddrive.language.graph import Symbol
 Row: TypeAlias = tuple[Any, ...]
 Matrix: TypeAlias = tuple[Row, ...]
 
-ORDER = 16  # of the Taylor series; with a norm of at most 1/2 the first term left out is below 2⁻⁶⁵
+ORDER = 16  # order of the Taylor series; for a norm of at most 1/2 the first omitted term is below 2⁻⁶⁵
 MOST_SQUARINGS = 10
-LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # of an argument of `expm1`
+LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # largest norm of an argument of `expm1`
 
 
 def zeros(rows: int, columns: int) -> list[list[Any]]:

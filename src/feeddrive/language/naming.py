@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from feeddrive.language.block import Block
 from feeddrive.language.graph import Graph, Symbol
 
-_OWN = __name__.rpartition(".")[0]  # the package `language`: its variable names do not belong to a law
+_OWN = __name__.rpartition(".")[0]  # the package `language`, whose variable names do not belong to a law
 
 
 class Name(NamedTuple):

@@ -140,6 +140,6 @@ def follow_parent() -> None:
 
     def follow() -> None:
         parent.join()
-        os._exit(1)  # the thread that computes may be in machine code for a while
+        os._exit(1)  # the computing thread may be in machine code for a while
 
     threading.Thread(target=follow, daemon=True).start()

@@ -132,8 +132,8 @@ class History(NamedTuple):
     """The most recent values of a signal, in the order of writing; before the first one the signal was `initial`."""
 
     ring: Ring
-    head: Any  # cell that is written next
-    filled: Any  # how many cells have been written since the start
+    head: Any  # index of the next cell to be written
+    filled: Any  # number of cells written since the start
     initial: Any
 
     @classmethod
@@ -180,8 +180,8 @@ class Track(NamedTuple):
 
     values: tuple[Ring, ...]
     rates: tuple[Ring, ...]
-    head: Any  # cell that is written next
-    filled: Any  # how many cells have been written since the start
+    head: Any  # index of the next cell to be written
+    filled: Any  # number of cells written since the start
     initial: tuple[Any, ...]
 
     @classmethod

@@ -67,7 +67,7 @@ class Column:
             case None:
                 return str(ABSENT)
             case str() | UnitOfRow():
-                return "" if isinstance(cell, UnitOfRow) else marked(cell)  # of a row without quantities
+                return "" if isinstance(cell, UnitOfRow) else marked(cell)  # `UNIT` in a row without quantities
             case bool():
                 return "yes" if cell else "no"
             case int() if self.unit is None:
@@ -112,7 +112,7 @@ class Grid(NamedTuple):
         return "\n".join([self.title, line(self.heads), line(["-" * width for width in widths]), *map(line, self.rows)])
 
     def html(self) -> str:
-        """The table as HTML."""
+        """Return the table as HTML."""
         heads = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
         rows = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
         return f"<table><caption>{escape(self.title)}</caption><tr>{heads}</tr>{rows}</table>"
@@ -192,7 +192,7 @@ class Table:
         return str(self.grid())
 
     def html(self) -> str:
-        """The table as HTML."""
+        """Return the table as HTML."""
         return self.grid().html()
 
     def _repr_html_(self) -> str:

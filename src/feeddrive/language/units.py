@@ -104,7 +104,7 @@ def measure(unit: str) -> tuple[float, Dimension]:
     return size, dimension
 
 
-_DEEPEST = 8  # parentheses in parentheses
+_DEEPEST = 8  # nesting depth of parentheses
 
 
 def _quotient(unit: str, tokens: list[str], at: int, depth: int) -> tuple[float, Dimension, int]:
@@ -163,13 +163,13 @@ def response(unit: str) -> tuple[str, float] | None:
     return None
 
 
-# on a rotary axis lengths are angles, forces torques and masses inertias; all numbers are the same
+# on a rotary axis lengths become angles, forces torques and masses inertias; the numbers are unchanged
 _LENGTH, _FORCE = r"[kmunµ]?m", r"[kmun]?N"
 _WORD = rf"(?:{_LENGTH}|{_FORCE}|kg|[munµ]?rad|deg|rev|[munµ]?s(?:\^½|\^1/2)?|√s|min|Hz|A|V|1)[2-9²³⁴]?(?![\w^])"
-_JOINED = r"(?: |·|/(?:\u2060|&#8288;)?)"  # a page keeps N/µm on one line
+_JOINED = r"(?: |·|/(?:\u2060|&#8288;)?)"  # a page does not break N/µm across lines
 _PRODUCT = rf"(?:\({_WORD}(?:{_JOINED}{_WORD})*\)|{_WORD})"
 _UNIT = re.compile(rf"(?<![\w./^√-]){_PRODUCT}(?:{_JOINED}{_PRODUCT})*(?![\w/^]|\.\w| =)")
-# units that are rotary already, or of no quantity of an axis, as N/m2
+# units that are already rotary, or that no quantity of an axis has, such as N/m2
 _OTHERS = re.compile(r"rad|deg|rev|N[ ·]m(?!\w)|m[2-9²³⁴]")
 
 
@@ -204,7 +204,7 @@ def factor(unit: str, declared: str) -> float:
     declared_size, declared_dimension = measure(declared)
     if dimension != declared_dimension:
         raise ParameterError(f"unit '{unit}' does not measure the same thing as '{declared or 'a plain number'}'")
-    # kHz to Hz is 1000, not the 999.9999999999999 that the conversion over rad/s gives
+    # kHz to Hz is 1000, not 999.9999999999999 as via rad/s
     return decimal(size / declared_size)
 
 

@@ -18,7 +18,7 @@ from feeddrive.language.kernels.source import readable
 from feeddrive.language.machine_code import number
 
 _INFINITY = float("inf")
-_WHOLE = 4503599627370496.0  # 2⁵²: from here on every float is a whole number
+_WHOLE = 4503599627370496.0  # 2⁵²: every float from here on is an integer
 
 
 @readable

@@ -58,7 +58,7 @@ attributes #0 = { nounwind "no-builtins" }
 class Effort(NamedTuple):
     """The optimization effort of LLVM.  No pass contracts or reorders floating-point arithmetic."""
 
-    selection: int  # of instructions and registers, as LLVM counts it
+    selection: int  # LLVM optimization level of code generation
     passes: tuple[str, ...]
 
 
@@ -75,17 +75,17 @@ THOROUGH = Effort(
         "simplify_cfg",
     ),
 )
-_LONG = 0.25  # s in quick code, after which a process makes thorough code
-_KERNEL, _FAILURE = 10, 13  # bits of a status for the place of a kernel in its file, and of a failure in its kernel
+_LONG = 0.25  # s in quickly compiled code, after which a process recompiles thoroughly
+_KERNEL, _FAILURE = 10, 13  # bits of a status for the index of a kernel in its file, and of a failure in its kernel
 _ENTRY = "entry{}"
-_IDLE = re.compile(r"\s*(#.*)?$")  # lines of which the code does not depend
+_IDLE = re.compile(r"\s*(#.*)?$")  # lines on which the code does not depend
 _lock = RLock()
 
 
 class Unit:
     """The kernels of a file."""
 
-    spent = 0.0  # s of the process in quick code
+    spent = 0.0  # s that the process has spent in quickly compiled code
 
     def __init__(self, sources: Iterable[Source]) -> None:
         self.sources = tuple(sources)
@@ -270,7 +270,7 @@ class Unit:
         )
 
 
-_open: list[Source] = []  # printing begun, not yet ended: the chain of calls
+_open: list[Source] = []  # kernels being printed: the chain of calls
 _keyed: list[Unit] = []  # the same for keys
 _used: WeakSet[Unit] = WeakSet()  # that have code
 
@@ -341,7 +341,7 @@ _CELLS: dict[str, np.dtype[Any]] = {
     "int": np.dtype(np.int64),
     "record": np.dtype(np.float64),
 }
-_DATA = object.__basicsize__  # in numpy's PyArrayObject the address of the first cell stands behind the object's head
+_DATA = object.__basicsize__  # NumPy's PyArrayObject stores the address of the first cell after the object header
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -351,12 +351,12 @@ _mode: ContextVar[str] = ContextVar("mode", default="native")
 class _Compiled(NamedTuple):
     """A kernel as machine code: the function, and the memory layout of its arguments and results."""
 
-    code: MachineCode  # holds the memory of the function
+    code: MachineCode  # keeps the memory of the function alive
     call: Callable[[Any], int]
     arguments: struct.Struct
     returned: struct.Struct
-    size: int  # of the memory of both, bytes
-    kinds: tuple[tuple[object, int, int], ...]  # of each number and array that is given, see `_kind`
+    size: int  # memory of both, bytes
+    kinds: tuple[tuple[object, int, int], ...]  # of each passed number and array, see `_kind`
 
 
 class Kernel(Generic[_P, _R]):
@@ -470,7 +470,7 @@ class Kernel(Generic[_P, _R]):
         return self.unit.function(self.source).written
 
     def _in_order(self, args: tuple[object, ...], named: dict[str, object]) -> list[object]:
-        """Arguments by position and by name, in their order."""
+        """Return positional and named arguments in the order of the parameters."""
         names = self.source.signature.names
         if set(named) != set(names[len(args) :]):
             raise TypeError(f"{self.__name__}() takes ({', '.join(names)}), each once")

@@ -79,7 +79,7 @@ class RecordArithmetic(Arithmetic):
                 kind, text = "double", self.value(f"uitofp i1 {text} to double")
             self.add(f"store {kind} {text}, ptr {cell.text}")
 
-    # making
+    # constructors
 
     def constructed(self, layout: Layout, node: ast.Call) -> Value:
         """Print a constructor call, `Stretch(begin, end, peak=v)`: positional fields, named ones, then defaults."""
@@ -157,12 +157,12 @@ class Names(RecordArithmetic):
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
-        self.names: frozenset[str] = frozenset()  # all that are local
-        self.fixed: dict[str, Value] = {}  # parameters that keep their value
-        self.counters: frozenset[str] = frozenset()  # local whole numbers that are never below 0
+        self.names: frozenset[str] = frozenset()  # names of all local variables
+        self.fixed: dict[str, Value] = {}  # parameters that are never reassigned
+        self.counters: frozenset[str] = frozenset()  # local integers that are never negative
         self.variables: dict[str, Variable] = {}
-        self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None where no path leads
-        self.stored: set[str] = set()  # variables into whose arrays something is written
+        self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None if unreachable
+        self.stored: set[str] = set()  # variables whose arrays are written to
 
     @abstractmethod
     def place(self, node: ast.Subscript) -> Value:
@@ -580,7 +580,7 @@ _PRINTERS: dict[type[ast.AST], Callable[..., Value]] = {
 }
 
 
-_LARGEST_LOCAL = 256  # numbers in an array of `zeros`: it lies on the stack
+_LARGEST_LOCAL = 256  # largest size of an array of `zeros`, which is on the stack
 
 
 class Assignments(Expressions):
@@ -588,8 +588,8 @@ class Assignments(Expressions):
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
-        self.depth = 0  # loops and branches around a statement
-        self.memory: list[str] = []  # of variables, at the start of the function
+        self.depth = 0  # nesting depth of loops and branches
+        self.memory: list[str] = []  # allocations of variables, at the start of the function
         self.count_of_slots = 0
         self.taken_from: dict[str, set[str]] = {}  # array variable -> variables whose arrays it views
 
@@ -757,7 +757,7 @@ class Assignments(Expressions):
         return place
 
     def written(self, parameters: Sequence[str]) -> frozenset[int]:
-        """The indices of the parameters or fields whose arrays are written to, directly or through a view."""
+        """Return the indices of the parameters or fields whose arrays are written to, directly or through a view."""
         reached, left = set[str](), [*self.stored]
         while left:
             name = left.pop()
@@ -780,7 +780,7 @@ class _Loop(NamedTuple):
     onward: str
     out: str
     outcomes: list[frozenset[str] | None]
-    facts: dict[str, str]  # that hold at the start of each turn, and so after the loop, too
+    facts: dict[str, str]  # facts that hold at the start of each iteration, and so after the loop
 
 
 class Statements(Assignments):
@@ -858,7 +858,7 @@ class Statements(Assignments):
         return frozenset.intersection(*ways) if ways else None
 
     def reached(self) -> bool:
-        """True if the current point is reachable."""
+        """Return True if the current point is reachable."""
         return self.assigned is not None
 
     def dead(self) -> None:
@@ -1025,7 +1025,7 @@ class Statements(Assignments):
             self.refuse(node, f"the text '{shown(text)}' is not fixed", "write it in quotes, or return a number for it")
         try:
             kind(text.value)
-        except Exception:  # whatever the constructor of an error class raises
+        except Exception:  # the constructor of an error class may raise anything
             self.refuse(node, f"'{shown(call.func)}' is not made of a text alone", "write  raise ValueError(...)")
         self.end_with(str(self.failure(kind, text.value, node)))
         self.dead()

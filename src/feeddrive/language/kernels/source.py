@@ -152,7 +152,7 @@ def layout_of(record: type) -> Layout:
     """Return the layout of a NamedTuple. Raise UnfitError if a field has a type that kernels do not support."""
     try:
         hints = get_type_hints(record, include_extras=True)
-    except Exception as error:  # whatever the text of an annotation raises
+    except Exception as error:  # the text of an annotation may raise anything
         raise UnfitError(f"the fields of '{record.__name__}' cannot be read ({error})", "define them above") from error
     fields = dict[str, Type]()
     for name, hint in hints.items():
@@ -173,7 +173,7 @@ def described(value: object) -> str:
     record, numbers = (value, "") if is_record(value) else (type(value), repr(value))
     try:
         return f"{layout_of(record)!r} {numbers}"
-    except UnfitError as error:  # it is refused where it is used
+    except UnfitError as error:  # it is rejected where it is used
         return f"{error} {numbers}"
 
 
@@ -199,7 +199,7 @@ class Signature(NamedTuple):
     names: tuple[str, ...]
     parameters: tuple[Type, ...]
     results: tuple[Type, ...]
-    single: bool  # one number or record is returned as it is, several as a tuple
+    single: bool  # a single number or record is returned unchanged, several as a tuple
 
     @property
     def leaves(self) -> list[tuple[str, Type]]:
@@ -247,8 +247,8 @@ class Source:
         self.python = python
         self.name = python.__name__
         self.file = python.__code__.co_filename
-        self.unit: Any = None  # all kernels of its file, once they are asked for (`module.py`)
-        self.part = False  # True for a part of kernels that only the compiler calls
+        self.unit: Any = None  # all kernels of its file, once requested (`kernel.Unit`)
+        self.part = False  # True for a part of kernels that only compiled code calls
 
     @cached_property
     def tree(self) -> ast.FunctionDef:
@@ -283,7 +283,7 @@ class Source:
             return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
         try:
             return self._annotated([_parsed(annotations[name]) for name in names], _parsed(annotations["return"]))
-        except KernelError:  # the line is that of the file
+        except KernelError:  # use the line number in the file
             return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
 
     def _annotated(self, annotations: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:

@@ -22,7 +22,7 @@ class Failure(NamedTuple):
     line: int
 
 
-# What to write instead of what is not in the language.
+# Replacements for constructs outside the language.
 REMEDIES: dict[type[ast.AST], str] = {
     ast.Pow: "write x * x, or sqrt(x)",
     ast.Slice: "loop over the indices",
@@ -55,9 +55,9 @@ class Value(NamedTuple):
     type: Type
     text: str
     sizes: tuple[str, ...] = ()
-    root: str = ""  # the variable in whose memory an array lies
+    root: str = ""  # the variable that owns the memory of an array
     literal: int | None = None
-    sure: bool = False  # a whole number that is never below 0
+    sure: bool = False  # an integer that is never negative
     parts: tuple[Value, ...] = ()  # the fields of a record
 
     @property
@@ -89,10 +89,10 @@ class Function(NamedTuple):
     symbol: str
     head: str  # types of results and parameters, as a declaration has them
     text: str  # of its definition, from the types of its results on
-    written: frozenset[int]  # places of the arrays into which it writes, among `Signature.leaves`
-    failures: list[Failure]  # behind its own statuses
-    fails: bool  # its status can be other than 0
-    size: int  # lines, with those of inlined functions
+    written: frozenset[int]  # indices in `Signature.leaves` of the arrays to which it writes
+    failures: list[Failure]  # errors of its own statuses, from 1 on
+    fails: bool  # its status can be nonzero
+    size: int  # number of lines, including inlined functions
     called: list[Source]
     elementary: list[Elementary]  # sin and the like that it calls
 
@@ -119,11 +119,11 @@ class Text:
         self.callee = callee  # the function of another kernel
         self.failures: list[Failure] = []
         self.lines: list[str] = []
-        self.facts: dict[str, str] = {}  # operation computed already on every path to here -> its value
+        self.facts: dict[str, str] = {}  # operation already computed on every path to the current point -> its value
         self.block = "entry"
         self.count = 0
-        self.failed: list[tuple[str, str]] = []  # place of a failure, and block from which it comes
-        self.handed: list[tuple[str, str]] = []  # status of a called kernel, and block from which it comes
+        self.failed: list[tuple[str, str]] = []  # index of a failure, and the block where it occurs
+        self.handed: list[tuple[str, str]] = []  # status of a called kernel, and the block where it occurs
         self.kernels: dict[Source, None] = {}  # that it calls
         self.elementary: list[Elementary] = []  # sin and the like that it calls
         self.size = 0  # lines of inlined functions
@@ -367,7 +367,7 @@ class Arithmetic(Text):
         inside = self.value(f"select i1 {below}, double {rounded}, double {number(0.0)}")
         back = self.value(f"fptosi double {inside} to i64")
         exact = self.value(f"icmp {_ORDER[kind]} i64 {whole.text}, {back}")
-        at_top = "true" if kind in (ast.Lt, ast.LtE, ast.NotEq) else "false"  # 2**63 is above every whole number
+        at_top = "true" if kind in (ast.Lt, ast.LtE, ast.NotEq) else "false"  # 2**63 is above every 64-bit integer
         settled = self.value(f"select i1 {below}, i1 {exact}, i1 {at_top}")
         return self.value(f"select i1 {equal}, i1 {settled}, i1 {order}")
 
