@@ -1,4 +1,4 @@
-"""A certificate: the document, and the figures and plots that are computed from it alone."""
+"""The certificate of a control: its document, and the figures and plots computed from the document alone."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from feeddrive.language.text import Text
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate(Result):
-    """The proof of a control for a list of plants; `document` has all of it, in plain values.
+    """The proof of a control for a list of plants; `document` contains all of it as plain values.
 
-    Made by `certify` or read from a file, which both let the checker pass over it first.
+    It is created by `certify_loop` or read from a file; both run the checker first.
     """
 
     document: Mapping[str, Any]
@@ -39,7 +39,7 @@ class Certificate(Result):
         return json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
 
     def verify(self) -> tuple[str, ...]:
-        """Return the checker's sentences, one a plant. Raises NotCertifiedError if it refuses."""
+        """Return the checker's sentences, one per plant. Raises NotCertifiedError if it is rejected."""
         try:
             return tuple(check.verified(self.document))
         except check.RefusedError as error:
@@ -52,12 +52,12 @@ class Certificate(Result):
 
     @property
     def two_rates(self) -> bool:
-        """True if the law repeats itself only after several samples."""
+        """True for a multirate law, whose period is several samples."""
         return "samples" in self.document["control"]
 
     @property
     def arithmetic(self) -> str:
-        """The arithmetic of the coefficients."""
+        """The arithmetic of the coefficients: float64, float32 or fixedN."""
         return self.document["arithmetic"]
 
     @property
@@ -67,7 +67,7 @@ class Certificate(Result):
 
     @cached_property
     def loops(self) -> dict[str, LoopResponse]:
-        """Control and plant by name of the plant, for responses and pictures."""
+        """The loop response (control and plant) by plant name, for figures and plots."""
         T, control = self.sample_time, self.document["control"]
         readings = control["readings"]
         own = control_of(control, T)
@@ -78,13 +78,13 @@ class Certificate(Result):
 
     @property
     def reserve(self) -> float | None:
-        """The factor by which the discs of the nearest plant could be wider; None if all are points."""
+        """The smallest factor, over the plants, by which the discs could be wider; None if all radii are 0."""
         return min(
             (plant["reserve"] for plant in self.document["plants"] if plant["reserve"] is not None), default=None
         )
 
     def sentence(self) -> str:
-        """Return the result as a sentence, with the plant that has the smallest reserve."""
+        """Return the result as a sentence that names the plant with the smallest reserve."""
         plants = self.document["plants"]
         count = (
             "1 plant and everything in its disc"
@@ -101,7 +101,7 @@ class Certificate(Result):
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
-        """Tabulate a plant in each row, the smallest reserve first."""
+        """Return a table with one row per plant, smallest reserve first."""
         rows: list[list[str | float | int | None]] = []
         for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
             radii = [x for band in plant["radius"] for x in band["r"]]

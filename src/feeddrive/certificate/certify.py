@@ -1,4 +1,4 @@
-"""A certificate in words, or the reason why none can be given."""
+"""Certification of a control for a list of plants, and the reasons for a refusal."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ OUTSIDE = [
 
 
 def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
-    """Return the refusal: where, by how much, and what to do. `place` in Hz; None for an unstable loop."""
+    """Return the refusal message: frequency, amount and remedy. `place` in Hz; None for an unstable loop."""
     lost = ""
     if controller.coarse:
         name = max(controller.coarse, key=lambda coefficient: controller.coarse[coefficient])
@@ -100,7 +100,7 @@ def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place
 
 
 def _remedy(plant: NominalPlant, place: float) -> str:
-    """Return the advice, by the cause of the wide disc."""
+    """Return the remedy for a disc that is too wide, according to its cause."""
     T = plant.model.sample_time
     if plant.lines:
         lines = plant.lines[0]
@@ -131,7 +131,7 @@ def _remedy(plant: NominalPlant, place: float) -> str:
 
 PlantLike = Loop | Axis | FRF | Sequence[Loop | Axis | FRF]
 _MODEL, _LEAST, _BEYOND = 0.2, 0.05, 1.0
-_MOST = 1e6  # a larger reserve is not stated
+_MOST = 1e6  # largest reserve that is stated
 _ROUNDS = 4
 
 
@@ -147,30 +147,29 @@ def certify_loop(
     velocity: float = 0.05,
     machine: Mapping[str, str] | None = None,
 ) -> Certificate:
-    """Prove a control, as it will run, for a list of plants with a disc |dP/P| <= r(f) around each.
+    """Prove robust stability of a deployed control for a list of plants with a disc |dP/P| <= r(f) around each.
 
         nominal stability, and |1 + L| > r|L| at all frequencies up to half the sample rate;
-        with two encoders measured apart: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
-        with two rates: r Σ|Hl| < 1, Hl the force at f + l/(NT) that a sine of 1 N at f adds to in the closed loop
+        with two encoders measured separately: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
+        for a multirate control: r Σ|Hl| < 1, Hl the closed-loop force at f + l/(NT) per sine of 1 N at f
 
-    The proof is that of `check.py`, in exact integer arithmetic; with two rates in
-    floats with a bound of every rounding error. A returned certificate has passed it.
+    The proof is that of `check.py`, in exact integer arithmetic; for a multirate control in
+    floats with a bound on every rounding error. A returned certificate has passed it.
 
     loop         the loop whose control is certified, or a control with `sample_time` in s
-    plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a row of
-                 them: (axis, response), (response of the load, of the motor), (axis, load, motor).
-                 None: the loop's own axis
-    radius       r of models: a number, or points (Hz, r); 0.2 if it is not given. For measured plants r follows from
-                 lines and variances, and this is its least value; 0.05 if it is not given
-    beyond       least r above the last measured line
+    plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a tuple:
+                 (axis, response), (response of the load, of the motor), (axis, load, motor).
+                 None: the axis of the loop
+    radius       r of models: a number, or points (Hz, r); default 0.2. For measured plants r follows from lines and
+                 variances, and this is its minimum; default 0.05
+    beyond       minimum r above the last measured line
     arithmetic   of the coefficients: float64, float32, or fixedN with N binary places
-    confidence   that the responses at all measured lines together lie in their discs
-    velocity     m/s at which the axes move: their friction is its slope there
-    machine the source in the certificate: name, file, sha256
+    confidence   probability that the responses at all measured lines together lie in their discs
+    velocity     m/s at which the axes move: friction is linearized there
+    machine      the source named in the certificate: name, file, sha256
 
-    Raises NotCertifiedError, with frequency and amount, where it cannot be proven, ParameterError for wrong
-    arguments and for two rates with two encoders measured apart, NotIdentifiableError for a response that no model
-    fits.
+    Raises NotCertifiedError, with frequency and amount, if the proof fails, ParameterError for wrong arguments and for
+    a multirate control with two encoders measured separately, NotIdentifiableError for a response that no model fits.
     Source: Doyle, Francis & Tannenbaum 1992, chapter 4 (robust stability); Rouché's theorem.
     """
     control = loop.control if isinstance(loop, Loop) else loop
@@ -235,7 +234,7 @@ def certify_loop(
 def _plant(
     name: str, entry: PlantLike, control: Control, T: float, readings: Sequence[str], velocity: float
 ) -> NominalPlant:
-    """Return a plant of the list from the argument for it."""
+    """Return the nominal plant for one entry of the `plants` argument."""
     parts = entry if isinstance(entry, Sequence) else (entry,)
     loops = [part for part in parts if isinstance(part, Loop)]
     axes = [part.axis if isinstance(part, Loop) else part for part in parts if isinstance(part, (Loop, Axis))]
@@ -263,8 +262,9 @@ def _plant(
 def _certified(
     controller: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
 ) -> dict[str, Any]:
-    """Return a plant in the form of the certificate; its reserve is also searched near `also`, Hz. Raises
-    NotCertifiedError.
+    """Return a plant in certificate form; its reserve is also searched near the frequencies `also`, Hz.
+
+    Raises NotCertifiedError.
     """
     T = controller.model.sample_time
     nyquist = 0.5 / T
@@ -313,7 +313,7 @@ def _same(model: StateSpace) -> bool:
 
 
 def _held(model: StateSpace) -> dict[str, Any]:
-    """Write the matrices in hexadecimal, which loses no digit, with the names of the states."""
+    """Return the matrices as hexadecimal numbers, which are exact, with the names of the states."""
     entry: dict[str, Any] = {"states": list(model.states)}
     for name in ("A", "B", "C", "D"):
         entry[name] = [[float(x).hex() for x in line] for line in getattr(model, name)]
@@ -321,7 +321,7 @@ def _held(model: StateSpace) -> dict[str, Any]:
 
 
 def _control(model: StateSpace | Lifted) -> dict[str, Any]:
-    """Write the matrices of a control; with two rates those of each sample of a period."""
+    """Return the matrices of a control in certificate form; for a multirate control, those per sample of a period."""
     if isinstance(model, StateSpace):
         return _held(model)
     samples = [_held(sample) for sample in model.samples]
@@ -329,7 +329,7 @@ def _control(model: StateSpace | Lifted) -> dict[str, Any]:
 
 
 def point_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike]:
-    """Return plants by name: the loops of models, and the lines of measurements with their variance after smoothing."""
+    """Return plants by name: loops of models, and lines of measurements with their variance after smoothing."""
     plants: dict[str, PlantLike] = {}
     for point in points:
         name = point.name if isinstance(point, OperatingPoint) else "model"

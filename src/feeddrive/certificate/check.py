@@ -1,31 +1,32 @@
-"""Check a certificate of a servo loop with proofs in exact arithmetic. Standard library alone: copy this file anywhere.
+"""Check a certificate of a servo loop with proofs in exact arithmetic. Only the standard library is needed.
 
     python check.py CERTIFICATE.json        exit code 0: proven; 1: refused, with one line that gives the reason
 
-It trusts no figure that it can compute.  With C = Nc/Dc of the control (force over readings), P = Np/Dp of a plant:
+The file works wherever it is copied.  It trusts no figure that it can compute.  With C = Nc/Dc of the control (from
+readings to force) and P = Np/Dp of a plant:
 
     F = Dc Dp - Σ Nci Npi           characteristic polynomial of the closed loop, of degree n: all states of both
     |F(z)| > Σ ri |Nci Npi|         for every |z| = 1; with one disc for all readings: r |Σ Nci Npi|
 
-Nominal stability: the Routh array of F((1 + s)/(1 - s)), free of fractions, has a positive first column.
-All frequencies: with u = sin²(πfT), |F|² and |N|² on the unit circle are polynomials in u.  Over a stretch of u the
-difference is positive if all its Bernstein coefficients are; a stretch where they are not is halved, exactly.
-By Rouché's theorem every plant in the discs, P (1 + Δ), then has a stable loop.
+Nominal stability: the fraction-free Routh array of F((1 + s)/(1 - s)) has a positive first column.
+All frequencies: with u = sin²(πfT), |F|² and |N|² on the unit circle are polynomials in u.  On an interval of u the
+difference is positive if all its Bernstein coefficients are; an interval where they are not is bisected exactly.
+By Rouché's theorem the loop is then stable for every plant in the discs, P (1 + Δ).
 
-A control with two rates repeats itself only after N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
+A multirate control is periodic with N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
 
     x(k+N) = A x(k) + B u,   y = C x(k) + D u       u, y: all N samples at the plant's input and of the force
     Hl(f) = part at f + l/(NT) of the force that a sine of 1 N at f adds to, l = 0 .. N-1, in the closed loop
     r(f) Σl |Hl(f)| < 1 at all f from 0 to half the sample rate
 
-A, B, C, D are computed without rounding and then rounded once.  Over a stretch |θ - θ0| <= h the states are
-approximated by x0 + t x1, t = θ - θ0, with a bound of the remainder that includes every rounding error.  With R close
+A, B, C, D are computed without rounding and then rounded once.  On an interval |θ - θ0| <= h the states are
+approximated by x0 + t x1, t = θ - θ0, with a bound on the remainder that includes every rounding error.  With R close
 to (ζ0 - A)⁻¹ and W = |R|:
 
     (I - E + (ζ - ζ0) R) (x - x0 - t x1) = rest,   |x - x0 - t x1| <= (I - |E| - h W)⁻¹ |rest|,   E = I - R (ζ0 - A)
 
-A stretch that is too wide for its bound is halved.  The bound also implies that no pole lies on the circle, for the
-matrices before and after their rounding and everywhere between them; so both have equally many poles outside.
+An interval that is too wide for its bound is bisected.  The bound also implies that no pole lies on the unit circle,
+for the matrices before and after rounding and everywhere between them; so both have the same number of poles outside.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from itertools import pairwise
 from operator import mul
 from typing import Any, NamedTuple
 
-Poly = list[int]  # whole coefficients, lowest power first
+Poly = list[int]  # integer coefficients, lowest power first
 Matrix = list[list[float]]
 System = dict[str, Matrix]  # A, B, C, D
 Complexes = list[complex]
@@ -53,14 +54,14 @@ Polynomials = tuple[Poly, Numerators]
 
 FORMAT, VERSION, MOST_BYTES = "feeddrive certificate", 1, 64_000_000
 OTHER = "it is no certificate; give the certificate.json that `feeddrive certify` wrote"
-KEPT = Fraction(999, 1000)  # of a claimed reserve that is proven
-NODES, DEPTH = 20_000, 160  # stretches of u before the check gives up
+KEPT = Fraction(999, 1000)  # fraction of a claimed reserve that must be proven
+NODES, DEPTH = 20_000, 160  # intervals of u before the check gives up
 BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
 HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
 class RefusedError(Exception):
-    """The reason why a certificate is refused, in one line; `frequency` in Hz where the reason has one."""
+    """The reason for refusing a certificate, in one line; `frequency` in Hz if the reason concerns one."""
 
     def __init__(self, reason: str, frequency: float | None = None) -> None:
         super().__init__(reason)
@@ -68,13 +69,13 @@ class RefusedError(Exception):
 
 
 def need(condition: Any, reason: str, frequency: float | None = None) -> None:
-    """Refuse unless the condition holds."""
+    """Raise RefusedError unless the condition holds."""
     if not condition:
         raise RefusedError(reason, frequency)
 
 
 def exact(text: Any, what: str) -> float:
-    """Read a hexadecimal number, which has exactly one float; decimal digits would depend on the reader."""
+    """Read a hexadecimal number, which denotes exactly one float; decimal conversion may differ between readers."""
     need(isinstance(text, str) and HEX.fullmatch(text), f"{what} is not a hexadecimal number")
     need(abs(int(text.partition("p")[2])) <= 300, f"{what} is out of range")
     return float.fromhex(text)
@@ -108,7 +109,7 @@ def system(entry: Any, what: str) -> System:
 
 
 def whole(values: Matrix) -> tuple[list[Poly], int]:
-    """Write a matrix of floats as integers over one power of two: every float is such a fraction."""
+    """Return a matrix of floats as integers over a common power of two, which is exact, and the exponent."""
     bits = max([x.as_integer_ratio()[1].bit_length() - 1 for line in values for x in line], default=0)
     return [[int(Fraction(x) * 2**bits) for x in line] for line in values], bits
 
@@ -116,8 +117,8 @@ def whole(values: Matrix) -> tuple[list[Poly], int]:
 def polynomials(system: System) -> Polynomials:
     """Compute det(z - A) and C adj(z - A) B + D det(z - A), lowest power first, as integers over one common factor.
 
-    Faddeev and Le Verrier: M <- A M + c, c = -trace(A M)/k.  In floats this recursion loses all digits; integers lose
-    none, and each division by k leaves no remainder.
+    Faddeev-LeVerrier recursion: M <- A M + c, c = -trace(A M)/k.  In floats it loses all digits; in integers it is
+    exact, and each division by k leaves no remainder.
     """
     (A, a), (B, b), (C, c), (D, d) = (whole(system[name]) for name in "ABCD")
     n, entries = len(A), [(i, j) for i in range(len(C)) for j in range(len(D[0]))]
@@ -149,7 +150,7 @@ def times(p: Poly, q: Poly) -> Poly:
 
 
 def stable(F: Poly) -> bool:
-    """True if all zeros lie inside the unit circle.
+    """Return True if all zeros lie inside the unit circle.
 
     The first column of the Routh array of F((1 + s)/(1 - s)) (1 - s)^n then has one sign (Jeltsch 1979).
     """
@@ -165,7 +166,7 @@ def stable(F: Poly) -> bool:
         if rows[k - 1][0] <= 0 or rows[k][0] <= 0:
             return False
         p, q = rows[k - 1], rows[k] + [0]
-        # dividing by the entry two rows above is exact (Bareiss) and keeps the integers from doubling with every row
+        # dividing by the entry two rows above is exact (Bareiss) and keeps the integers from doubling in length per row
         divisor = rows[k - 2][0] if k > 2 else 1
         rows.append([(q[0] * p[i + 1] - p[0] * q[i + 1]) // divisor for i in range(len(p) - 1)] or [0])
     return True
@@ -204,7 +205,7 @@ def ratio(a: int, b: int) -> float:
 
 
 class Bands:
-    """The radii over u. The edges are widened by more than the rounding error of sin² in floats."""
+    """The radii versus u. The edges are widened by more than the floating-point error of sin²."""
 
     def __init__(self, entries: Any, discs: int, T: float) -> None:
         self.edges, self.radii, low = [], [], 0.0
@@ -221,18 +222,18 @@ class Bands:
         self.ends = [*(u * (1.0 + 1e-12) for u in self.u[:-1]), 1.0]
 
     def most(self, low: float, high: float) -> list[float]:
-        """Return the largest radii on a closed stretch of u."""
+        """Return the largest radii on a closed interval of u."""
         first, last = bisect.bisect_left(self.ends, low), bisect.bisect_right(self.starts, high)
         return [max(radii) for radii in zip(*self.radii[first:last], strict=True)]
 
     def at(self, f: float) -> list[float]:
-        """Return the radii at a frequency in Hz; on an edge the larger ones."""
+        """Return the radii at a frequency in Hz; at a band edge the larger ones."""
         u = min(1.0, math.sin(math.pi * f * self.T) ** 2)
         return self.most(u, u)
 
 
 def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
-    """Refuse unless |F| > reserve Σ ri |Ni| for all u in 0..1; return the number of stretches."""
+    """Refuse unless |F| > reserve Σ ri |Ni| for all u in 0..1; return the number of intervals."""
     n, nodes = len(F) - 1, 0
     waiting = [(0, 0, [squared(p, n) for p in (F, *N)])]
     while waiting:
@@ -274,13 +275,13 @@ def at(polynomials: Sequence[Poly], f: float, T: float) -> list[complex]:
     return [complex(re >> digits, im >> digits) for re, im in values]
 
 
-ROUND = 1e-12  # of a sum of at most 200 products of floats: thirty times the largest rounding error of such a sum
-ANGLE_DEPTH = 40  # halvings of the range of θ; a narrower stretch is lost in the rounding of its center
-NEAR = 0.75  # of |E| + h W: the spectral radius up to which a stretch is tried; the bound grows as 1/(1 - NEAR)
+ROUND = 1e-12  # relative error bound of a sum of at most 200 products: thirty times the largest rounding error
+ANGLE_DEPTH = 40  # bisections of the range of θ; a narrower interval is lost in the rounding of its center
+NEAR = 0.75  # largest spectral radius of |E| + h W for which an interval is tried; the bound grows as 1/(1 - NEAR)
 
 
 class Lifted(NamedTuple):
-    """Over a period: A (n rows), B (N columns of n), C (N rows of n), D (row a has the samples before a)."""
+    """The lifted loop: A (n rows), B (N columns of n), C (N rows of n), D (row a has the samples before a)."""
 
     A: Matrix
     B: Matrix
@@ -308,7 +309,7 @@ def lifted(samples: Sequence[System], plant: System) -> Lifted:
 
 
 def _closed(control: System, plant: System) -> list[list[Fraction]]:
-    """Return A of the closed loop in one sample, with the row of the force below it."""
+    """Return A of the closed loop for one sample, with the force output as an additional last row."""
     Ac, Bc, Cc, Dc, Ap, Bp, Cp = (
         [[Fraction(x) for x in line] for line in matrix]
         for matrix in (*(control[name] for name in "ABCD"), *(plant[name] for name in "ABC"))
@@ -331,7 +332,7 @@ def _float(x: int, scale: int) -> float:
 
 
 def inverse(matrix: Sequence[Complexes]) -> list[Complexes]:
-    """Invert a matrix by Gauss and Jordan, with the pivot that is largest in the scale of its row.
+    """Invert a matrix by Gauss-Jordan elimination with scaled partial pivoting.
 
     The result need not be exact: its residual E enters the bounds.
     """
@@ -356,7 +357,7 @@ def sums(rows: Sequence[Sequence[complex]], vector: Sequence[complex]) -> list[A
 
 
 class Stretch:
-    """(ζ - A)⁻¹ for |θ - θ0| <= h, with the bounds that hold for every input; `fits` unless it is too wide."""
+    """The resolvent (ζ - A)⁻¹ for |θ - θ0| <= h, with bounds for every input; `fits` is false if h is too wide."""
 
     def __init__(self, loop: Lifted, center: float, h: float) -> None:
         self.loop, self.center, self.h, self.zeta = loop, center, h, cmath.exp(1j * center)
@@ -421,10 +422,10 @@ class Stretch:
 
 
 def most_of(stretch: Stretch, k: int, enough: float) -> float:
-    """Return an upper bound of Σl |Hl| over the stretch; a rougher one if that is already below `enough`."""
+    """Return an upper bound of Σl |Hl| on the interval; a rougher one if that is already below `enough`."""
     y0, y1, rest = stretch.forces(k)
     N, h = len(y0), stretch.h
-    # the parts at all images have the mean square of all samples, and Σ|Hl| <= √N √Σ|Hl|²
+    # Parseval: the images have the mean square of all samples, and Σ|Hl| <= √N √Σ|Hl|²
     rough = math.sqrt(sum((abs(x) + h * abs(y)) ** 2 for x, y in zip(y0, y1, strict=True))) + rest
     if rough < enough:
         return rough
@@ -453,14 +454,14 @@ def widest(bands: Bands, low: float, high: float) -> float:
 
 
 def separated_with_images(loop: Lifted, bands: Bands, factor: float) -> int:
-    """Refuse unless factor r Σl |Hl| < 1 at all frequencies; return the number of stretches."""
+    """Refuse unless factor r Σl |Hl| < 1 at all frequencies; return the number of intervals."""
     N, T, nodes, waiting = len(loop.C), bands.T, 0, [(0, 0)]
     per = 1.0 / (2.0 * math.pi * N * T)  # Hz
     while waiting:
         i, depth = waiting.pop()
         nodes += 1
         h = 0.5 * math.pi / 2**depth
-        wide = h + 1e-14  # neighboring stretches overlap by more than the rounding of their centers
+        wide = h + 1e-14  # neighboring intervals overlap by more than the rounding of their centers
         stretch = Stretch(loop, (2 * i + 1) * h, wide)
         hertz = [(stretch.center + 2.0 * math.pi * k) * per for k in range(N)]
         near = f"near {hertz[0]:.6g} Hz and its images"
@@ -484,7 +485,7 @@ def proven_over_period(
 ) -> tuple[int, int, float]:
     """Refuse unless the loop is stable and factor r Σl |Hl| < 1 at all frequencies.
 
-    Returns the number of poles, the number of stretches, and r Σl |Hl| at f.
+    Returns the number of poles, the number of intervals, and r Σl |Hl| at f.
     """
     need(len(bands.radii[0]) == 1, "with two rates there must be one disc for all readings")
     loop = lifted(samples, plant)
@@ -495,7 +496,7 @@ def proven_over_period(
 
 
 def parse(content: bytes) -> dict[str, Any]:
-    """Parse the document; refuse JSON that other readers may read differently."""
+    """Parse the document; refuse JSON that other parsers may interpret differently."""
     need(len(content) <= MOST_BYTES, f"it is larger than {MOST_BYTES} bytes")
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -514,20 +515,20 @@ def parse(content: bytes) -> dict[str, Any]:
 
 
 def digest(document: Mapping[str, Any]) -> str:
-    """Return the SHA-256 over everything but the digest."""
+    """Return the SHA-256 of the document without its digest entry."""
     rest = {name: value for name, value in document.items() if name != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def represented(x: float, arithmetic: str) -> bool:
-    """True if the number exists in the arithmetic: float64, float32, or fixedN with N binary places."""
+    """Return True if a number is exact in the arithmetic: float64, float32, or fixedN with N binary places."""
     if arithmetic == "float32":
         return struct.unpack("f", struct.pack("f", x))[0] == x
     return not arithmetic.startswith("fixed") or (Fraction(x) * 2 ** int(arithmetic[5:])).denominator == 1
 
 
 def prepared(control: Any) -> Polynomials | list[Any]:
-    """Return the control of a certificate: its polynomials, or with two rates its linear systems over a period."""
+    """Return the control of a certificate: its polynomials, or for a multirate control its systems over a period."""
     samples = [system(entry, "control") for entry in control.get("samples", [control])]
     need(all(len(sample["C"]) == 1 for sample in samples), "the control must have one output, the force")
     need(len({(len(sample["A"]), len(sample["D"][0])) for sample in samples}) == 1, "its samples do not fit each other")
@@ -537,7 +538,7 @@ def prepared(control: Any) -> Polynomials | list[Any]:
 def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly, Numerators, Bands, int, int]:
     """Prove stability and margin of a plant.
 
-    Returns its det(z - A), its numerators and bands, the number of poles and the number of stretches.
+    Returns its det(z - A), its numerators and bands, the number of poles and the number of intervals.
     """
     model = system(plant["model"], "model")
     readings = len(control[1]) if isinstance(control, tuple) else len(control[0]["D"][0])
@@ -555,7 +556,7 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
         loop = [sum(terms) for terms in zip(*parts, strict=True)]
         closed = [x - y for x, y in zip(times(control[0], Dp), loop, strict=True)]
         split = parts if plant["discs"] == "each" else [loop]
-        # a common power of two is dropped: it would be squared, and slows every product
+        # a common power of two is dropped: it would be squared and slow down every product
         spare = min((x & -x).bit_length() for p in (closed, *split) for x in p if x) - 1
         F, *N = [[x >> spare for x in p] for p in (closed, *split)]
         need(stable(F), "the nominal loop is not stable")
@@ -567,7 +568,7 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
 
 
 def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float) -> int:
-    """Refuse unless |G - P| + sure √variance <= r|P| on every measured line; return the number of lines."""
+    """Refuse unless |G - P| + sure √variance <= r|P| at every measured line; return the number of lines."""
     rows, discs = row(plant["lines"], None, "lines"), len(bands.radii[0])
     need(not rows or len(rows) == len(Np) or all(Np[i, 0] == Np[0, 0] for i in range(len(Np))), "lines are missing")
     need(len(rows) <= discs, "lines of two readings need a disc each")
@@ -582,7 +583,7 @@ def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: f
 
 
 def verified(document: Mapping[str, Any]) -> list[str]:
-    """Prove the whole certificate; return one sentence a plant. Raise RefusedError if anything does not hold."""
+    """Prove the whole certificate; return one sentence per plant. Raise RefusedError if any condition fails."""
     need(document.get("format") == FORMAT, OTHER)
     need(document.get("version") == VERSION, f"its version is {document.get('version')!r:.20}, this is for {VERSION}")
     missing = {"sample_time_s", "arithmetic", "numbers", "control", "plants", "outside", "confidence"} - set(document)
@@ -616,7 +617,7 @@ def verified(document: Mapping[str, Any]) -> list[str]:
 
 
 def checked(path: str) -> tuple[list[str], bool]:
-    """Return the sentences on a file, the verdict last, and True if it is proven."""
+    """Return the sentences about a file, the verdict last, and True if it is proven."""
     proven = False
     try:
         with open(path, "rb") as file:

@@ -1,4 +1,4 @@
-"""The discs |dP/P| <= r(f) of a plant, and the loop over frequency against them, in floats."""
+"""The uncertainty discs |dP/P| <= r(f) of a plant, and the frequency response of the loop against them, in floats."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
 
-_BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which lines are added
+_BESIDE = np.linspace(-4.0, 4.0, 33)  # offsets, in half-widths of a resonance, at which lines are added
 _PER_DECADE, _LOWEST = 150, 1e-6  # of Nyquist
-_REFINED = 6  # rounds, each of which takes the search ten times nearer
+_REFINED = 6  # refinement rounds, each of which narrows the search by a factor of ten
 
 
 def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
-    """Read the control of a certificate."""
+    """Return the control of a certificate, sampled at T."""
     rates = entry.get("samples", [entry])
     systems = tuple(
         matrices({"states": entry["states"], **sample}, entry["readings"], ["force"], T) for sample in rates
@@ -31,7 +31,7 @@ def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
 
 
 def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
-    """Read a linear system of a certificate."""
+    """Return a linear system of a certificate."""
     A, B, C, D = (
         np.array([[float.fromhex(x) for x in row] for row in entry[name]], dtype=float) for name in ("A", "B", "C", "D")
     )
@@ -50,10 +50,11 @@ def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[
 
 @dataclass(frozen=True, eq=False)
 class LoopResponse:
-    """The control and a plant of a certificate. `bands` are the steps of r, with one radius or one for each reading.
+    """The frequency response of a loop in a certificate. `bands` are the steps of r, one radius or one per reading.
 
-    With two rates Hl is the force at f + l/(NT) that a sine of 1 N at f, at the plant's input, adds to in the closed
-    loop: with discs of r it is stable if r Σ|Hl| < 1 at all f.  At N = 1 that is r |L| < |1 + L|.
+    For a multirate control, Hl is the force at f + l/(NT) in the closed loop in response to a sine of 1 N at f at the
+    plant's input: with discs of radius r the loop is stable if r Σ|Hl| < 1 at all f.  For N = 1 that is
+    r |L| < |1 + L|.
     """
 
     control: StateSpace | Lifted
@@ -62,7 +63,7 @@ class LoopResponse:
 
     @property
     def samples(self) -> tuple[StateSpace, ...]:
-        """The control in each sample of a period, one or several."""
+        """The control at each sample of a period, one or several."""
         return self.control.samples if isinstance(self.control, Lifted) else (self.control,)
 
     @cached_property
@@ -80,12 +81,12 @@ class LoopResponse:
 
     @cached_property
     def pole(self) -> complex:
-        """The largest pole of the closed loop, over a period."""
+        """The dominant (largest |z|) pole of the closed loop over a period."""
         return complex(self.closed.poles()[0])
 
     @property
     def growth(self) -> float:
-        """|z| of the largest pole of the closed loop, over a period."""
+        """The largest |z| of the closed-loop poles over a period."""
         return abs(self.pole)
 
     def images(self, frequency: np.ndarray) -> np.ndarray:
@@ -98,8 +99,9 @@ class LoopResponse:
         return np.fft.fft((states @ C.T + turn @ D.T) * np.conj(turn), axis=1) / N
 
     def gains(self, frequency: np.ndarray) -> np.ndarray:
-        """Return -Ci Pi for each reading, shape (readings, lines); with two rates the effective gain for a sine, in one
-        row.
+        """Return -Ci Pi per reading, shape (readings, lines).
+
+        For a multirate control, return the effective gain for a sine, in one row.
         """
         if isinstance(self.control, Lifted):
             return 1.0 / (1.0 + self.images(frequency)[None, :, 0]) - 1.0
@@ -111,7 +113,7 @@ class LoopResponse:
         return np.array(loop_gains)
 
     def radii(self, frequency: np.ndarray) -> np.ndarray:
-        """Return r of each disc, on an edge the larger one; shape (discs, lines)."""
+        """Return r of each disc, at a band edge the larger one; shape (discs, lines)."""
         edges = np.array([band["to_Hz"] for band in self.bands])
         r = np.array([band["r"] for band in self.bands], dtype=float)
         left = np.minimum(np.searchsorted(edges, frequency * (1.0 - 1e-12), side="left"), edges.size - 1)
@@ -119,8 +121,9 @@ class LoopResponse:
         return np.maximum(r[left], r[right]).T
 
     def room(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return |1 + L| and the share that the discs use: Σ ri |Li|, or r |L| with one disc; with two rates r |1 + L|
-        Σ|Hl|.
+        """Return |1 + L| and the part of it that the discs use.
+
+        That part is Σ ri |Li|, or r |L| with one disc, or r |1 + L| Σ|Hl| for a multirate control.
         """
         if isinstance(self.control, Lifted):
             images = self.images(frequency)
@@ -132,15 +135,16 @@ class LoopResponse:
         return np.abs(1.0 + whole), taken
 
     def size(self, frequency: np.ndarray) -> np.ndarray:
-        """Return the use of |1 + L| by a disc of r = 1: |L|, with two rates |1 + L| Σ|Hl|."""
+        """Return the part of |1 + L| that a disc of r = 1 uses: |L|, or |1 + L| Σ|Hl| for a multirate control."""
         if isinstance(self.control, Lifted):
             images = self.images(frequency)
             return np.sum(np.abs(images), axis=1) / np.abs(1.0 + images[:, 0])
         return np.abs(self.gains(frequency).sum(axis=0))
 
     def lines(self) -> np.ndarray:
-        """Return frequencies up to Nyquist, Hz: even over ln f, denser around every resonance, and on every edge of the
-        radius.
+        """Return frequencies up to Nyquist, Hz, uniformly spaced in ln f, denser around resonances.
+
+        Every edge of the radius bands is included.
         """
         T = self.control.sample_time
         nyquist = 0.5 / T
@@ -156,7 +160,7 @@ class LoopResponse:
         return every[np.append(np.diff(every) > 1e-13 * every[:-1], True)]
 
     def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
-        """Return the factor by which all discs could be wider, and the frequency in Hz that limits it."""
+        """Return the factor by which all discs could be wider, and the limiting frequency in Hz."""
         f = self.lines()
         if also:
             spread = np.concatenate([x * np.geomspace(0.98, 1.0 / 0.98, 81) for x in also])
@@ -164,7 +168,7 @@ class LoopResponse:
             f = np.unique(np.concatenate([f, spread[spread <= f[-1]]]))
         room = self._ratio(f)
         best = float(np.min(room)), float(f[np.argmin(room)])  # it may lie on an edge of the radius
-        # each local minimum is followed down between its neighbors
+        # each local minimum is refined between its neighbors
         inner = np.flatnonzero((room <= np.append(room[1:], np.inf)) & (room <= np.append(np.inf, room[:-1])))
         for i in inner[np.argsort(room[inner])][:8]:
             low, high = f[max(i - 1, 0)], f[min(i + 1, f.size - 1)]
@@ -178,28 +182,29 @@ class LoopResponse:
         return best
 
     def _ratio(self, f: np.ndarray) -> np.ndarray:
-        # a disc of radius 0 takes nothing: the floor keeps the quotient finite
+        # a disc of radius 0 uses nothing: the floor keeps the quotient finite
         distance, taken = self.room(f)
         return distance / np.maximum(taken, 1e-12 * distance)
 
 
 Radius = float | Sequence[tuple[float, float]]
-_ALIKE = 1.15  # radii of neighboring lines that become one step
+_ALIKE = 1.15  # largest ratio of the radii of neighboring lines that become one step
 
 
 def deviations(lines: int, confidence: float) -> float:
-    """Return the radius of a line's disc in √variance such that all lines together lie inside with the confidence.
+    """Return the disc radius, in multiples of √variance, that contains all lines simultaneously with the confidence.
 
-    For a complex normal error P(|dG|² > q var) = e^-q, and q = ln(lines/(1 - confidence)) for all of them (Bonferroni),
+    For a complex normal error P(|dG|² > q var) = e^-q; q = ln(lines/(1 - confidence)) covers all lines (Bonferroni),
     for any correlation of their errors.
     """
     return math.sqrt(math.log(max(lines, 1) / (1.0 - confidence)))
 
 
 def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
-    """Return steps (up to Hz, r) from a number, or from points (Hz, r) that are interpolated linearly over ln f.
+    """Return steps (up to Hz, r) from a number, or from points (Hz, r) interpolated linearly in ln f.
 
-    A step has the larger radius of its ends.  Raises ParameterError for radii below 0 and frequencies that do not rise.
+    A step has the larger radius of its ends.  Raises ParameterError for negative radii and frequencies that do not
+    increase.
     """
     if isinstance(radius, (int, float)):
         if not (np.isfinite(radius) and radius >= 0.0):
@@ -215,7 +220,7 @@ def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
 
 
 def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
-    """Return |G - P| + sure √variance over |P| on each measured line of a reading."""
+    """Return (|G - P| + sure √variance) / |P| at each measured line of a reading."""
     lines = plant.lines[reading]
     model = plant.model.response(lines.frequency, output=plant.model.outputs[reading]).response
     return (np.abs(lines.response - model) + sure * np.sqrt(lines.variance)) / np.abs(model)
@@ -224,10 +229,10 @@ def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
 def measured(
     plant: NominalPlant, sure: float, least: float, beyond: float, nyquist: float
 ) -> list[list[tuple[float, float]]]:
-    """Return steps for each reading that contain every line with its confidence.
+    """Return steps of r for each reading that contain every line with its confidence.
 
-    Between two lines the larger of both; below the first one the most of its octave; above the last one the most of its
-    octave, and at least `beyond`; nowhere less than `least`.
+    Between two lines r is the larger of both; below the first line it is the maximum of the first octave; above the
+    last line it is the maximum of the last octave, and at least `beyond`; it is nowhere less than `least`.
     """
     steps: list[list[tuple[float, float]]] = []
     for reading, lines in enumerate(plant.lines):
@@ -240,7 +245,7 @@ def measured(
 def _steps(
     f: np.ndarray, r: np.ndarray, low: float, high: float, nyquist: float, alike: float
 ) -> list[tuple[float, float]]:
-    """Merge lines into steps: neighbors whose radii differ by less than a factor become one."""
+    """Merge lines into steps: neighbors whose radii differ by at most the factor `alike` become one step."""
     inside = f < nyquist
     f, r = f[inside], r[inside]
     raw = [(float(f[0]), low), *zip(f[1:].tolist(), np.maximum(r[:-1], r[1:]).tolist(), strict=True), (nyquist, high)]
@@ -266,7 +271,7 @@ def _up(radius: float) -> float:
 
 
 def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str, Any]]:
-    """Put the steps of all readings on common edges, in the form of a certificate."""
+    """Return the steps of all readings on common edges, in certificate form."""
     edges = sorted({to for steps in readings for to, _ in steps})
     bands: list[dict[str, Any]] = []
     low = 0.0

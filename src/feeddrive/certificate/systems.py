@@ -1,7 +1,7 @@
-"""The linear systems of a certificate: the control as it is deployed, and its plants.
+"""The linear systems of a certificate: the deployed control and its plants.
 
 Each stored number of the control is rounded to the arithmetic of the controller.  A plant is a sampled model, fitted or
-stated, with the lines that were measured on it.
+specified, with its measured frequency lines.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
 READINGS = ("reading_motor", "reading_load")
-_COARSE = 0.01  # of a number: a loss by rounding that is worth a word
-_STATES = 60  # of a control, as the checker admits
-_KEPT = 2.0**-300, 2.0**300  # sizes that a certificate holds
+_COARSE = 0.01  # relative change of a number by rounding that is reported
+_STATES = 60  # largest number of states of a control, as in the checker
+_KEPT = 2.0**-300, 2.0**300  # smallest and largest magnitude of a number in a certificate
 
 
 @dataclass(frozen=True, eq=False)
 class Deployed:
     """The linear control from readings to force, with the numbers that the controller stores.
 
-    model    from `readings` to the force, in the states of the control; of a law with two rates for each sample
+    model    from `readings` to the force, in the states of the control; for a multirate law, one model per sample
     numbers  parameters and prepared numbers by name, after rounding
-    coarse   those that rounding moves by more than 1 %, with that share
+    coarse   numbers that rounding changes by more than 1 %, with the relative change
     """
 
     model: StateSpace | Lifted
@@ -54,7 +54,7 @@ class Deployed:
 def rounded(value: float, arithmetic: str) -> float:
     """Round to an arithmetic: float64, float32, or fixedN with N binary places.
 
-    Raises ParameterError for another name, and for a number beyond float32.
+    Raises ParameterError for an unknown name, and for a number outside the range of float32.
     """
     if arithmetic == "float64":
         return float(value)
@@ -73,11 +73,11 @@ def rounded(value: float, arithmetic: str) -> float:
 
 
 def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
-    """Linearize a control after rounding its prepared and other numbers.
+    """Linearize a control after rounding its parameters and prepared numbers.
 
-    The traced step is linearized, so that the matrices are those of the code that runs: a rounded filter coefficient
-    moves the pole that the controller has.  Guard and force limit are left out.
-    Raises ParameterError for a law with more than 64 samples in a period, and for a control of more than 60 states.
+    The traced step is linearized, so that the matrices are those of the deployed code: a rounded filter coefficient
+    moves the actual pole of the controller.  Guard and force limit are omitted.
+    Raises ParameterError for a law with more than 64 samples per period, and for a control with more than 60 states.
     """
     law = control.law
     if law.period() > MOST:
@@ -161,21 +161,21 @@ def _fits(value: float) -> bool:
     return value == 0.0 or _KEPT[0] < abs(value) < _KEPT[1]
 
 
-_LINES = 250  # that are fitted, spread over ln f
+_LINES = 250  # number of fitted lines, spread over ln f
 _MOST = 8  # modes
-_SHARE = 0.01  # of a response: less noise does not increase the weight of a line
-_BETTER = 0.85  # largest share of the misfit that one more mode may leave
+_SHARE = 0.01  # relative noise floor of a response: less noise does not increase the weight of a line
+_BETTER = 0.85  # an additional mode must reduce the misfit to this fraction
 _USELESS = 0.5  # largest mean relative misfit of a model
 
 
 def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
-    """Fit a sampled model; return it with outputs in the order of `measured`, its dead time in s and its number of
-    modes.
+    """Fit a sampled model; return it with its dead time in s and its number of modes.
 
         x/f = e^(-s·dead_time) hold(s) [ (a + b s)/(s (s + corner)) + Σ (aᵢ + bᵢ s)/(s² + 2ζᵢωᵢs + ωᵢ²) ]
 
-    ω, ζ, corner and dead time are common and found by least squares, in which all a and b are solved for (variable
-    projection); then the modes are sampled exactly, and a and b are solved for once more.
+    The outputs are in the order of `measured`. ω, ζ, corner and dead time are common to all outputs and fitted by
+    nonlinear least squares with all a and b eliminated (variable projection); then the modes are sampled exactly, and
+    a and b are solved for again.
     Raises NotIdentifiableError if the misfit is half of the response.
     """
     f = measured[0].frequency
@@ -195,7 +195,7 @@ def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float)
         # one more mode always fits the noise a little better: it must reduce the misfit by 15 %
         if best is None or candidate[0] < _BETTER ** (count - _modes(best[1])) * best[0]:
             best = candidate
-        # two modes in a row that do not pay: more of them will not
+        # stop after two modes in a row without sufficient improvement
         elif count >= _modes(best[1]) + 2:
             break
     assert best is not None
@@ -214,8 +214,9 @@ def _modes(values: np.ndarray) -> int:
 
 
 def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
-    """Return responses of free motion and modes, for position and velocity, held and delayed; shape (lines,
-    columns).
+    """Return responses of rigid-body motion and modes, in position and velocity, with hold and delay.
+
+    The shape is (lines, columns).
     """
     k = _modes(values)
     omega, ratio = np.exp(values[:k]), np.exp(values[k : 2 * k])
@@ -228,13 +229,13 @@ def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
 
 
 def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return real factors of the columns for each response, and the weighted residuals."""
+    """Return the real coefficients of the columns for each response, and the weighted residuals."""
     factors: list[np.ndarray] = []
     left: list[np.ndarray] = []
     for response, w in zip(G, weight, strict=True):
         matrix = columns * w[:, None]
         stacked = np.vstack([np.real(matrix), np.imag(matrix)])
-        # columns of free motion and modes differ by many powers of ten
+        # columns of rigid-body motion and modes differ by many orders of magnitude
         scale = np.linalg.norm(stacked, axis=0) + 1e-300
         right = np.concatenate([np.real(response * w), np.imag(response * w)])
         x = np.linalg.lstsq(stacked / scale, right, rcond=None)[0]
@@ -244,12 +245,12 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
 
 
 def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: int) -> tuple[float, np.ndarray]:
-    """Start from modes of vector fitting at several dead times and minimize the misfit of the best."""
-    from scipy.optimize import least_squares  # not for commands that only read
+    """Minimize the misfit, starting from the best vector fit over several dead times."""
+    from scipy.optimize import least_squares  # imported late: commands that only read do not need it
 
     s = 2j * np.pi * f
     low = 2.0 * np.pi * f[0]
-    # s² removes the free motion; the rest of dead time and hold needs a few poles
+    # s² removes the rigid-body motion; the remaining dead time and hold need a few poles
     plain = [response * s * s for response in G]
     starts: list[tuple[float, np.ndarray]] = []
     for pairs in range(count, count + 4) if count else (0,):
@@ -285,7 +286,7 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
 def _sampled(
     values: np.ndarray, f: np.ndarray, G: np.ndarray, weight: np.ndarray, control: Control, T: float, count: int
 ) -> StateSpace:
-    """Sample the modes exactly, and mix positions and velocities so that the lines are fitted best."""
+    """Sample the modes exactly, and fit the output combination of positions and velocities to the lines."""
     k = _modes(values)
     modes = [
         Mode(frequency=float(w / (2.0 * np.pi)), damping_ratio=float(d), mass=1.0, motor=1.0, load=1.0)
@@ -311,7 +312,7 @@ _ZERO = 1e-9  # of the numbers whose difference it is
 
 
 class Lines(NamedTuple):
-    """A measured response of one reading: Hz, m/N, (m/N)²."""
+    """The measured response of one reading: frequency in Hz, response in m/N, variance in (m/N)²."""
 
     frequency: np.ndarray
     response: np.ndarray
@@ -322,9 +323,9 @@ class Lines(NamedTuple):
 class NominalPlant:
     """A plant at one position and load.
 
-    model   from the command to the readings, sampled, dead time included
-    lines   the measured lines, by reading; empty for a model alone
-    source  its source, as text
+    model   from the command to the readings, sampled, including dead time
+    lines   the measured lines, by reading; empty for a plant without measurement
+    source  the origin of the plant, as text
     """
 
     name: str
@@ -337,11 +338,11 @@ class NominalPlant:
 def modelled_plant(
     name: str, axis: Axis, control: Control, sample_time: float, readings: Sequence[str], velocity: float
 ) -> NominalPlant:
-    """Return the exactly sampled model of an axis that moves with `velocity` (m/s), with dead time, current loop and
-    friction slope.
+    """Return the exactly sampled model of an axis moving at `velocity` (m/s).
 
-    The free motion of the axis is a separate state, so that its integrator stays exactly 1 after rounding.
-    Raises ParameterError if nothing moves on a command, as with an axis that sticks.
+    It includes dead time, current loop and the friction slope. The rigid-body motion is a separate state, so that its
+    integrator remains exactly 1 after rounding.
+    Raises ParameterError if a command moves nothing, as when the axis sticks.
     """
     loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=sample_time)
     model = linearize(loop, ["cut"], list(readings), velocity=velocity)
@@ -357,7 +358,7 @@ def modelled_plant(
 
 
 def _free(model: StateSpace, along: Sequence[float]) -> StateSpace:
-    """Transform to q₁ and qᵢ - (eᵢ/e₁) q₁, e the free motion: moving along e then changes q₁ alone."""
+    """Transform the states to q₁ and qᵢ - (eᵢ/e₁) q₁, where e is the rigid-body motion, which then changes q₁ alone."""
     places = [i for i, name in enumerate(model.states) if name.startswith("axis.position.")]
     e = np.array([along[int(model.states[i].rsplit(".", 1)[1])] for i in places])
     if not places or not np.any(e != 0.0):
@@ -373,7 +374,7 @@ def _free(model: StateSpace, along: Sequence[float]) -> StateSpace:
     unit = np.eye(n)[r]
     if np.any(np.abs(A[:, r] - unit) > _ZERO * size[:, r]):
         return model  # a spring to the ground
-    # exactly, so that the integrator keeps its pole at 1 in the checker's arithmetic
+    # set exactly, so that the integrator keeps its pole at 1 in the checker's arithmetic
     A[:, r] = unit
     return replace(model, A=A, B=S @ model.B, C=model.C @ back)
 
@@ -387,11 +388,11 @@ def measured_plant(
     readings: Sequence[str],
     velocity: float,
 ) -> NominalPlant:
-    """Return a plant with its measured lines: around a known axis, or around a model that is fitted to the lines.
+    """Return a plant with its measured lines, based on a known axis or on a model fitted to the lines.
 
-    `measured` has the response of the load's encoder and, if it was measured, that of the motor's; a single one
-    serves all readings.
-    Raises ParameterError for a unit that is not m/N or readings that were not measured, NotIdentifiableError where no
+    `measured` contains the response of the load encoder and, if measured, that of the motor encoder; a single response
+    is used for all readings.
+    Raises ParameterError for a unit other than m/N or readings that were not measured, NotIdentifiableError if no
     model fits.
     """
     load, motor = measured[0], measured[1] if len(measured) > 1 else None
@@ -425,7 +426,7 @@ def measured_plant(
 
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
-    """Return the lines below half the sample rate, with the variance from the coherence if there is no other."""
+    """Return the lines below half the sample rate; the variance is computed from the coherence if not known."""
     variance = frf.known_variance()
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time

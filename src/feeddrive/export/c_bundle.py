@@ -1,4 +1,4 @@
-"""The target `c`: sources, a self-test, builds for make and CMake, a README; and the programs that run an export."""
+"""The target `c`: sources, a self-test, build files for make and CMake, a README, and the execution of an export."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from feeddrive.loop.routine import Routine, run
 
 # C programs that run an export, a self-test and one that reads samples, and the compiler that builds them.
 
-# Few, so that the vectors stay small; broken readings are ten times as frequent as in `trial`, so that some occur.
+# Few samples keep the vectors small; invalid readings are ten times as frequent as in `trial`, so that some occur.
 SAMPLES, CHANGES, BROKEN = 400, 4, 2e-3
 
 
@@ -31,7 +31,7 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
     """Return the program `P_selftest.c` and its samples `P_vectors.h`.
 
     In double precision the expected outputs are the simulator's; in single precision those of the same operations in
-    Python, each rounded to single precision.  The tolerance is none: all bits count.
+    Python, each rounded to single precision.  The comparison is exact, bit for bit.
     """
     routine, P = layout.routine, layout.routine.name
     tried = trial(routine, SAMPLES, seed, changes=CHANGES, broken=BROKEN)
@@ -68,7 +68,7 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
 
 
 def stepped(layout: Layout, tried: Trial) -> np.ndarray:
-    """Return the outputs of a trial, computed by the layout's own operations in Python."""
+    """Return the outputs of a trial, computed in Python by the operations of the layout."""
     held = LayoutRun(layout)
     held.reset(tried.inputs[0])
     outputs = []
@@ -90,7 +90,7 @@ def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]
 
 
 def _rows(values: np.ndarray, real: str) -> str:
-    """Return numbers by their bits: not every compiler accepts NaN and infinity as constants."""
+    """Return rows of numbers as bit patterns: not every compiler accepts NaN and infinity as constants."""
     with np.errstate(over="ignore"):
         held = np.ascontiguousarray(values, np.float64 if real == "double" else np.float32)
     digits = 2 * held.itemsize
@@ -200,7 +200,7 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """Outputs of exported C, shape (n, outputs), with its compiler and flags."""
+    """The outputs of exported C, shape (n, outputs), with its compiler and flags."""
 
     outputs: np.ndarray
     compiler: str
@@ -212,7 +212,7 @@ def streamed(
 ) -> Streamed:
     """Compile `P.h` and the C files of an export and run a trial of a controller through them.
 
-    Raises MissingProgramError without a compiler, and FileError if it refuses, or if the program fails.
+    Raises MissingProgramError without a compiler, and FileError if compilation or the program fails.
     """
     routine, P = layout.routine, layout.routine.name
     program = _STREAM_PROGRAM.format(
@@ -247,7 +247,7 @@ def streamed(
 
 
 def _packed(layout: Layout, tried: Trial) -> bytes:
-    """Return the input of the program: blocks of samples, with all parameters between them."""
+    """Return the input of the program in binary: blocks of samples, separated by all parameters."""
     values = {v.path: v.value for v in layout.routine.parameters}
     pieces, start = [], 0
     for place in [*sorted(tried.changes), len(tried.inputs)]:
@@ -267,7 +267,7 @@ def _stream_filled(struct: str, names: Sequence[str], source: str, cast: str) ->
     return "\n".join(f"                {struct}.{name} = {cast}{source}[{i}];" for i, name in enumerate(names))
 
 
-_REFUSED = 5  # status of a program whose compiler rounds otherwise
+_REFUSED = 5  # exit status of a program whose compiler rounds differently
 _STREAM_PROGRAM = """\
 #include "{P}.h"
 
@@ -321,7 +321,7 @@ int main(void)
 
 
 def compiler(command: str | None = None) -> list[str]:
-    """Return the command that starts the C compiler: the one named, else gcc, cc or clang, else the package ziglang.
+    """Return the command that starts the C compiler: the named one, else gcc, cc or clang, else the package ziglang.
 
     Raises MissingProgramError if there is none.
     """
@@ -352,7 +352,7 @@ def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command
     """Compile C files of a folder into a program and return its path.
 
     The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
-    Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
+    Raises MissingProgramError without a compiler and FileError with the first compiler message on failure.
     """
     words = compiler(command)
     objects = []
@@ -375,7 +375,7 @@ def _run(words: Sequence[str], folder: Path) -> None:
 
 
 def prove(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    """Compile the exported C and run a trial. Raises FileError for a missing file, and as `streamed`."""
+    """Compile the exported C and run a trial. Raises FileError for a missing file, and the errors of `streamed`."""
     P = design.name
     names = [name for name in (f"{P}.h", f"{P}.c", f"{P}_configure.c") if (directory / name).is_file()]
     if f"{P}.h" not in names:
@@ -385,14 +385,14 @@ def prove(directory: Path, design: Design, tried: Trial, flags: Sequence[str], c
     return Answers(ran.outputs, ran.compiler, " ".join(ran.flags))
 
 
-# The target `c`: a directory with a routine as C99, a self-test, builds for make and CMake, and a README.
+# The target `c`: a directory with a routine as C99, a self-test, build files for make and CMake, and a README.
 
 BUILD_FLAGS = "-std=c99 -O2 -ffp-contract=off"
 WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
 
 
 def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
-    """Return the files of the export by name, without machine file and manifest."""
+    """Return the files of the export by name, except machine file and manifest."""
     P = design.name
     written = texts(design.layout, design.title, design.made_by)
     if single_header:
@@ -409,7 +409,7 @@ def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
 
 
 def write_c(design: Design, out: str | Path, *, single_header: bool = False) -> Path:
-    """Write the export, completely or not at all, and return the README. Raises FileError as `new_directory`."""
+    """Write the export atomically and return the path of the README. Raises FileError as `new_directory` does."""
     files = c_files(design, single_header=single_header)
     return write_bundle(design, "c", Path(out), files, single_header=single_header)
 

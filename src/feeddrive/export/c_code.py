@@ -1,7 +1,7 @@
-"""A routine as C99 text: expressions and statements, the checks of the arithmetic, header and sources.
+"""A routine as C99 text: expressions and statements, checks of the arithmetic, header and sources.
 
-The header declares structs with units and meanings; one source holds `step` and `reset`, another the functions that run
-outside the interrupt.  `header_only` puts all of it into one header.
+The header declares structs with units and meanings; one source contains `step` and `reset`, another the functions that
+run outside the interrupt.  `header_only` combines all of it in one header.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from feeddrive.loop.routine import Routine, Variable, off_outputs
 # The statements and expressions of exported C, from the nodes of a graph.
 
 _LINE = 112  # characters of a line, indented by 4
-# words that the functions themselves use
+# names that the functions themselves use
 _TAKEN = frozenset(
     {"controller", "plant", "parameters", "design", "state", "inputs", "outputs", "old", "before", "matrix"}
 )
 
 
 class Body:
-    """Statements that compute some nodes of a graph, in the order of the law's text.
+    """The statements that compute some nodes of a graph, in the order of the law's source.
 
-    `leaves` gives the text of what is there already, `makers` and `titles` what stands above the lines of a block.
+    `leaves` maps existing values to their text; `makers` and `titles` determine the heading above a block's lines.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Body:
         return self.texts[index]
 
     def compute(self, order: Iterable[int], kept: Iterable[int]) -> None:
-        """Emit statements for the nodes of an order; nodes that are kept, or used more than once, get a name."""
+        """Emit statements for nodes in order; nodes that are kept, or used more than once, become variables."""
         order = [index for index in order if index not in self.texts]
         self._counts = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
         self._counts.update(2 * list(kept))
@@ -93,7 +93,7 @@ class Body:
                 text = expression(node[0], values, self.real)
             self.used.add(node[0])
             named = self.names.get(index)
-            # what a `?:` chooses stays in it, however long: with a name it would be computed in every sample
+            # branches of a `?:` stay inline, however long: as variables they would be computed in every sample
             inner = node[0] == "select" and index in chosen and self._counts[index] == 1
             long = len(text) > WIDTH and node[0] != "select"
             if (named is not None and not inner) or self._counts[index] > 1 or long:
@@ -102,7 +102,7 @@ class Body:
                 self.texts[index] = text
 
     def _matrix(self, index: int, values: list[str]) -> None:
-        """Test if the powers of a matrix decay, in a block of its own so that its numbers leave the stack early."""
+        """Emit the test whether the powers of a matrix decay, in a separate scope to free stack memory early."""
         size = math.isqrt(len(values))
         self._unnamed += 1
         self.texts[index] = f"v{self._unnamed}"
@@ -135,7 +135,7 @@ class Body:
 
 
 def wrapped(line: str) -> list[str]:
-    """Break a statement into lines of a readable length; a chain of choices gets a line for each case."""
+    """Wrap a statement to readable line lengths; a chain of conditionals gets one line per case."""
     if len(line) <= _LINE:
         return [line]
     head, assigned, value = line.partition(" = ")
@@ -149,7 +149,7 @@ def wrapped(line: str) -> list[str]:
 
 
 def _choices(text: str) -> list[str]:
-    """Split `a ? b : (c ? d : e)` into `a ? b`, `c ? d`, `e`, in the order of evaluation."""
+    """Split `a ? b : (c ? d : e)` into `a ? b`, `c ? d`, `e`, in evaluation order."""
     depth, asked = 0, False
     for place, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
@@ -174,7 +174,7 @@ _SAID = {
 
 
 def helpers(used: set[str], real: str) -> list[str]:
-    """Return the functions that statements need, dependencies first; adds the operations that they use to `used`."""
+    """Return the helper functions that statements need, dependencies first; add their operations to `used`."""
     suffix = "f" if real == "float" else ""
     wanted = [name for name in sorted(ELEMENTARY) if name in used]
     texts = []
@@ -191,7 +191,7 @@ def helpers(used: set[str], real: str) -> list[str]:
 
 @cache
 def _printed(name: str, real: str) -> tuple[str, frozenset[str]]:
-    """Return the text of a function, and the operations that it uses."""
+    """Return the text of a function and the operations that it uses."""
     graph = Graph()
     argument = graph.input("x")
     result = graph.symbol(getattr(_module(real), name)(argument)).index
@@ -211,8 +211,8 @@ def _module(real: str) -> ModuleType:
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "==", "and": "&&", "or": "||"}
 CALLS = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"} | {name: name for name in ELEMENTARY}
-WIDTH = 72  # an expression longer than this is cut by giving a part of it a name
-# words of C, and names that the text itself uses
+WIDTH = 72  # a longer expression is split by introducing a variable
+# keywords of C, and names that the text itself uses
 RESERVED = re.findall(
     r"\w+",
     "auto break case char const constants continue count default do double else enum extern first float for goto if "
@@ -222,8 +222,9 @@ RESERVED = re.findall(
 
 
 def _bits(real: str, bits: int, place: int, suffix: str) -> dict[str, str]:
-    """Return functions on the exponent field of a number of so many bits, which starts at bit `place`; by memcpy, the
-    only way that C defines.
+    """Return functions that access the exponent field of a floating-point number with the given width.
+
+    The field starts at bit `place`. The functions use memcpy, the only conversion that C defines.
     """
     exponents = (1 << (bits - 1 - place)) - 1
     bias, whole = exponents // 2, f"{1.5 * 2.0**place:.1f}{suffix}"
@@ -314,7 +315,7 @@ static double uniform(double seed, double sample, double channel)
 """,
 }
 
-# Numbers below the normal ones count as 0, as in the native code: they are slow and mean nothing here.
+# Subnormal numbers count as 0, as in the native code: they are slow and insignificant here.
 FLUSH = """\
 #if defined(__SSE2__) || defined(_M_X64)
 #include <xmmintrin.h>
@@ -352,7 +353,7 @@ def number(value: float, real: str = "double") -> str:
 
 
 def expression(name: str, values: list[str], real: str = "double") -> str:
-    """Return an operation as C text, in parentheses where it has an operator."""
+    """Return an operation as C text, parenthesized if it contains an operator."""
     suffix = "f" if real == "float" else ""
     if name in INFIX:
         return f"({values[0]} {INFIX[name]} {values[1]})"
@@ -369,12 +370,12 @@ def expression(name: str, values: list[str], real: str = "double") -> str:
     raise AssertionError(f"no text for the operation '{name}'")
 
 
-# The checks that a compiler computes as the simulation does: conditions in the header, and a test at start.
+# Checks that the compiler rounds as the simulation does: conditions in the header, and a test at startup.
 #
 # A compiler may change the order of sums (-fassociative-math), divide by multiplying with a reciprocal
 # (-freciprocal-math), round a product and a sum once (-ffp-contract=fast) or compute wider than the numbers (x87).
-# Each gives other last bits.  Where a macro tells it, the header does not compile.  Where none does, `configure`
-# refuses.
+# Each changes the last bits.  If a macro reveals the option, the header does not compile; otherwise `configure`
+# fails.
 
 # With the first options a compiler assumes that NaN cannot occur, and removes the checks for it.
 STRICT = (
@@ -384,7 +385,7 @@ STRICT = (
     "#if defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)",
     '#error "compile without -funsafe-math-optimizations and its parts: the bits would not be those of the simulation"',
     "#endif",
-    # 16: the half precision of ARM is not widened, and nothing else is
+    # 16 (ARM half precision): float and double are not widened
     "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 16)",
     '#error "FLT_EVAL_METHOD is not 0, as on an x87: compile for SSE2, as with -msse2 -mfpmath=sse"',
     "#endif",
@@ -399,15 +400,13 @@ SENTENCE = (
 
 
 def rules(routine: Routine) -> dict[int, str]:
-    """Return the meaning of each code of `P_broken_rule`: the check of the arithmetic, then the rules of the
-    parameters.
-    """
+    """Return the meaning of each code of `P_broken_rule`: the arithmetic check, then the parameter rules."""
     return {CODE: SENTENCE, **routine.sentences}
 
 
 _DOUBLE, _FLOAT = "double", "float"
-# a number that is lost in a sum with 1; the distance of two numbers around 1 whose product rounds to 1; and a divisor
-# whose rounded reciprocal times itself is not 1
+# a number that vanishes when added to 1; the distance from 1 of two numbers whose product rounds to 1; and a divisor
+# whose product with its rounded reciprocal is not 1
 _TINY = {_DOUBLE: 2.0**-60, _FLOAT: 2.0**-30}
 _APART = {_DOUBLE: 2.0**-28, _FLOAT: 2.0**-13}
 _DIVISOR = {_DOUBLE: 49.0, _FLOAT: 41.0}
@@ -557,7 +556,7 @@ simulation."""
 
 
 def _trips(layout: Layout) -> list[str]:
-    """Return macros for the codes of `trip`."""
+    """Return the macros for the codes of `trip`."""
     if layout.routine.memory != "controller":
         return []
     codes = [(name, value) for name, value in vars(guards).items() if name.startswith("TRIP_")]
@@ -569,9 +568,7 @@ def _trips(layout: Layout) -> list[str]:
 
 
 def _designed_struct(name: str, layout: Layout) -> list[str]:
-    """Return the struct of design numbers: parameters with unit and meaning, prepared numbers grouped by their
-    block.
-    """
+    """Return the struct of design numbers: parameters with unit and meaning, prepared numbers grouped by block."""
     prepared = {node: path for path, node in reversed(layout.prepared)}
     lines, group = [], ""
     wide = max((len(field.name) for field in layout.design), default=0) + len(layout.precision) + 2
@@ -618,7 +615,7 @@ def _grouped(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
 
 
 def comment(text: str) -> list[str]:
-    """Return a comment of one or more lines; `*/` within the text is broken up."""
+    """Return a comment of one or more lines; `*/` within the text is split."""
     lines = [""]
     for line in text.replace("*/", "* /").replace("/*", "/ *").split("\n"):
         lines += textwrap.wrap(line, _WIDTH, subsequent_indent=" " * (len(line) - len(line.lstrip()))) or [""]
@@ -645,7 +642,7 @@ def _flushes(P: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Texts:
-    """The three files of a routine."""
+    """The three C files of a routine."""
 
     header: str
     source: str
@@ -696,7 +693,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
     held = routine.memory
     defaults = [_assigned(f"parameters->{v.name}", v.value) for v in routine.parameters]
     designed, used = _designed(layout)
-    both = f"{P}_exact() && designs_exactly()"  # each file may be compiled with flags of its own
+    both = f"{P}_exact() && designs_exactly()"  # each file may be compiled with different flags
     functions = [
         exact("static bool designs_exactly(void)", "double"),
         _function(f"void {P}_defaults({P}_parameters *parameters)", [], defaults or ["(void)parameters;"]),
@@ -730,9 +727,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """Return the outputs after a refused configure: the safe force of the machine file for a control, none for
-    an axis.
-    """
+    """Return the outputs after a failed configure: the safe force of the machine file; empty for a plant."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""
@@ -742,7 +737,7 @@ def _off(layout: Layout, answers: bool) -> str:
 
 
 def _designed(layout: Layout) -> tuple[str, set[str]]:
-    """Return the function that computes the design from the parameters if all conditions hold, and its operations."""
+    """Return the function that computes the design from valid parameters, and the operations that it uses."""
     routine, P = layout.routine, layout.routine.name
     leaves = _leaves(layout, {"parameter": "parameters->"}, _DESIGN)
     for index, node in enumerate(layout.graph.nodes):
@@ -774,7 +769,7 @@ def _designed(layout: Layout) -> tuple[str, set[str]]:
 
 
 def _inline(layout: Layout, index: int, body: Body) -> str:
-    """Return the comparisons of a bound as one expression."""
+    """Return the comparisons of a bounds check as one expression."""
     name, *values = layout.graph.nodes[index]
     if name == "and":
         return " && ".join(_inline(layout, i, body) for i in values)
@@ -782,18 +777,18 @@ def _inline(layout: Layout, index: int, body: Body) -> str:
 
 
 def _refused(holds: str, code: int, sentence: str) -> list[str]:
-    """Return the lines that return the code of a condition that does not hold."""
+    """Return the lines that return the code of a violated condition."""
     return [*comment(sentence), *wrapped(f"if (!({holds})) {{"), f"    return {code};", "}"]
 
 
 def _assigned(place: str, value: float) -> str:
-    """Return `place = number;`, with the decimal value in a comment where the number is printed by its bits."""
+    """Return `place = number;`, with the decimal value in a comment if the number is printed in hexadecimal."""
     text = number(value)
     return f"{place} = {text};" + (f" /* {value!r} */" if "0x" in text else "")
 
 
 def _retune(layout: Layout) -> tuple[str, set[str]]:
-    """Return the function that converts the state to new parameters: `retune` of the blocks, in double precision."""
+    """Return the function that adapts the state to new parameters: `retune` of the blocks, in double precision."""
     routine, P, real = layout.routine, layout.routine.name, layout.precision
     assert layout.retune is not None
     graph, truth = layout.retune.graph, layout.retune_truth
@@ -833,16 +828,16 @@ def _retune(layout: Layout) -> tuple[str, set[str]]:
 
 
 def graph_constant(layout: Layout, index: int) -> str | None:
-    """Return the text of a node that is a constant of the law; None for any other node."""
+    """Return the text of a node that is a constant; None for any other node."""
     node = layout.graph.nodes[index]
     return number(float.fromhex(node[1])) if node[0] == "const" else None
 
 
-_DESIGN = "DESIGN_"  # tables of `configure`, which are in double where those of the step are not
+_DESIGN = "DESIGN_"  # tables of `configure`, in double precision even if those of the step are not
 
 
 def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> dict[int, str]:
-    """Return the text of values that exist before the statements: members of structs, tables, the sample time."""
+    """Return the text of values that already exist: struct members, tables, the sample time."""
     routine = layout.routine
     members: Mapping[str, Sequence[Variable]] = {
         "parameter": routine.parameters,
@@ -865,7 +860,7 @@ def _table(name: str, of: str = "") -> str:
 
 
 def _tables(routine: Routine, functions: Sequence[str], real: str, of: str = "") -> list[str]:
-    """Return the tables that the functions of a file read."""
+    """Return the declarations of the tables that the functions of a file read."""
     return [
         f"static const {real} {_table(name, of)}[{len(row)}] = {{{', '.join(number(float(x), real) for x in row)}}};"
         for name, _, row in routine.tables
@@ -879,7 +874,7 @@ def _function(signature: str, first: Iterable[str], lines: Iterable[str]) -> str
 
 
 def _laws(routine: Routine) -> str:
-    """Return the docstrings of the blocks."""
+    """Return the docstrings of the blocks as text for a comment."""
     parts = []
     for path, block in routine.blocks:
         if path and inspect.getdoc(type(block)):
@@ -888,7 +883,7 @@ def _laws(routine: Routine) -> str:
 
 
 def _titles(routine: Routine) -> Callable[[str], str]:
-    """Return a function that gives the heading above the statements of a block."""
+    """Return a function that returns the heading above the statements of a block."""
     kinds: dict[str, Block] = dict(routine.blocks)
 
     def title(owner: str) -> str:
@@ -903,7 +898,7 @@ def _titles(routine: Routine) -> Callable[[str], str]:
 
 
 def _needed(used: set[str], real: str) -> list[str]:
-    """Return the includes of a file, and the functions that its statements call."""
+    """Return the includes of a file and the helper functions that its statements call."""
     functions = helpers(used, real)
     lines = ["#include <math.h>"] if used & {"abs", "sqrt", "floor"} else []
     lines += ["#include <string.h>"] if used & set(FUNCTIONS) else []
@@ -918,7 +913,7 @@ _SHARED = re.compile(r"\b(designed|designs_exactly|decays|exact_\w+|power_of_two
 
 
 def header_only(P: str, files: Texts) -> str:
-    """Return declarations and bodies in one file, to be included where the step is called."""
+    """Return declarations and definitions in one header, to be included where the step is called."""
     close = f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {P.upper()}_H */\n"
     header = files.header.removesuffix(close)
     assert header != files.header, "the header ends otherwise than expected"
@@ -941,7 +936,7 @@ def _own(P: str, text: str) -> str:
 
 
 def _pieces(text: str, P: str) -> list[str]:
-    """Split a file into the comment at its top and its functions with their comments; includes are dropped."""
+    """Split a file into its top comment and its functions with their comments, dropping includes."""
     lines = [line for line in text.splitlines() if not line.startswith("#include")]
     body = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", "\n".join(lines), flags=re.MULTILINE)
     top, rest = body.split("*/\n", 1)

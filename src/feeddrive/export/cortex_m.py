@@ -1,4 +1,4 @@
-"""The target `cortex-m`: sources for a core, constants instead of configure, builds, and runs on an emulated core."""
+"""The target `cortex-m`: sources for a core, precomputed constants, build files, and runs on an emulated core."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ PACKAGES = {
     COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi",
     EMULATOR: "qemu-system-arm",
     "make": "make",
-}  # of Debian and Ubuntu
+}  # package names in Debian and Ubuntu
 
 
 def makefile(P: str, core: Core) -> str:
-    """Return the makefile: library, self-test in the emulator, size, instruction count, and a report of both."""
+    """Return the makefile: library, self-test in the emulator, size and instruction count, and their report."""
     others = [other for other in CORES.values() if other.precision == core.precision]
     flags = "\n".join(f"FLAGS_{other.name} := {other.flags}" for other in others)
     machines = "\n".join(f"MACHINE_{other.name} := {other.machine}" for other in others)
@@ -137,7 +137,7 @@ target_compile_options({P} PRIVATE -ffp-contract=off -fno-math-errno)
 
 
 def toolchain(core: Core) -> str:
-    """Return a toolchain file for CMake."""
+    """Return the toolchain file for CMake."""
     return f"""\
 # {core.title}:  cmake -B build -DCMAKE_TOOLCHAIN_FILE=cortex-m.cmake -DCMAKE_BUILD_TYPE=Release
 set(CMAKE_SYSTEM_NAME Generic)
@@ -153,11 +153,11 @@ set(CMAKE_C_FLAGS_RELEASE "-O2")
 
 
 class Core(NamedTuple):
-    """A core.
+    """A Cortex-M core.
 
-    precision  that of its floating-point unit
-    flags      of gcc
-    machine    of qemu, a board with this core
+    precision  precision of its floating-point unit
+    flags      gcc flags
+    machine    QEMU machine, a board with this core
     title      full name of the core
     """
 
@@ -179,14 +179,14 @@ CORES = {
 
 
 def cores_for(precision: str) -> tuple[Core, ...]:
-    """Return the cores with floating-point hardware of this precision, the default first."""
+    """Return the cores with floating-point hardware of this precision, default first."""
     return tuple(core for core in CORES.values() if core.precision == precision)
 
 
 def find_core(name: str | None, precision: str) -> Core:
-    """Return the core of a name; without a name the default core of the precision.
+    """Return the core with a name; without a name, the default core for the precision.
 
-    Raises ParameterError for a name that is not known, and for a core that would emulate each operation.
+    Raises ParameterError for an unknown name, and for a core without hardware for the precision.
     """
     if name is None:
         return cores_for(precision)[0]
@@ -202,23 +202,23 @@ def find_core(name: str | None, precision: str) -> Core:
     return core
 
 
-PATIENCE = 300.0  # s, for a build and a run
+PATIENCE = 300.0  # timeout in s for a build and a run
 
 
 class EmulatorError(FeeddriveError):
-    """A bundle did not build, timed out, or its self-test found a difference; the message has the output."""
+    """A bundle that did not build, timed out, or failed its self-test; the message contains the output."""
 
     exit_code = 1
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of a step on a core, over the stored samples of a bundle.
+    """The cost of a step on a core, over the stored samples of a bundle.
 
-    least, most  executed instructions of a step, called functions included
+    least, most  executed instructions per step, including called functions
     flash        bytes of reset and step
-    configure    bytes of the code that runs once, without library functions; prepared: of the constants instead
-    memory       bytes of a controller in RAM
+    configure    bytes of the code that runs once, without library functions; prepared: bytes of the constants instead
+    memory       bytes of RAM per controller
     """
 
     least: int
@@ -230,7 +230,7 @@ class Cost:
 
 
 def check_programs() -> None:
-    """Raise MissingProgramError, naming the package, unless compiler, emulator and make are there."""
+    """Raise MissingProgramError, naming the package, if compiler, emulator or make is missing."""
     for program in ("make", COMPILER, EMULATOR):
         if shutil.which(program) is None:
             raise MissingProgramError(program, PACKAGES[program], "running a bundle for a Cortex-M")
@@ -242,7 +242,7 @@ def self_test(bundle: Path) -> str:
 
 
 def step_cost(bundle: Path, optimise: str = "-O2") -> Cost:
-    """Measure size and instruction count of a bundle. Raises as `self_test`."""
+    """Measure code size and instruction count of a bundle. Raises the errors of `self_test`."""
     _, content = _made(bundle, f"OPTIMISE={optimise}", "REPORT.md", read="REPORT.md")
     report = content.decode()
     counts = re.search(r"step: (\d+) to (\d+) over", report)
@@ -262,12 +262,12 @@ def answers(
     *,
     optimise_configure: str = "-Os",
 ) -> np.ndarray:
-    """Run an emulated core from a reset on; returns the outputs, shape (n, outputs), for inputs of shape (n, inputs).
+    """Run an emulated core from reset; return the outputs, shape (n, outputs), for inputs of shape (n, inputs).
 
-    changes             other parameters, by sample and dotted name
-    optimise_configure  compiler option for the code that runs once; it changes the compile time, not the results
+    changes             parameter changes, by sample and dotted name
+    optimise_configure  compiler option for the code that runs once; it affects compile time, not results
 
-    Raises as `self_test`.
+    Raises the errors of `self_test`.
     """
     real = np.float64 if design.layout.precision == "double" else np.float32
     values = {v.path: v.value for v in design.routine.parameters}
@@ -294,7 +294,7 @@ def answers(
 def _made(
     bundle: Path, *targets: str, extra_files: Mapping[str, bytes] | None = None, read: str = ""
 ) -> tuple[str, bytes]:
-    """Run `make` in a copy of the bundle; return its output and the content of one of the built files."""
+    """Run `make` in a copy of the bundle; return its output and the content of one built file."""
     check_programs()
     with tempfile.TemporaryDirectory(prefix="feeddrive-cortex-m-") as name:
         folder = Path(name) / "bundle"
@@ -322,11 +322,11 @@ def _made(
         return done.stdout, (folder / read).read_bytes() if read else b""
 
 
-# The target `cortex-m`: the step for a core, constants instead of configure, test programs, README.
+# The target `cortex-m`: the step for a core, precomputed constants, test programs, README.
 
 
 def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
-    """Return the files of the bundle by name, without machine file and manifest."""
+    """Return the files of the bundle by name, except machine file and manifest."""
     P = design.name
     files = c_files(design)
     return {
@@ -348,12 +348,12 @@ def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
 
 
 def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Path:
-    """Write the bundle, completely or not at all, and return its README.
+    """Write the bundle atomically and return the path of its README.
 
-    core  `m4f` or `m7` in single precision, `m7dp` in double; absent: the first that computes with the precision
+    core  `m4f` or `m7` in single precision, `m7dp` in double; default: the first with this precision
 
-    Raises ParameterError for an axis, for a core that is not known or computes with another precision, and FileError
-    as `new_directory`.
+    Raises ParameterError for an axis, for a core that is unknown or has another precision, and FileError as
+    `new_directory` does.
     """
     if design.what != CONTROL:
         raise ParameterError("cortex-m: a microcontroller runs the control; export an axis as fmu2, fmu3 or c")
@@ -385,7 +385,7 @@ def _named(variables: Sequence[Variable]) -> str:
 
 
 def _act(design: Design) -> str:
-    """Return the C lines that pass the commands to the drives, in the drive's unit if the machine file has a motor."""
+    """Return the C lines that pass commands to the drives, in the drive's unit if the machine file has a motor."""
     units, lines = {v.path: v.unit for v in design.routine.outputs}, list[str]()
     for port in design.routine.origin.ports():
         path = f"{port}command" if f"{port}command" in units else f"{port}force"
@@ -395,7 +395,7 @@ def _act(design: Design) -> str:
 
 
 def count_program(layout: Layout) -> str:
-    """Return a program that runs each stored step between two marks, to count its instructions."""
+    """Return a program that runs each stored step between two markers, to count its instructions."""
     P = layout.routine.name
     return f"""\
 /* Runs the stored samples between two marks, so that the instructions of each step can be counted in the emulator. */
@@ -546,9 +546,7 @@ static void stop(void)
 
 
 def linker_script(P: str) -> str:
-    """Return the linker script of the emulated boards; section `core` holds the step and its functions, to be
-    counted.
-    """
+    """Return the linker script of the emulated boards; section `core` contains the step, to count its instructions."""
     return f"""\
 /* The boards mps2-an386 and mps2-an500 of qemu, for the self-test only. */
 ENTRY(reset)
@@ -581,7 +579,7 @@ SECTIONS
 
 
 def prepared_files(layout: Layout) -> dict[str, str]:
-    """Return `P_prepared.h` and `P_prepared.c`; they replace configure, which then need not be linked."""
+    """Return `P_prepared.h` and `P_prepared.c`, which replace configure, so that it need not be linked."""
     P, run = layout.routine.name, LayoutRun(layout)
     numbers = [f"        .{field.name} = {_text(run.design[field.node], layout.precision)}," for field in layout.design]
     parameters = [f"        .{v.name} = {number(v.value)}," for v in layout.routine.parameters]
@@ -639,6 +637,6 @@ void {P}_prepared({P}_controller *controller);
 
 
 def prove(directory: Path, design: Design, tried: Trial) -> Answers:
-    """Build the bundle and run a trial on an emulated core. Raises as `answers`."""
+    """Build the bundle and run a trial on an emulated core. Raises the errors of `answers`."""
     outputs = answers(directory, design, tried.inputs, tried.changes)
     return Answers(outputs.astype(np.float64), "arm-none-eabi-gcc, qemu-system-arm", "the Makefile of the bundle")

@@ -1,4 +1,4 @@
-"""A design to export: the control, or the axis, of a machine file, under a name; checked against its target."""
+"""A design to export: the control or the plant of a machine file, with its name on the target and all checks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from feeddrive.loop.machine import System
 from feeddrive.loop.routine import Routine, controller_routine, machine_routine, plant_routine
 from feeddrive.version import __version__
 
-LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation
+LARGEST_MS = 3.0  # above this Ms, a change of the axis by a third may cause oscillation
 CONTROL, PLANT = "control", "plant"
 MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 
@@ -67,7 +67,7 @@ class Design:
 
     @property
     def title(self) -> str:
-        """A line that describes the design."""
+        """The one-line description of the design."""
         if self.together:
             held = [coupling for coupling in self.machine.couplings if self.what == PLANT or coupling.controls]
             couplings = ", ".join(coupling.kind for coupling in held)
@@ -79,7 +79,7 @@ class Design:
 
     @property
     def system(self) -> System:
-        """The system that is simulated: the loop, or all axes of the machine if the axis is coupled."""
+        """The simulated system: the loop, or all axes of the machine if the axis is coupled."""
         if self.together:
             return self.routine.origin
         return self.machine.machine() if self.machine.coupled(self.axis) else self.loop
@@ -91,7 +91,7 @@ class Design:
 
     @property
     def made_by(self) -> str:
-        """Version of feeddrive, and the machine file with its digest."""
+        """The version of feeddrive, and the machine file with its digest."""
         file = Path(self.machine.file.name).name
         return f"Made by feeddrive {__version__} from {file}, SHA-256 {self.digest}."
 
@@ -103,7 +103,7 @@ class Design:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Warnings to read before this moves an axis: gaps in the machine file, and a loop close to instability."""
+        """The warnings to read before the export moves an axis: missing data, a loop close to instability."""
         if self.what == PLANT:
             return ()
         if not self.together:
@@ -139,7 +139,7 @@ class Design:
 
     @property
     def judgment(self) -> Judgment:
-        """The judgment on the stability of all axes: the first bad one."""
+        """The judgment on the stability of all axes: the first bad judgment, if any."""
         loops = [self.loop] if not self.together else self.system.loops().values()
         loops = () if self.what == PLANT else loops
         judgments = [advice.judgment for loop in loops if (advice := self._stability(loop.name)) is not None]
@@ -177,14 +177,14 @@ def read_design(
 ) -> Design:
     """Return the design of a machine file, or of a bundled machine.
 
-    name  prefix of all names on the target; absent: `axis_x`, or `plant_x` for an axis
-    axis  of a control one is needed if the file has several; of a plant without one all axes and their couplings
-    what  "control" or "plant"
-    together  the controls of all axes as one design, with what runs between them
+    name      prefix of all names on the target; default: `axis_x`, or `plant_x` for a plant
+    axis      required for a control if the file has several axes; a plant without it contains all axes and couplings
+    what      "control" or "plant"
+    together  export the controls of all axes as one design, with the couplings between them
 
-    Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have and for
-    the plant of a coupled axis alone, StructureError for a control without a guard and for a part that uses other
-    operations than `ops`, and both as `check_exportable`.
+    Raises FileError and ParameterError as `read_machine` does, ParameterError for a name that is illegal on a target
+    and for the plant of one coupled axis, StructureError for a control without a guard and for a part that uses
+    operations outside `ops`, and both as `check_exportable` does.
     """
     machine = read_machine(source)
     together = len(machine.loops) > 1 and (together or (what == PLANT and axis is None))
@@ -215,7 +215,7 @@ def read_design(
 
 
 def _require_uncorrected(machine: MachineFile, axis: str) -> None:
-    """Raise ParameterError if the control of an axis is corrected by what runs between the controls."""
+    """Raise ParameterError if couplings between the controls correct the control of an axis."""
     for i, coupling in enumerate(machine.couplings):
         if coupling.controls and axis in coupling.axes():
             raise ParameterError(
@@ -225,7 +225,7 @@ def _require_uncorrected(machine: MachineFile, axis: str) -> None:
 
 
 def require_alone(design: Design, target: str) -> None:
-    """Raise ParameterError if the axis is coupled with others, for a target that simulates a single axis."""
+    """Raise ParameterError if the axis is coupled with others; for targets that simulate a single axis."""
     coupled = design.machine.coupled(design.axis)
     if coupled:
         raise ParameterError(
@@ -236,9 +236,9 @@ def require_alone(design: Design, target: str) -> None:
 
 
 def require_guard(loop: Loop) -> None:
-    """Raise StructureError, with what to add to the machine file, for a control without a guard.
+    """Raise StructureError for a control without a guard; the message gives the lines to add to the machine file.
 
-    A target needs a defined reaction to broken readings, and it must be the one that was simulated.
+    A target needs a defined reaction to invalid readings, and it must be the simulated one.
     """
     if loop.control.guard is None:
         held = float(weight(loop.axis))
@@ -263,7 +263,7 @@ _LEAVES = ("const", "truth", "input", "table")
 
 
 def check_exportable(layout: Layout) -> None:
-    """Raise ParameterError or StructureError, with the place and what to do, if a routine cannot be written."""
+    """Raise ParameterError or StructureError, with location and remedy, if a routine cannot be exported."""
     _check_tables(layout)
     _check_operations(layout)
     if layout.precision == "float":
@@ -310,6 +310,6 @@ def _too_large(value: float) -> bool:
 
 
 def _design_name(layout: Layout, field: Field) -> str:
-    """Return the dotted name of a design number that is a parameter, else its field name."""
+    """Return the dotted name of a design number if it is a parameter, else its field name."""
     kind, place = layout.leaves.get(field.node, ("", 0))
     return layout.routine.parameters[place].path if kind == "parameter" else f"the design number {field.name}"

@@ -1,4 +1,4 @@
-"""A P-PI design as the quantities that makers have, and the elements that a target does not support."""
+"""A P-PI design in the quantities used by drive manufacturers, and the elements that a target does not support."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from feeddrive.loop.loop import Loop
 
 
 class DriveQuantity(NamedTuple):
-    """A quantity of a drive: its unit at the table, its unit at the motor's shaft, and the power of r between them.
+    """A quantity of a drive: its unit at the table, its unit at the motor's shaft, and the exponent of r between them.
 
     With r = gear · 2π / lead in rad/m, value at the shaft = value at the table · r^power.
     """
@@ -55,7 +55,7 @@ QUANTITIES: Mapping[str, DriveQuantity] = {
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """The drive train between motor and table: a screw with a gear, or a linear motor, whose lead is None."""
+    """The drive train between motor and table: a screw with a gear, or a linear motor, for which the lead is None."""
 
     lead: float | None  # m
     gear: float = 1.0
@@ -63,7 +63,7 @@ class DriveTrain:
 
     @property
     def rotary(self) -> bool:
-        """True if the motor turns."""
+        """True for a rotary motor."""
         return self.lead is not None
 
     @property
@@ -74,7 +74,7 @@ class DriveTrain:
 
 @dataclass(frozen=True)
 class Cascade:
-    """A P-PI design: its loop, the law, and its quantities in SI at the table; None where it has none."""
+    """A P-PI design: its loop, its law, and its quantities in SI at the table; None for absent quantities."""
 
     loop: Loop
     law: CascadePPI
@@ -116,7 +116,7 @@ def read_cascade(loop: Loop) -> Cascade:
 
 
 def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> float | None:
-    """Return a quantity in a unit of `language.units`, at the shaft if the motor turns; None if there is none."""
+    """Return a quantity in a unit of `language.units`, at the shaft of a rotary motor; None if absent."""
     own = {"lead": train.lead, "gear": train.gear if train.rotary else None}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     if value is None:
@@ -128,7 +128,7 @@ def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> f
 
 
 def _fed(loop: Loop) -> tuple[float, float]:
-    """Return the mass in kg and the viscous friction in N s/m that are fed forward."""
+    """Return the feedforward mass in kg and the feedforward viscous friction in N s/m."""
     mass = viscous = 0.0
     for block in loop.control.feedforward:
         if isinstance(block, Inertia | DisturbanceCompensator):
@@ -143,7 +143,7 @@ def _fed(loop: Loop) -> tuple[float, float]:
 def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None) -> DriveTrain:
     """Return the drive train: from the arguments, else from the motor, else from the plant, else a linear motor.
 
-    Raises ParameterError for a lead or gear that is not positive, and if the drive train is not known.
+    Raises ParameterError for a lead or gear that is not positive, and if the drive train is unknown.
     """
     for name, value in (("lead", lead), ("gear", gear)):
         if value is not None and not 0.0 < value < float("inf"):
@@ -180,7 +180,7 @@ SAFETY = (
 
 
 def kv_lines(Kv: float) -> tuple[str, ...]:
-    """Return the position gain (1/s) in the units of the trade."""
+    """Return the position gain (1/s) in the units used by manufacturers."""
     return (
         f"Kv = {Kv:.6g} 1/s = {Kv:.6g} (mm/s)/mm",
         f"Kv = {Kv * 0.06:.6g} (m/min)/mm = {Kv * 0.06:.6g} 1000/min; 1 (m/min)/mm is 16.667 1/s",
@@ -190,7 +190,7 @@ def kv_lines(Kv: float) -> tuple[str, ...]:
 
 
 class Item(NamedTuple):
-    """An element of the control: its kind, its path in the machine file, and its numbers."""
+    """An element of the control: its kind, its path in the machine file, and its values."""
 
     kind: str
     path: str
@@ -238,12 +238,12 @@ UNKNOWN = "the target has no such element"
 
 
 def _read(value: SupportsFloat, unit: str, shown: str = "SI") -> str:
-    """Return a number as the README of an export has it: plain text with six digits, in the units of a linear axis."""
+    """Format a number for the README of an export: plain text with six digits, in the units of a linear axis."""
     return str(Quantity(value, unit, form=f"6 {shown}"))
 
 
 def items(cascade: Cascade) -> Iterator[Item]:
-    """Yield everything in the control of a P-PI design besides its gains, in the order of the signal."""
+    """Yield all elements of a P-PI design except its gains, in the order of the signal path."""
     control, law = cascade.loop.control, cascade.law
     if law.velocity_samples > 1:
         yield Item("velocity_samples", "control.law.velocity_samples", str(law.velocity_samples))
@@ -274,7 +274,7 @@ def items(cascade: Cascade) -> Iterator[Item]:
 
 
 def _fed_items(block: Block) -> Iterator[str]:
-    """Yield the kinds of items of a feedforward."""
+    """Yield the kinds of the items in a feedforward."""
     if isinstance(block, Inertia | DisturbanceCompensator):
         if block.mass:
             yield "inertia"
@@ -320,9 +320,8 @@ def _guarded(cascade: Cascade) -> Iterator[Item]:
 def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str, str]]) -> tuple[LostPart, ...]:
     """Return the items that a target cannot represent.
 
-    held     kinds of items that it represents completely
-    outside  kind -> why it cannot represent it, and the consequence; if empty, the general one. A kind in neither
-             is one that the target does not have
+    held     kinds of items that the target represents completely
+    outside  kind -> reason and consequence, or empty for the general ones; kinds in neither are unsupported
     """
     parts = []
     for item in items(cascade):
@@ -333,6 +332,6 @@ def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str,
 
 
 def numbers(block: Block) -> str:
-    """Return a block in one line: its kind and its numbers."""
+    """Describe a block in one line: its kind and its values."""
     shown = (f"{name} {value:g} {tree.declaration(block, name).unit}".rstrip() for name, value in tree.leaves(block))
     return ", ".join([block.kind, *shown])

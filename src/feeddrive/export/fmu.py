@@ -1,4 +1,4 @@
-"""The targets `fmu2` and `fmu3`: variables, XML descriptions, the archive with its binary, and its run in FMPy."""
+"""The targets `fmu2` and `fmu3`: variables, XML descriptions, the archive with its binary, and execution in FMPy."""
 
 from __future__ import annotations
 
@@ -116,12 +116,12 @@ def _written(root: Element) -> bytes:
 
 
 def _units(root: Element, variables: Sequence[FmuVariable]) -> None:
-    """Add every unit with the exponents of its base units; angle is one of them, so that Hz and 1/s stay different."""
+    """Add every unit with the exponents of its base units; angle is a base unit, so that Hz and 1/s remain distinct."""
     units = sorted({variable.unit for variable in variables if variable.unit})
     definitions = SubElement(root, "UnitDefinitions")
     for name in units:
         unit = SubElement(definitions, "Unit", name=name)
-        with contextlib.suppress(ParameterError):  # a drive's own unit, "A or V", has no base units
+        with contextlib.suppress(ParameterError):  # a drive unit, "A or V", has no base units
             factor, dimension = measure(name)
             powers = {base: str(power) for base, power in zip(_BASE, dimension, strict=True) if power}
             SubElement(unit, "BaseUnit", powers | ({} if factor == 1.0 else {"factor": repr(factor)}))
@@ -174,7 +174,7 @@ def _bound(value: float) -> str:
 
 
 def _variability(variable: FmuVariable) -> str:
-    """Return the variability: inputs and outputs are discrete, held from sample to sample and never interpolated."""
+    """Return the variability: inputs and outputs are discrete, held between samples and never interpolated."""
     if variable.group == "time":
         return "continuous"
     if variable.group in ("input", "output"):
@@ -183,7 +183,7 @@ def _variability(variable: FmuVariable) -> str:
 
 
 def _structure(parent: Element, three: bool, variables: Sequence[FmuVariable]) -> None:
-    """Add the model structure: outputs are those of the last step, so none depends on an input of the same instant."""
+    """Add the model structure: outputs belong to the last step, so there is no direct feedthrough."""
     outputs = [i for i, variable in enumerate(variables) if variable.group == "output"]
     if three:
         for i in outputs:
@@ -204,11 +204,10 @@ _TRUTHS = ("enable", "enabled")
 class FmuVariable(NamedTuple):
     """A variable; its index in the tuple of all variables is its value reference.
 
-    group        "time", "sample_time", "parameter", "start" (a fixed parameter where the model begins), "input" or
-                 "output"
+    group        "time", "sample_time", "parameter", "start" (a fixed parameter: the initial state), "input" or "output"
     kind         "number", "truth" or "enumeration"
-    start        value before anything is set; of a computed variable None
-    least, most  bounds that the model checks; infinite where there are none
+    start        start value; None for a computed variable
+    least, most  bounds that the model checks; infinite if there are none
     """
 
     name: str
@@ -223,7 +222,7 @@ class FmuVariable(NamedTuple):
 
 
 def is_plant(routine: Routine) -> bool:
-    """True if the routine is the axis and not its control."""
+    """Return True if the routine is the plant, not the control."""
     return routine.memory == "plant"
 
 
@@ -265,7 +264,7 @@ def _kind(name: str) -> str:
 
 
 def _bounds(declared: Declaration | None) -> tuple[float, float]:
-    """Return the smallest and largest admissible value; for an excluded bound, the number next to it."""
+    """Return the smallest and largest admissible values; for an exclusive bound, the adjacent number."""
     if declared is None:
         return -math.inf, math.inf
     least = -math.inf if declared.least is None else declared.least
@@ -278,7 +277,7 @@ def _bounds(declared: Declaration | None) -> tuple[float, float]:
 
 
 def _beside(bound: float, towards: float) -> float:
-    """Return the next number; next to zero the smallest normal one, as tools may treat subnormal numbers as zero."""
+    """Return the adjacent number; for zero the smallest normal one, as tools may flush subnormal numbers to zero."""
     return math.copysign(sys.float_info.min, towards) if bound == 0.0 else math.nextafter(bound, towards)
 
 
@@ -390,12 +389,12 @@ def _row(variable: FmuVariable) -> str:
     return f'{{"{variable.name}", {group}, {kind}, {int(variable.tunable)}, {offset}, {bounds}}}'
 
 
-# The targets `fmu2` and `fmu3`: the archive, its binary for this computer, and its run in FMPy.
+# The targets `fmu2` and `fmu3`: the archive, its binary for this computer, and its execution in FMPy.
 
 VERSIONS = (2, 3)
 _SOURCES = Path(__file__).parent / "fmi"
 _SHARED = ("fmu_instance.h", "fmu_functions.h")
-# files beside which the model's own stand, and headers of the C library that they would hide
+# reserved file names in the folder of the model's sources, and C library headers that they would hide
 _TAKEN = (
     "fmu_model",
     "fmu_instance",
@@ -437,11 +436,11 @@ _EXACT = """\
 def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
     """Return the FMU of a laid-out routine, for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
 
-    title, made_by   what it is, and which program made it from which file; both stand in its texts
-    binary           with a library for this machine; without one, tools compile it from the sources that it holds
+    title, made_by   description of the design, and program and source file; both appear in its texts
+    binary           include a library for this machine; otherwise tools compile the included sources
 
-    Raises ParameterError for another version, single precision or a name that the archive needs itself, FileError and
-    MissingProgramError as `binary.compiled`.
+    Raises ParameterError for another version, single precision or a name that the archive reserves, FileError and
+    MissingProgramError as `compiled` does.
     """
     routine = layout.routine
     if version not in VERSIONS:
@@ -479,7 +478,7 @@ def _read(folder: str, name: str) -> str:
 
 
 def _token(parts: list[bytes]) -> str:
-    """Return a digest of the complete model, in the form of a GUID."""
+    """Return a digest of the complete model, formatted as a GUID."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "little") + part)
@@ -488,7 +487,7 @@ def _token(parts: list[bytes]) -> str:
 
 
 def _packed(entries: dict[str, bytes]) -> bytes:
-    """Return a ZIP archive without time stamps and owners, so that equal content gives equal bytes."""
+    """Return a ZIP archive without time stamps and owners, so that identical content gives identical bytes."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in sorted(entries.items(), key=lambda entry: (entry[0] != "modelDescription.xml", entry[0])):
@@ -501,9 +500,9 @@ def _packed(entries: dict[str, bytes]) -> bytes:
 
 
 def write_fmu(design: Design, out: Path, *, version: int = 2, binary: bool = True) -> Path:
-    """Write the export, completely or not at all, and return the README.
+    """Write the export atomically and return the path of the README.
 
-    Raises FileError as `new_directory` and what `fmu` raises.
+    Raises FileError as `new_directory` does, and the errors of `fmu`.
     """
     check_directory(out)
     content = fmu(design.layout, version, title=design.title, made_by=design.made_by, binary=binary)
@@ -550,7 +549,7 @@ _FLAGS = (
 
 
 def library_place(version: int) -> str:
-    """Return folder and file extension of the library that a tool on this machine loads: `linux64/*.so`."""
+    """Return folder and file extension of the library that tools on this machine load: `linux64/*.so`."""
     system = {"Linux": "linux", "Darwin": "darwin", "Windows": "windows"}.get(platform.system(), "linux")
     wide = sys.maxsize > 2**32
     ending = {"linux": "so", "darwin": "dylib", "windows": "dll"}[system]
@@ -561,11 +560,11 @@ def library_place(version: int) -> str:
 
 
 def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
-    """Compile some of the files into a shared library and return its bytes.
+    """Compile files into a shared library and return its bytes.
 
     The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
 
-    Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
+    Raises MissingProgramError without a compiler and FileError with the first compiler message on failure.
     """
     words = compiler()
     flags = _FLAGS if platform.system() == "Windows" else (*_FLAGS, "-fPIC")
@@ -599,8 +598,7 @@ _ACCESS = {
 
 
 def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
-    """Return the outputs of a controller's FMU, shape (n, outputs), sample by sample, with parameter changes between
-    steps.
+    """Simulate a controller's FMU with parameter changes between steps; return the outputs, shape (n, outputs).
 
     Raises FmuError for an FMU that cannot be opened or fails, and MissingExtraError without FMPy.
     """
@@ -621,7 +619,7 @@ def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
 
 
 def _access(archive: Archive, fmu: Any, verb: str, names: Sequence[str]) -> Callable[[Sequence[float] | None], Any]:
-    """Return a function that sets or gets variables by name; variables of one type go in one call."""
+    """Return a function that sets or gets variables by name; variables of one type share one call."""
     known = {variable.name: variable for variable in archive.description.modelVariables}
     groups: dict[str, list[int]] = {}
     for i, name in enumerate(names):
@@ -647,7 +645,7 @@ def _access(archive: Archive, fmu: Any, verb: str, names: Sequence[str]) -> Call
 
 
 def prove(directory: Path, design: Design, tried: Trial) -> Answers:
-    """Run a trial in FMPy. Raises as `answers`."""
+    """Run a trial in FMPy. Raises the errors of `answers`."""
     outputs = answers(directory / f"{design.name}.fmu", design.routine, tried)
     import fmpy  # an extra: `answers` has said so if it is missing
 

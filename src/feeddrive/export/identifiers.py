@@ -7,7 +7,7 @@ import unicodedata
 
 from feeddrive.language.errors import ParameterError
 
-HAL_LENGTH = 47  # characters of a name in LinuxCNC's HAL, the shortest of all
+HAL_LENGTH = 47  # maximum length of a name in LinuxCNC's HAL, the shortest limit of all targets
 
 
 def _words(text: str) -> frozenset[str]:
@@ -71,8 +71,8 @@ _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", re.ASCII)
 def identifier(wanted: str, taken: set[str], reserved: frozenset[str]) -> str:
     """Return a legal name close to `wanted` that is neither reserved nor taken, and add it to `taken`.
 
-    `axis.law.Kv` becomes `axis_law_Kv`, `ω0` becomes `omega0`, and a name that is taken gets `_2`, `_3`, ... appended.
-    Upper and lower case count as the same.  The same calls in the same order give the same names.
+    `axis.law.Kv` becomes `axis_law_Kv`, `ω0` becomes `omega0`, and `_2`, `_3`, ... is appended to a name already taken.
+    Names are case-insensitive.  The same calls in the same order give the same names.
     """
     text = re.sub(r"[^A-Za-z0-9]+", "_", "".join(map(_plain, wanted))).strip("_")
     if not text or text[0].isdigit():
@@ -87,7 +87,7 @@ def identifier(wanted: str, taken: set[str], reserved: frozenset[str]) -> str:
 
 
 def _plain(character: str) -> str:
-    """Return a character in ASCII: letters lose their accents, Greek ones are spelled out."""
+    """Return a character in ASCII: letters without accents, Greek letters spelled out."""
     if character.isascii():
         return character
     words = unicodedata.name(character, "").split()
@@ -99,7 +99,7 @@ def _plain(character: str) -> str:
 
 
 def check_name(name: str, where: str, longest: int = HAL_LENGTH) -> None:
-    """Raise ParameterError unless `name` can name an export in every target; `where`: its option or key."""
+    """Raise ParameterError unless `name` is legal for an export on every target; `where`: its option or key."""
     advice = "letters, digits and single underscores, a letter first, such as axis_x"
     if not _PLAIN.fullmatch(name):
         raise ParameterError(f"{where}: {name!r} cannot name a component, a function and a struct: take {advice}")
@@ -145,7 +145,7 @@ _RAISED = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺ˣʸᵀⁱⁿᵏˢ", "01234
 
 
 def ascii_text(text: str) -> str:
-    """Return the text without any character beyond ASCII: `s²` is `s^2`, `ζ` is `zeta`, an unknown one is `?`.
+    """Return the text in ASCII: `s²` becomes `s^2`, `ζ` becomes `zeta`, an unknown character becomes `?`.
 
     `·/` becomes `* /`, so that it does not end a C comment.
     """
@@ -156,7 +156,7 @@ _BEYOND_ASCII = re.compile(r"[^\x00-\x7f]+")
 
 
 def _run_spelled(text: str) -> str:
-    """Spell out adjacent characters beyond ASCII; a `^` or `_` precedes each group of superscripts or subscripts."""
+    """Spell out adjacent non-ASCII characters; `^` or `_` precedes each group of superscripts or subscripts."""
     parts: list[str] = []
     raised = lowered = False
     for character in text:
@@ -183,7 +183,7 @@ def _spelled(character: str) -> str:
 
 
 def bare(text: str) -> str:
-    """Return the text without the parentheses around it, if the first one closes with the last one."""
+    """Return the text without its outer parentheses, if the first one matches the last one."""
     depth = 0
     for place, character in enumerate(text):
         depth += (character == "(") - (character == ")")

@@ -1,4 +1,4 @@
-"""Memory layout of a routine on a target: what `configure` computes and stores, and what each step computes."""
+"""The memory layout of a routine on a target: what `configure` computes and stores, and what each step computes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from feeddrive.language.naming import Name
 from feeddrive.loop.engine.plan import composed
 from feeddrive.loop.routine import Function, Retune, Routine, target_name
 
-# Memory layout of a routine on a target: what `configure` computes and stores, and what each step computes.
+# The memory layout of a routine on a target: what `configure` computes and stores, and what each step computes.
 #
 # A number that depends on parameters only is computed by `configure` and stored in the design, if a step or a reset
 # reads it; all others are computed in every step.  With a single-precision step, `configure` still computes in double
@@ -29,7 +29,7 @@ PRECISIONS = ("double", "float")
 
 
 class Field(NamedTuple):
-    """A number that `configure` computes and stores: its name, its node, and true if it is a truth value."""
+    """A number that `configure` computes and stores: its name, its node, and a flag for truth values."""
 
     name: str
     node: int
@@ -38,17 +38,17 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layout:
-    """A routine in the operations that the code generators can print.
+    """A routine expressed in the operations that the code generators can print.
 
     leaves   node -> (kind, index): kind is "parameter", "sample_time", "input", "state" or "table"
-    moving   whether a node changes from sample to sample; the others are computed by `configure`
-    truth    whether a node is a truth value
+    moving   per node: true if it changes from sample to sample; the others are computed by `configure`
+    truth    per node: true if it is a truth value
     design   numbers that `configure` stores for reset, step and retune
     names    variable names in the source of the laws, by node
     makers   dotted names of the blocks that compute the nodes
-    prepared the prepared numbers, in their order, as nodes
-    conditions the truth nodes of the routine's conditions, in their order
-    retune   the live change, in plain arithmetic, and which of its nodes are truth values
+    prepared the nodes of the prepared numbers, in order
+    conditions the nodes of the routine's conditions, in order
+    retune   the live parameter change in plain arithmetic, with a flag per node for truth values
     """
 
     routine: Routine
@@ -78,7 +78,7 @@ class Layout:
         return read
 
     def order(self, roots: Iterable[int], *, moving: bool) -> list[int]:
-        """Return the operations below some nodes, either the moving or the constant ones, in the order of the law."""
+        """Return the operations on which some nodes depend, either moving or constant ones, in the order of the law."""
         return [
             index
             for index in reachable(self.graph, list(roots))
@@ -144,7 +144,7 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
 
 
 def _lowered_retune(retune: Retune) -> Retune:
-    """Lower the live change; `configure` and `retune` compute in double precision always."""
+    """Lower the live parameter change; `configure` and `retune` always compute in double precision."""
     graph, place = _lowered(retune.graph, [*retune.states, *retune.leaves])
     leaves = {place[node]: leaf for node, leaf in retune.leaves.items()}
     states = tuple(place[i] for i in retune.states)
@@ -161,7 +161,7 @@ def _placed(function: Function, place: dict[int, int]) -> Function:
 
 
 def _moving(graph: Graph, signals: set[int]) -> list[bool]:
-    """True for each node that depends on an input or a state."""
+    """Return, per node, True if it depends on an input or a state."""
     moving: list[bool] = []
     for index, node in enumerate(graph.nodes):
         moving.append(index in signals or any(moving[i] for i in arguments(node)))
@@ -169,7 +169,7 @@ def _moving(graph: Graph, signals: set[int]) -> list[bool]:
 
 
 def truths(graph: Graph) -> list[bool]:
-    """True for each node that is a truth value."""
+    """Return, per node, True if it is a truth value."""
     truth: list[bool] = []
     for node in graph.nodes:
         truth.append(node[0] in TRUTH or node[0] == "truth" or (node[0] == "select" and truth[node[2]]))
@@ -177,7 +177,7 @@ def truths(graph: Graph) -> list[bool]:
 
 
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
-    """Return the graph below the roots in printable operations; elementary functions stay, as calls."""
+    """Return the subgraph of the roots in printable operations; elementary functions remain calls."""
 
     def compose(printable: Graph, name: str, values: list[Symbol]) -> Symbol:
         known = _known(printable, name, values)
@@ -190,7 +190,7 @@ _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a
 
 
 def _known(graph: Graph, name: str, operands: list[Symbol]) -> Symbol | None:
-    """Return the value if no operation is needed: two constants, or x · 1, where the bits are the same."""
+    """Return the value if no operation is needed: two constants, or x · 1, which gives the same bits."""
     numbers = [_number(graph, symbol) for symbol in operands]
     if name in _FOLDED and None not in numbers:
         return graph.constant(_FOLDED[name](*numbers))
@@ -291,13 +291,15 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
 
 
 class LayoutRun:
-    """A controller or a plant executed from its layout, as the reference for exported code. Slow: some 10 000
-    operations in 10 ms.
+    """A controller or a plant executed from its layout, as the reference for exported code.
+
+    It is slow: about 10 000 operations in 10 ms.
     """
 
     def __init__(self, layout: Layout, parameters: Mapping[str, float] | None = None, *, wide: bool = False) -> None:
-        """Start a run. `parameters` override those of the machine file, by dotted name; `wide` computes in double
-        precision.
+        """Start a run.
+
+        `parameters` override those of the machine file, by dotted name; `wide` computes in double precision.
         """
         self.layout = layout
         self.real: Any = np.float64 if wide or layout.precision == "double" else np.float32
@@ -332,7 +334,7 @@ class LayoutRun:
         return {node: real(rows[i][2]) for node, (kind, i) in self.layout.leaves.items() if kind == "table"}
 
     def reset(self, inputs: Iterable[float]) -> list[Any]:
-        """Start at the position of the axis; return the first outputs of a plant."""
+        """Reset to the position of the axis; return the initial outputs of a plant."""
         return self._advance(self.layout.reset, inputs)
 
     def step(self, inputs: Iterable[float]) -> list[Any]:
@@ -353,7 +355,7 @@ class LayoutRun:
         return results[len(function.states) :]
 
     def retune(self, changes: Mapping[str, float]) -> None:
-        """Change parameters, by dotted name, and convert the state."""
+        """Change parameters, by dotted name, and adapt the state."""
         layout, routine = self.layout, self.layout.routine
         before, design = dict(self.parameters), self.design
         self.parameters = before | dict(changes)
@@ -403,7 +405,7 @@ def _flushed(value: Any, least: Any) -> Any:
 
 
 def _needed(graph: Graph, ends: list[int], known: Mapping[int, Any]) -> list[int]:
-    """Return the nodes to compute, in order, without known ones and their arguments."""
+    """Return the nodes to compute, in order, excluding known ones and their arguments."""
     needed: set[int] = set()
     stack = [index for index in ends if index not in known]
     while stack:
@@ -419,7 +421,7 @@ _graphs: dict[tuple[str, Any], tuple[Graph, int, int]] = {}
 
 
 def elementary(name: str, x: Any, real: Any) -> Any:
-    """Evaluate an elementary function by its own plain arithmetic in a precision."""
+    """Evaluate an elementary function in a precision, by its definition in plain arithmetic."""
     assert name in ELEMENTARY, f"no operation '{name}' in {real.__name__}"
     key = (name, real)
     if key not in _graphs:

@@ -1,4 +1,4 @@
-"""The target `linuxcnc`: components, wiring, limits of the axis checked in a simulation, and a README."""
+"""The target `linuxcnc`: components, wiring, axis limits checked by simulation, and a README."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine, Variable, plant_routine
 from feeddrive.loop.simulate import simulate
 
-# The .comp files of a controller and of a simulated axis: HAL names, declarations, and the C text behind them.
+# The .comp files of a controller and of a simulated axis: HAL names, declarations, and C code.
 
-FAULT_PERIOD, FAULT_LATE, FAULT_PARAMETER = 11, 12, 13  # beside the trip codes of the guard
+FAULT_PERIOD, FAULT_LATE, FAULT_PARAMETER = 11, 12, 13  # in addition to the trip codes of the guard
 FAULTS = {int(code): word for code, word in TRIPS.items()} | {
     FAULT_PERIOD: "a thread with another period than the sample time",
     FAULT_LATE: "a call that came too late",
     FAULT_PARAMETER: "parameters that break a rule when enable is set",
 }
-LATE = 10  # periods, the longest time from call to call
+LATE = 10  # longest time between calls, in periods
 # pin and meaning of each input of the law; lengths are in the unit of the machine
 _INPUTS = {
     "set_position": ("position-cmd", "set position"),
@@ -108,14 +108,14 @@ def settings(routine: Routine) -> dict[Item, float]:
 
 
 def tolerance(routine: Routine) -> int:
-    """Return the largest deviation of the thread's period from the sample time, ns."""
+    """Return the largest permitted deviation of the thread period from the sample time, in ns."""
     return max(servo_period(routine) // 1000, 1)
 
 
 def controller_comp(routine: Routine, title: str, made_by: str) -> str:
     """Return the text of the controller's .comp file, which includes P.h.
 
-    Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
+    Raises ParameterError and StructureError for names and sample times that LinuxCNC does not support.
     """
     items, own = pins(routine), settings(routine)
     tuned = {parameter(v): v for v in routine.parameters}
@@ -162,10 +162,10 @@ _PLANT_INPUTS = {
 
 
 def plant_comp(routine: Routine, title: str, made_by: str) -> str:
-    """Return the text of the simulated axis's .comp file, which includes P.h; `read` and `write` replace those of a
-    card.
+    """Return the text of the simulated axis's .comp file, which includes P.h.
 
-    Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
+    Its `read` and `write` functions replace those of an I/O card.
+    Raises ParameterError and StructureError for names and sample times that LinuxCNC does not support.
     """
     T = servo_period(routine)
     pins = [
@@ -202,23 +202,23 @@ def plant_comp(routine: Routine, title: str, made_by: str) -> str:
 
 
 def text(name: str) -> str:
-    """Return a file of `templates/linuxcnc/`."""
+    """Return the text of a file in `templates/linuxcnc/`."""
     return (Path(__file__).parent / "templates" / "linuxcnc" / name).read_text(encoding="utf-8")
 
 
 def filled(name: str, /, **values: object) -> str:
-    """Return a file of `templates/linuxcnc/` with the values filled in."""
+    """Return a file of `templates/linuxcnc/` with values inserted."""
     return Template(text(name)).substitute({key: str(value) for key, value in values.items()})
 
 
-# Components of LinuxCNC 2.9: one of the same name would take their place on the user's machine, or not load.
+# Components of LinuxCNC 2.9: one with the same name would replace them on the user's machine, or not load.
 STOCK = frozenset(text("stock.txt").split())
-FASTEST, SLOWEST = 10_000, 100_000_000  # ns; shortest period of a PC at best, and a period slower than any servo loop
+FASTEST, SLOWEST = 10_000, 100_000_000  # ns; shortest period of a PC, and longer than any servo period
 MEASURED = ("time", "tmax", "tmax-increased")  # pins that HAL adds to every function
 
 
 class Item(NamedTuple):
-    """A pin or a parameter that the .comp file declares."""
+    """A pin or a parameter declared in the .comp file."""
 
     name: str
     type: str  # "float", "bit", "s32" or "u32"
@@ -227,7 +227,7 @@ class Item(NamedTuple):
 
     @property
     def c(self) -> str:
-        """The name by which halcompile lets C text read and write it."""
+        """The name for access in the C code of halcompile."""
         return re.sub("_+", "_", re.sub("[-.]", "_", self.name))
 
 
@@ -237,20 +237,18 @@ def pin(name: str, kind: str, direction: str, meaning: str) -> Item:
 
 
 def parameter(variable: Variable) -> Item:
-    """Return the HAL parameter of a routine's parameter: `axis.x.control.law.Kv` is `law.Kv` of the
-    component `axis-x`.
-    """
+    """Return the HAL parameter of a parameter: `axis.x.control.law.Kv` is `law.Kv` of the component `axis-x`."""
     name = re.sub(r"^axis\.[^.]+\.(control\.|actuator\.(?=motor\.))?", "", variable.path).replace("_", "-")
     return Item(name, "float", "rw", plain(f"{variable.meaning}, {variable.unit or 'no unit'}"))
 
 
 def hal(name: str) -> str:
-    """`axis_x` is written `axis-x` in HAL."""
+    """Convert a name to HAL spelling: `axis_x` becomes `axis-x`."""
     return name.replace("_", "-")
 
 
 def check_component(name: str, functions: Sequence[str], items: Iterable[Item]) -> None:
-    """Raise ParameterError for a name that is LinuxCNC's own or too long, StructureError for two that are the same."""
+    """Raise ParameterError for a reserved or too long name, StructureError for duplicate names."""
     if name in STOCK:
         raise ParameterError(
             f"the name '{name}' is that of a component of LinuxCNC, which the installed one would replace; "
@@ -279,7 +277,7 @@ def plain(words: str) -> str:
 
 
 def servo_period(routine: Routine) -> int:
-    """Return the sample time in ns. Raises ParameterError for one that no servo thread of LinuxCNC can have."""
+    """Return the sample time in ns. Raises ParameterError if no servo thread of LinuxCNC supports it."""
     exact = routine.sample_time * 1e9
     whole = round(exact)
     if abs(exact - whole) > 1e-3:
@@ -295,7 +293,7 @@ def servo_period(routine: Routine) -> int:
     return whole
 
 
-# LinuxCNC's flags do not forbid a fused multiply-add, which processors other than x86 would take.
+# LinuxCNC's flags permit a fused multiply-add, which processors other than x86 would use.
 _EXACT = '#pragma GCC optimize("fp-contract=off")\n\n'
 _AS_IT_STANDS = """\
 #pragma GCC push_options
@@ -307,8 +305,8 @@ _AS_IT_STANDS = """\
 def core(name: str, parts: Texts) -> str:
     """Return the header that a component includes: the complete routine.
 
-    Code that runs once or at a change of parameters may have thousands of lines: it is compiled without optimization,
-    in a tenth of the time.
+    Code that runs once or at parameter changes may have thousands of lines: it is compiled without optimization, in a
+    tenth of the time.
     """
     once = re.compile(
         rf"^static (?:inline bool {name}_retune|int {name}_designed)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
@@ -343,12 +341,12 @@ _TYPES = {"float": "float", "bit": "bit", "s32": "signed", "u32": "unsigned"}
 
 
 def _number(item: Item, value: float) -> str:
-    """Return a default as halcompile reads it: without the `+` of an exponent."""
+    """Return a default value in halcompile syntax: without the `+` of an exponent."""
     return repr(float(value)).replace("e+", "e") if item.type == "float" else str(int(value))
 
 
 def numbers(texts: Iterable[str]) -> str:
-    """Return a C initializer, broken into lines."""
+    """Return a C initializer, wrapped into lines."""
     lines = [""]
     for number_text in texts:
         if len(lines[-1]) + len(number_text) > 90:
@@ -362,19 +360,19 @@ def where(wanted: bool, text: str) -> str:
     return text if wanted else ""
 
 
-# The target `linuxcnc`: components, wiring, limits of the axis checked in a simulation, and a README.
+# The target `linuxcnc`: components, wiring, axis limits checked by simulation, and a README.
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
-    """Write the control of a design as a component of LinuxCNC, with the files that run it.
+    """Write the control of a design as a LinuxCNC component, with the files to run it; return the path of the README.
 
-    joint  number of the joint in LinuxCNC; absent: the place of the axis in the machine file
+    joint  number of the joint in LinuxCNC; default: the index of the axis in the machine file
 
-    The directory holds `<name>.comp` with `<name>.h`, `<name>.hal`, `<name>.ini`, the axis as `<name>_plant.comp`,
-    `desk.ini` and `desk.hal`, and a README, which is returned. It is written completely or not at all.
-    Raises ParameterError for an axis instead of a control, for one that is coupled with others (the desk holds one
-    alone), for a name or a sample time that LinuxCNC cannot have, a precision other than double, a wrong joint number,
-    or a loop that cannot follow LinuxCNC's motion; FileError for a directory that cannot be written.
+    The directory contains `<name>.comp` with `<name>.h`, `<name>.hal`, `<name>.ini`, the axis as `<name>_plant.comp`,
+    `desk.ini` and `desk.hal`, and a README. It is written atomically.
+    Raises ParameterError for a plant instead of a control, for an axis coupled with others (the desk simulates one
+    axis), for a name or sample time that LinuxCNC does not support, a precision other than double, a wrong joint
+    number, or a loop that cannot follow LinuxCNC's motion; FileError for a directory that cannot be written.
     """
     out = Path(out)
     check_directory(out)
@@ -434,9 +432,7 @@ LETTERS = "XYZABCUVW"
 
 
 def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
-    """Return the wiring of the controller: from the joint's commands to the force, without the lines of the I/O
-    card.
-    """
+    """Return the wiring of the controller, from the joint's commands to the force, without the I/O card."""
     name, P = hal(routine.name), routine.name
     x = _prefix(routine)
     reading = reading_pin(routine)
@@ -498,7 +494,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
 def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: str, made_by: str) -> str:
     """Return the sections of the joint and of the axis; in mm, the LINEAR_UNITS of the desk."""
     velocity, acceleration, error = 1e3 * limit.velocity, 1e3 * limit.acceleration, 1e3 * limit.following_error
-    # inside the guard's travel: at its very end the smallest overshoot would trip
+    # inside the guard's travel: at its end the smallest overshoot would trip
     room = error if limit.travel_known else 0.0
     ends = [f"MIN_LIMIT = {1e3 * limit.least + room:.9g}", f"MAX_LIMIT = {1e3 * limit.most - room:.9g}"]
     moves = [f"MAX_VELOCITY = {velocity:.9g}", f"MAX_ACCELERATION = {acceleration:.9g}"]
@@ -532,7 +528,7 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
 
 
 def _unknown(limit: Limits) -> list[str]:
-    """Return settings that the machine file does not contain and that must not be assumed."""
+    """Return the settings that the machine file lacks and that must not be assumed."""
     if limit.travel_known:
         return []
     return [
@@ -542,7 +538,7 @@ def _unknown(limit: Limits) -> list[str]:
 
 
 def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
-    """Return the HAL file for a desk: the planner, the controller of this axis, and its physics in place of a card."""
+    """Return the HAL file for a desk test: the planner, the controller, and the simulated axis in place of a card."""
     x, p, name = _prefix(routine), hal(plant.name), hal(routine.name)
     readings = [r for r in ("motor-position-fb", "load-position-fb", "position-fb") if _has(routine, r)]
     lines = [
@@ -572,9 +568,7 @@ def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
 
 
 def desk_ini(routine: Routine, joint: int, letter: str) -> str:
-    """Return a LinuxCNC configuration with this axis, for `linuxcnc desk.ini`; joints before it follow their
-    commands.
-    """
+    """Return a LinuxCNC configuration with this axis, for `linuxcnc desk.ini`; lower joints echo their commands."""
     others = [other for other in LETTERS if other != letter][:joint]
     ideal = "".join(_IDEAL.format(letter=other, joint=i) for i, other in enumerate(others))
     return filled(
@@ -611,18 +605,18 @@ HOME_SEQUENCE = 0
 """
 
 
-_VELOCITIES = (0.5, 0.25, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)  # m/s, tried one after the other
-_RAMP = 0.2  # s from rest to the velocity, and of the way between two ramps
-_SHARE = 0.7  # of the limits of force, following error and speed that a move may use
-_MARGIN = 2.0  # between the following error of the move and FERROR
+_VELOCITIES = (0.5, 0.25, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)  # m/s, tested in this order
+_RAMP = 0.2  # s from rest to the velocity, and at constant velocity
+_SHARE = 0.7  # fraction of the limits of force, following error and speed that a move may use
+_MARGIN = 2.0  # factor between the following error of the move and FERROR
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of an axis in LinuxCNC: velocity (m/s), acceleration (m/s2), following error (m), ends of the travel (m).
+    """The limits of an axis in LinuxCNC: velocity (m/s), acceleration (m/s2), following error (m), travel ends (m).
 
-    `peak_error` (m) and `peak_force` (N) are those of the move in which the axis was tried; `travel_known`: the ends
-    are those of the guard, not placeholders.
+    `peak_error` (m) and `peak_force` (N) are those of the simulated test move; `travel_known` is true if the travel
+    ends are those of the guard, not placeholders.
     """
 
     velocity: float
@@ -636,10 +630,10 @@ class Limits:
 
 
 def limits(loop: Loop) -> Limits:
-    """Return the fastest of some moves that keep a margin of 30 % to the limits of the control and of the motor.
+    """Return the limits of the fastest tested move that keeps a margin of 30 % to the limits of control and motor.
 
-    The move is LinuxCNC's own, a trapezoid of velocity.  Its following error is counted as LinuxCNC does, against the
-    reading of one period later.  Raises ParameterError if even the slowest move is too much.
+    The move has LinuxCNC's trapezoidal velocity profile.  Its following error is computed as in LinuxCNC, against the
+    reading one period later.  Raises ParameterError if even the slowest move violates the limits.
     """
     least, most = _travel(loop)
     tried = None
@@ -670,7 +664,7 @@ def _travel(loop: Loop) -> tuple[float, float]:
 
 
 def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | None:
-    """Simulate a move and return its limits; None if it is too fast or too long."""
+    """Simulate a move and return the limits it implies; None if the move is too fast or too long."""
     acceleration = velocity / _RAMP
     distance = 2.0 * _RAMP * velocity
     if distance > most - least:

@@ -1,4 +1,4 @@
-"""The target `linuxcnc-pid`: a P-PI design as LinuxCNC's stock pids, with the differences that remain."""
+"""The target `linuxcnc-pid`: a P-PI design as LinuxCNC's stock pid components, with the remaining differences."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 
-# LinuxCNC's stock pids for a P-PI design: the gains that realize it, and the differences that remain.
+# LinuxCNC's stock pids for a P-PI design: the gains that realize it, and the remaining differences.
 #
-# With c = units · force_per_output (machine units in a meter, N per unit of the output), α = velocity_feedforward, b
-# the law's own `viscous`, and m, d the mass and viscous friction that are fed forward:
+# With c = units · force_per_output (machine units per meter, N per unit of the output), α = velocity_feedforward, b
+# the law's `viscous`, and m, d the feedforward mass and viscous friction:
 #
 #     two pids   position  Pgain = Kv, FF1 = α                       its output is a velocity
 #                velocity  Pgain = (Kp - b)/c, FF0 = b/c, Igain = Kp/(c Tn), maxoutput = force_limit / force_per_output
@@ -45,7 +45,7 @@ from feeddrive.loop.simulate import Run, simulate
 #     filters    a biquad each, with the coefficients of the design's own step
 #     weight     of a hanging axis, the guard's safe_force: bias of the last pid, by the same sum2
 #
-# One pid takes one encoder, since its D differences what P reads.  The integral of the velocity error is then that of
+# One pid uses one encoder, since D differentiates the reading of P.  The integral of the velocity error is then that of
 # the position error plus the position error itself, which needs α = 1 where there is a Tn.
 
 ROUTES = ("two", "one")
@@ -92,13 +92,13 @@ _LATE = (
 
 
 def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) -> LinuxcncPid:
-    """Return the pids of a design.
+    """Return a design as LinuxCNC pid components.
 
-    route  "two" pids in cascade or "one"
-    units  machine units in a meter: 1000 for mm, 1/0.0254 for inches
+    route  "two" pids in cascade, or "one"
+    units  machine units per meter: 1000 for mm, 1/0.0254 for inches
 
-    Raises ParameterError for an unknown route and for a law whose `viscous` is above its velocity gain, and
-    StructureError where one pid cannot hold the design.
+    Raises ParameterError for an unknown route and for a law whose `viscous` exceeds its velocity gain, and
+    StructureError if one pid cannot represent the design.
     """
     if route not in ROUTES:
         raise ParameterError(f"route = '{route}' must be one of {', '.join(ROUTES)}")
@@ -155,7 +155,7 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
 
 
 def biquad(block: Filter, T: float) -> StockBiquad:
-    """Return a filter of the design as coefficients of LinuxCNC's biquad, at a period of T s."""
+    """Return a filter of the design as coefficients of LinuxCNC's biquad, at sample time T in s."""
     prepared = block.prepare(T)
     if isinstance(prepared, Section):
         return StockBiquad(
@@ -173,7 +173,7 @@ def biquad(block: Filter, T: float) -> StockBiquad:
 
 
 def period(loop: Loop) -> float:
-    """Return the sample time in HAL, s: whole nanoseconds times 1e-9."""
+    """Return the sample time in HAL, in s: an integer number of nanoseconds times 1e-9."""
     return round(loop.sample_time * 1e9) * 1e-9
 
 
@@ -195,7 +195,7 @@ def _check_one(cascade: Cascade) -> None:
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
     """Return the loop with LinuxCNC's pids instead of its control, on the same axis at HAL's period.
 
-    Its guard stays, except that the force of a disabled axis is 0, as a disabled pid gives 0.
+    The guard is unchanged, except that the force of a disabled axis is 0, because a disabled pid outputs 0.
     """
     guard = cascade.loop.control.guard
     control = Control(law=law, guard=None if guard is None else replace(guard, safe_force=0.0))
@@ -209,12 +209,12 @@ def left_out(cascade: Cascade, route: str = "two") -> tuple[LostPart, ...]:
     return tuple(row._replace(path=tree.in_paths(cascade.loop, row.path)) for row in lost(cascade, HELD, outside))
 
 
-LINES = 1500  # of the loop gain, from 1 Hz to half the sample rate
-_DWELL = 0.3  # s after a move, in which overshoot shows
+LINES = 1500  # number of frequencies of the loop gain, from 1 Hz to half the sample rate
+_DWELL = 0.3  # s after a move, in which overshoot becomes visible
 
 
 class Figure(NamedTuple):
-    """A figure of both controls; None where it does not exist."""
+    """A figure of both controls; None where it is undefined."""
 
     what: str
     unit: str
@@ -224,7 +224,7 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """The figures of both controls, and the two moves that they come from."""
+    """The figures of both controls, and the two moves from which they were computed."""
 
     figures: tuple[Figure, ...]
     move: JerkLimitedMove
@@ -232,7 +232,7 @@ class Difference:
 
 
 def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float) -> None:
-    """Raise UnstableError, with stable gains if any exist, if the loop with the pids is unstable."""
+    """Raise UnstableError if the loop with the pids is unstable; the message gives stable gains if any exist."""
     require_stable(cascade.loop, where="the design")
     verdict = stability(stock)
     if verdict.stable:
@@ -263,7 +263,7 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
 
 
 def difference(cascade: Cascade, stock: Loop) -> Difference:
-    """Compare both controls on the same axis, along the same moves."""
+    """Compare both controls on the same axis and the same moves."""
     move, saturating = moves(cascade.loop)
     figures = [*_margins(cascade.loop, stock)]
     designed, by_pid = (_run(loop, move) for loop in (cascade.loop, stock))
@@ -282,10 +282,10 @@ def difference(cascade: Cascade, stock: Loop) -> Difference:
 
 
 def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
-    """Return a move at 40 % of the force limit, and one at 150 % where there is a limit.
+    """Return a move that needs 40 % of the force limit, and one that needs 150 % if there is a limit.
 
-    Half the velocity limit, at most 0.3 m/s; the acceleration is reached in 20 ms, or in 5 ms beyond the limit; within
-    the travel.
+    The velocity is half the limit, at most 0.3 m/s; the acceleration rises in 20 ms, or in 5 ms for the second move;
+    both moves stay within the travel.
     """
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     mass, limit = float(loop.axis.plant.rigid_mass()), loop.control.force_limit
@@ -317,7 +317,7 @@ def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
 
 
 def _free(loop: Loop) -> Loop:
-    """Return the loop without the limits of the guard, on which a saturated axis would trip."""
+    """Return the loop without the guard limits, which would trip a saturated axis."""
     guard = loop.control.guard
     if guard is None:
         return loop
@@ -333,7 +333,7 @@ def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
 
 
 def _along(what: str, *runs: Run | None) -> list[Figure]:
-    """Return following error and force of both runs along a move."""
+    """Return the following error and force figures of both runs during a move."""
     errors = [None if run is None else run["following_error"] for run in runs]
     peaks = [None if e is None else 1e6 * float(np.max(np.abs(e))) for e in errors]
     means = [None if e is None else 1e6 * float(np.sqrt(np.mean(e * e))) for e in errors]
@@ -353,7 +353,7 @@ def _after(run: Run | None, move: JerkLimitedMove) -> float | None:
 
 
 def _margins(*loops: Loop) -> list[Figure]:
-    """Return crossover and margins of the loop opened at the actuator, sliding."""
+    """Return crossover and margins of the loop opened at the actuator, while the axis is sliding."""
     figures = []
     for loop in loops:
         frequency = np.geomspace(1.0, 0.5 / loop.sample_time, LINES)
@@ -366,19 +366,19 @@ def _margins(*loops: Loop) -> list[Figure]:
 # Files of the target `linuxcnc-pid`: .hal and .ini fragments, and a README with the expected differences.
 
 JOINTS = 16  # of a LinuxCNC
-_LONGEST = ".velocity.do-pid-calcs.tmax-increased"  # name behind the axis's
+_LONGEST = ".velocity.do-pid-calcs.tmax-increased"  # name after the axis name
 
 
 def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: float = 1000.0, joint: int = 0) -> Path:
-    """Write the fragments, completely or not at all, and return the README.
+    """Write the configuration fragments atomically and return the path of the README.
 
     route  "two" pids in cascade, or "one"
-    units  machine units in a meter: 1000 for mm
+    units  machine units per meter: 1000 for mm
     joint  number of the joint in LinuxCNC
 
-    Raises StructureError for another law than `cascade_ppi` and for a design that one pid cannot hold, ParameterError
-    for a sample time that no thread can have, UnstableError if the loop with the pids is unstable, and FileError as
-    `new_directory`.
+    Raises StructureError for a law other than `cascade_ppi` and for a design that one pid cannot represent,
+    ParameterError for a sample time that no thread supports, UnstableError if the loop with the pids is unstable, and
+    FileError as `new_directory` does.
     """
     if not 0 <= joint < JOINTS:
         raise ParameterError(f"joint = {joint} must be 0 to {JOINTS - 1}: LinuxCNC has {JOINTS} joints")
@@ -406,7 +406,7 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
 
 
 def _checked(name: str) -> str:
-    """Return the name. Raises ParameterError if a HAL name that begins with it is too long."""
+    """Return the name. Raises ParameterError if a HAL name with this prefix is too long."""
     most = HAL_LENGTH - len(_LONGEST)
     if len(name) > most:
         raise ParameterError(
@@ -470,7 +470,7 @@ def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[
 
 
 def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head: Sequence[str]) -> str:
-    """Return the components of an axis, their wiring and settings; the user connects the pins of the drive."""
+    """Return the components of an axis with wiring and settings; the user connects the drive's pins."""
     two, encoders = law.velocity is not None, cascade.loop.axis.encoders()
     pids = [f"{name}.position", *[f"{name}.velocity"] * two]
     motor = cascade.loop.axis.actuator.motor
@@ -526,7 +526,7 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
 
 
 def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
-    """Yield the wires from the last pid without feedforward through the filters, and the sum with the feedforward."""
+    """Yield the wiring from the last pid through the filters, and the sum with the feedforward."""
     if not law.filters:
         return
     ends = [f"{name}.feedback.out", *(f"{name}.filter{i}.out" for i in range(len(law.filters)))]
@@ -540,7 +540,7 @@ def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
 
 
 def _pids(law: LinuxcncPid) -> Iterator[tuple[str, StockPid]]:
-    """Yield the prefix of the keys in the .ini file, and the pid."""
+    """Yield the key prefix in the .ini file and the pid, for each pid."""
     yield "POSITION", law.position
     if law.velocity is not None:
         yield "VELOCITY", law.velocity

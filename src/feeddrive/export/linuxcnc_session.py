@@ -1,10 +1,8 @@
-"""LinuxCNC programs in an isolated session, and an exported controller run in a real HAL.
-
-LinuxCNC programs in an isolated session, with newly built components; the system is left unchanged.
+"""LinuxCNC programs in an isolated session, which leaves the system unchanged, and controllers run in a real HAL.
 
 HAL's shared memory exists once per computer, `halcompile --install` writes to the common component directory, and a
-killed real-time process remains.  A session therefore has separate IPC, mount, process and network namespaces.  A
-running LinuxCNC and its installation are not touched.  An ordinary user needs a kernel that allows user namespaces.
+killed real-time process leaves a residue.  A session therefore has separate IPC, mount, process and network namespaces.
+A running LinuxCNC and its installation are not affected.  Unprivileged use requires a kernel with user namespaces.
 """
 
 from __future__ import annotations
@@ -39,7 +37,7 @@ _PACKAGES = {
 
 
 class HalError(FeeddriveError):
-    """LinuxCNC refused a component, failed, or did not end; the message holds its output."""
+    """A LinuxCNC run that rejected a component, failed, or did not end; the message contains the output."""
 
     exit_code = 1
 
@@ -53,7 +51,7 @@ def check_programs() -> None:
 
 
 def check_session() -> None:
-    """Raise MissingProgramError as `check_programs`, and HalError if this system allows no isolated session."""
+    """Raise MissingProgramError as `check_programs` does, and HalError if the system allows no isolated session."""
     check_programs()
     tried = subprocess.run(
         [*_alone(), "mount", "-t", "tmpfs", "feeddrive", MODULES],
@@ -77,12 +75,12 @@ def _alone() -> list[str]:
 
 
 def session(folder: Path, components: Sequence[Path], run: str, patience: float = 60.0) -> str:
-    """Install components, run a line of bash in a folder, and return what was printed.
+    """Install components, run a bash command in a folder, and return its output.
 
-    components  .comp files, each with the files that it includes beside it; they are copied into the folder
-    patience    s until all of it is killed
+    components  .comp files, each with its include files in the same folder; they are copied into the folder
+    patience    timeout in s, after which all processes are killed
 
-    Raises MissingProgramError without LinuxCNC, and HalError if it cannot be alone, fails or does not end in time.
+    Raises MissingProgramError without LinuxCNC, and HalError if the session cannot be isolated, fails or times out.
     """
     check_session()
     for component in components:
@@ -132,8 +130,8 @@ def _ran(script: Path, patience: float) -> tuple[int, str]:
 # LinuxCNC waits three seconds for its own master process, which a busy machine may exceed: then it is repeated.
 _LATE, _AGAIN = "Waited 3 seconds for master", 4
 
-# A tmpfs over the folder of the components holds copies of them, what is installed, and the socket of its processes.
-# LinuxCNC talks to itself over the loopback device, which a new network has switched off.
+# A tmpfs over the component folder holds copies of the components, new installations, and the processes' socket.
+# LinuxCNC communicates internally over the loopback device, which is off in a new network namespace.
 _SESSION = """\
 set -e
 /usr/bin/python3 - <<'END'
@@ -153,12 +151,12 @@ _NOBODY = "RTAPI_UID=65534"  # LinuxCNC does not run as root: the user id is pas
 _USER = "unshare --user --map-user=1000"  # and the root of these namespaces can only become a user again
 
 
-STREAMER_PINS = 20  # of one streamer and of one sampler
+STREAMER_PINS = 20  # pins of one streamer and of one sampler
 
 
 @dataclass(frozen=True, eq=False)
 class HalRun:
-    """The result of a run: a row of numbers for each sample, and the printed output."""
+    """The result of a run: one row of numbers per sample, and the printed output."""
 
     rows: np.ndarray
     printed: str
@@ -178,19 +176,20 @@ def halrun(
     paced: bool = False,
     patience: float = 60.0,
 ) -> HalRun:
-    """Install components, stream rows through them, one a period of a servo thread, and record the rows that come out.
+    """Install components, stream rows through them, one per servo period, and record the output rows.
 
-    components  .comp files, each with the files that it includes beside it
-    folder      an empty place for what is made on the way
-    period      of the thread `servo-thread`, ns
-    wiring      commands of halcmd: they load and add components between streamer and sampler, and connect
+    components  .comp files, each with its include files in the same folder
+    folder      an empty folder for intermediate files
+    period      period of the thread `servo-thread`, ns
+    wiring      halcmd commands that load and add components between streamer and sampler, and connect
                 `streamer.0.pin.N` and `sampler.0.pin.N`
-    samples     the rows, shape (n, len(types)); types and taken: one letter a pin, f float, b bit, s signed, u unsigned
-    meanwhile   commands of halcmd once the thread runs;  at_end: once all rows are there
+    samples     the rows, shape (n, len(types)); types and taken: one letter per pin, f float, b bit, s signed, u
+                unsigned
+    meanwhile   halcmd commands after the thread has started;  at_end: after all rows have arrived
     paced       wait for every period, as on a machine
-    patience    s until the run is given up
+    patience    timeout of the run in s
 
-    Raises MissingProgramError without LinuxCNC, and HalError if it fails or does not end in time.
+    Raises MissingProgramError without LinuxCNC, and HalError if the run fails or times out.
     """
     if not 0 < len(types) < STREAMER_PINS or not 0 < len(taken) <= STREAMER_PINS:
         raise ParameterError(f"a run has 1 to {STREAMER_PINS - 1} numbers in and 1 to {STREAMER_PINS} out")
@@ -222,7 +221,7 @@ def halrun(
 
 
 def _rows(values: np.ndarray, types: str) -> str:
-    """Return rows for halstreamer, to the last digit, each with a 1; the last row is a filler with a 0."""
+    """Return exact rows for halstreamer, each flagged with a 1; the last row is a filler flagged with a 0."""
     words = [repr if letter == "f" else _whole for letter in types]
     lines = [
         " ".join([*(word(value) for word, value in zip(words, row, strict=True)), "1"])
@@ -235,7 +234,7 @@ def _whole(value: float) -> str:
     return str(int(value))
 
 
-# a thread of HAL waits for its next period by this call
+# a HAL thread waits for its next period by this call
 _UNPACED = """\
 #define _GNU_SOURCE
 #include <time.h>
@@ -294,15 +293,14 @@ def answers(
 ) -> HalRun:
     """Return the outputs of an exported controller to inputs in SI, shape (n, inputs), in the order of the routine.
 
-    directory    what `write_linuxcnc` wrote;  folder: an empty one to work in
-    units_per_m  lengths go in multiplied by it; with 1 the component gets the very numbers of `inputs`
-    also         further pins of type bit, and what goes into them at each sample
-    more         names and types of pins that are recorded behind the outputs, such as ("fault-code", "s")
-    setup        commands of halcmd before the thread starts;  meanwhile, at_end, paced and patience: as for
-                 `halrun`
-    period       of the thread in ns; absent: that of the sample time
+    directory    output directory of `write_linuxcnc`;  folder: an empty working folder
+    units_per_m  factor on input lengths; with 1 the component gets exactly the numbers of `inputs`
+    also         additional bit pins, with their inputs at each sample
+    more         names and types of pins recorded after the outputs, such as ("fault-code", "s")
+    setup        halcmd commands before the thread starts;  meanwhile, at_end, paced and patience: as for `halrun`
+    period       thread period in ns; default: the sample time
 
-    Raises MissingProgramError and HalError as `halrun`.
+    Raises MissingProgramError and HalError as `halrun` does.
     """
     name = hal(routine.name)
     pins = [*(input_pin(v.name) for v in routine.inputs), *(also or {})]
@@ -339,7 +337,7 @@ def answers(
 
 
 def prove(directory: Path, design: Design, tried: Trial) -> Answers:
-    """Build the component in a folder of its own and run a trial in halrun. Raises as `answers`."""
+    """Build the component in a temporary folder and run a trial in halrun. Raises the errors of `answers`."""
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
         ran = answers(design.routine, directory.resolve(), Path(folder), tried.inputs)
     return Answers(ran.rows[:, : len(design.routine.outputs)], "LinuxCNC, halrun", "halcompile --install")

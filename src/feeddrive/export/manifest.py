@@ -1,9 +1,7 @@
-"""The manifest `export.json` of an export, and the README from its template.
+"""The manifest `export.json` and the README of an export, and the writing of its directory.
 
-READMEs of exports: the Jinja2 templates of `templates/`, filled as plain text.
-
-A name that is not defined in a template is an error. Only `|` in a cell of a table is escaped, by the filter
-`cell`.
+The README is rendered as plain text from a Jinja2 template in `templates/`. An undefined name in a template is an
+error. Only `|` in a table cell is escaped, by the filter `cell`.
 """
 
 from __future__ import annotations
@@ -51,7 +49,7 @@ class Manifest:
 
 
 def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str], **options: Any) -> str:
-    """Return the text of `export.json` for an export of these files; `options` are the target's own."""
+    """Return the text of `export.json` for an export of these files; `options` are target-specific."""
     told = rules(design.routine) if TARGETS[target].in_c else design.routine.sentences
     content = {
         "export": {
@@ -76,12 +74,12 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
 
 
 def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, bytes | str], **options: Any) -> Path:
-    """Write an export, completely or not at all: `files`, the machine file and `export.json`; return the README.
+    """Write an export atomically: `files`, the machine file and `export.json`; return the path of the README.
 
-    A file of an older export there that was edited (its digest differs from `export.json`) is kept, and the new file
-    is written as NAME`.new`: `edits_kept` finds them.
+    An edited file of an older export (its digest differs from `export.json`) is kept, and the new file is written as
+    NAME`.new`; `edits_kept` lists them.
 
-    Raises FileError as `new_directory`, and for a directory whose `export.json` does not say what was written there.
+    Raises FileError as `new_directory` does, and for a directory whose `export.json` does not describe its content.
     """
     whole: dict[str, bytes | str] = {**files, MACHINE_FILE: design.machine.file.text}
     whole[FILE] = manifest_text(design, target, whole, **options)
@@ -94,7 +92,7 @@ def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, byt
 
 
 def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, bytes | str]:
-    """Return the files to write and the edited files of the older export, which are kept."""
+    """Return the files to write, including the edited files of the older export, which are kept."""
     contents = dict(files)
     for name in changed_files(out, read_manifest(out)):
         if not (out / name).is_file():
@@ -145,7 +143,7 @@ def read_manifest(directory: Path) -> Manifest:
 
 
 def changed_files(directory: Path, manifest: Manifest) -> list[str]:
-    """Return the files of an export that are missing or were changed."""
+    """Return the files of an export that are missing or modified."""
     wrong = []
     for name, digest in manifest.files.items():
         file = directory / name
@@ -167,9 +165,9 @@ def _text(value: Any) -> str:
 
 
 def readme(template: str, design: Design, **content: Any) -> str:
-    """Return the README of a design in Markdown. Pure: the same content gives the same text.
+    """Return the README of a design in Markdown. It is deterministic: the same content gives the same text.
 
-    template  a file of `templates/`; besides `content` it gets `design`, `routine`, `P` (the prefix of all names),
+    template  a file of `templates/`; besides `content` it receives `design`, `routine`, `P` (the prefix of all names),
               `title`, `made_by`, `control` (true for a control, false for an axis), `trips` and `c_rules`
     """
     return (

@@ -1,4 +1,4 @@
-"""The target `parameters`: a design in the names and units of makers, and its files."""
+"""The target `parameters`: a design in the parameter names and units of drive manufacturers, and its files."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
 
-# The rows of a maker's file: names and units; ODrive's, and the CSV for all others.
+# The rows of a manufacturer's file: names and units of ODrive, and the CSV file for all others.
 
 NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common use"
 
 
 class Row(NamedTuple):
-    """A parameter of a maker.
+    """A parameter of a manufacturer.
 
-    unit      as the maker writes it, and `measure` the same for `language.units`
+    unit      in the manufacturer's notation; `measure` is the same unit for `language.units`
     source    manual and page; empty if no manual was available
-    linear    name, unit and measure for a linear motor, where they differ
-    scale     on top of the unit: -1 for a lower limit
-    decimals  that the control keeps, and `most` the largest value that it takes
+    linear    name, unit and measure for a linear motor, if they differ
+    scale     factor in addition to the unit: -1 for a lower limit
+    decimals  number of decimals that the controller stores; `most` is the largest value that it accepts
     """
 
     name: str
@@ -65,7 +65,7 @@ class Row(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A number as a file holds it, with its path in the machine file and its value in SI."""
+    """A number as written in a file, with its path in the machine file and its value in SI."""
 
     name: str
     text: str
@@ -77,7 +77,7 @@ class Line(NamedTuple):
 
 
 class Filtered(NamedTuple):
-    """The lines of a filter, or the reason why the maker has no such filter."""
+    """The lines of a filter, or the reason why the manufacturer has no such filter."""
 
     lines: tuple[Line, ...] = ()
     why: str = ""
@@ -85,12 +85,12 @@ class Filtered(NamedTuple):
 
 @dataclass(frozen=True)
 class Maker:
-    """A control or drive of a maker: its rows, its filters, and how its files are written.
+    """A controller or drive of a manufacturer: its rows, its filters, and the format of its files.
 
-    notes    lines at the head of its file: which loop is meant, how the integral is switched off, and the like
-    rotary   whether it supports rotary motors only
-    held     kinds of items (`quantities.Item`) that it represents completely; `outside`: why not others
-    filters  (filter, place among the filters, drive train) -> its lines
+    notes    header lines of its file: which loop is meant, how the integrator is switched off, and the like
+    rotary   true if it supports rotary motors only
+    held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside`: reasons for others
+    filters  (filter, index among the filters, drive train) -> its lines
     """
 
     key: str
@@ -106,7 +106,7 @@ class Maker:
 
 
 def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Line], list[LostPart]]:
-    """Return the numbers that a maker's file holds, and the parts that it cannot represent."""
+    """Return the numbers in a manufacturer's file, and the parts of the design that it cannot represent."""
     lines: list[Line] = []
     lost: list[LostPart] = []
     for row in maker.rows:
@@ -127,7 +127,7 @@ def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Li
 
 
 def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
-    """Return why a value cannot be entered, and the consequence; None if it can."""
+    """Return the reason why a value cannot be entered, with the consequence; None if it can."""
     if row.most is not None and abs(value) > row.most:
         return f"{row.name} takes at most {row.most:g}", "the loop cannot be set up there: the gain stays lower"
     if value != 0.0 and abs(float(text) - value) > 0.01 * abs(value):
@@ -136,12 +136,12 @@ def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
 
 
 def number(value: float, decimals: int | None = None) -> str:
-    """Return a number with six significant digits, or with the decimals that a control keeps."""
+    """Return a number with six significant digits, or with the decimals that a controller stores."""
     return f"{value:.6g}" if decimals is None else f"{value:.{decimals}f}"
 
 
 def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
-    """Return a quantity in SI at the table, to the last digit."""
+    """Return a quantity in SI at the table, with all digits."""
     own = {"lead": train.lead, "gear": train.gear}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     return f"{value!r} {QUANTITIES[quantity].table}".rstrip()
@@ -150,7 +150,7 @@ def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
 def filter_line(
     name: str, value: float, unit: str, meaning: str, path: str, source: str, decimals: int | None = None
 ) -> Line:
-    """Return the line of a filter's number."""
+    """Return the line for one value of a filter."""
     return Line(
         name, number(value, decimals), unit, meaning, path, f"{float(value)!r} {unit}".rstrip(), source or NOT_CHECKED
     )
@@ -259,7 +259,7 @@ _AT_SHAFT = {"velocity_limit": ("rpm",)}
 
 
 def csv_text(cascade: Cascade, train: DriveTrain | None, head: list[str]) -> str:
-    """Return the CSV file: comment lines with `#`, then a head and a row for each number."""
+    """Return the CSV file: comment lines with `#`, then a header and one row per number."""
     out = io.StringIO()
     for line in head:
         out.write(f"# {line}".rstrip() + "\n")
@@ -335,9 +335,7 @@ _FIRST, _STEP = 1657, 5  # p1657 .. p1661 are the first filter, p1662 .. p1666 t
 
 
 def sinumerik_filters(block: Filter, place: int) -> Filtered:
-    """Return the lines of a current setpoint filter: PT2 or general second order, as natural
-    frequencies and dampings.
-    """
+    """Return the lines of a current setpoint filter: PT2 or general second order, as frequencies and damping ratios."""
     if place >= FILTERS:
         return Filtered(why=f"a drive has {FILTERS} current setpoint filters")
     path = f"control.filters.{place}"
@@ -519,7 +517,7 @@ LOW_PASS_1, LOW_PASS_2 = 1, 3  # filter types, the same numbers in both drives
 
 
 def twincat_filters(block: Filter, place: int) -> Filtered:
-    """Return the low passes of both drives; a notch is refused, since the use of its four numbers is not documented."""
+    """Return the low-pass lines for both drives; reject a notch, whose four parameters are not documented."""
     if place >= len(_AX5_FILTERS):
         return Filtered(why=f"a drive has {len(_AX5_FILTERS)} current command filters")
     if not isinstance(block, LowPass | LowPass2):
@@ -598,7 +596,7 @@ Entry = TypeVar("Entry", Line, LostPart)
 
 
 class Part(NamedTuple):
-    """A section of the README: the file of a maker, what it holds and lacks, or why it is absent."""
+    """A section of the README: a manufacturer's file, what it contains and lacks, or why it is absent."""
 
     title: str
     file: str = ""
@@ -609,7 +607,7 @@ class Part(NamedTuple):
 
     @property
     def unread(self) -> list[str]:
-        """Names whose manual was not read, or whose unit is only the one in common use."""
+        """The names without a manual reference, whose unit is only an assumption from common use."""
         marks = ("NOT CHECKED", "in common use")
         return [line.name for line in self.lines if line.name and any(mark in line.source for mark in marks)]
 
@@ -622,15 +620,14 @@ def write_parameters(
     lead: float | None = None,
     gear: float | None = None,
 ) -> Path:
-    """Write the files, completely or not at all, and return the README.
+    """Write the files atomically and return the path of the README.
 
-    makers      of sinumerik, twincat, odrive, linuxcnc, csv; default: all that fit the axis
-    lead, gear  of the screw (m, and turns of the motor in one turn of the screw), where the machine file does not
-                state them
+    makers      any of sinumerik, twincat, odrive, linuxcnc, csv; default: all that support the axis
+    lead, gear  lead of the screw (m) and gear (motor turns per screw turn), if the machine file does not contain them
 
-    Raises StructureError for another law than `cascade_ppi`; ParameterError for an unknown maker, for an axis whose
-    motor is not known where a maker's units are those of its shaft, and for a linear motor where a maker has none;
-    FileError as `new_directory`.
+    Raises StructureError for a law other than `cascade_ppi`; ParameterError for an unknown manufacturer, for an unknown
+    motor where the units refer to its shaft, and for a linear motor that the manufacturer does not support; FileError
+    as `new_directory` does.
     """
     wanted = list(makers) or [*MAKERS, *OTHERS]
     for wanted_maker in wanted:
@@ -684,12 +681,12 @@ def write_parameters(
 
 
 def _in_paths(loop: Loop, rows: Sequence[Entry]) -> list[Entry]:
-    """Return lines or losses with the paths of the machine file."""
+    """Return lines or lost parts with their paths in the machine file."""
     return [row._replace(path=tree.in_paths(loop, row.path)) for row in rows]
 
 
 def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[str]:
-    """Return the head of each file: title, safety, Kv in four units, and the drive train."""
+    """Return the header of each file: title, safety notes, Kv in four units, and the drive train."""
     lines = [f"{design.title}.", design.made_by, "", *SAFETY, "", *kv_lines(cascade.law.Kv)]
     if train is not None and train.lead is not None:
         lines.append(
@@ -702,7 +699,7 @@ def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[st
 
 
 def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) -> str:
-    """Return the file of a maker: one number a line, with its meaning and source in comments above."""
+    """Return a manufacturer's file: one number per line, with its meaning and source in comments above."""
     out = [f"{comment} {line}".rstrip() for line in head]
     before = "setp " if key == "linuxcnc" else ""
     join = " " if key == "linuxcnc" else " = "
@@ -719,7 +716,7 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
 
 
 def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
-    """Return the parts of the design that a maker cannot represent: filters one by one, the rest by kind."""
+    """Return the parts of the design that a manufacturer cannot represent: filters individually, the rest by kind."""
     parts = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):
         why = maker.filters(block, i).why
@@ -744,7 +741,7 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
     ]
 
 
-STOCK_UNITS = 1000.0  # machine units in a meter: mm
+STOCK_UNITS = 1000.0  # machine units per meter: mm
 _PID_MANUAL = "LinuxCNC manual page pid(9); tested bit for bit against the component of LinuxCNC 2.9"
 _BIQUAD = "LinuxCNC manual page biquad(9); tested as the pids; it stands between two sum2, see the target linuxcnc-pid"
 _PID_MEANINGS = {
@@ -758,7 +755,7 @@ _PID_MEANINGS = {
 
 
 def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
-    """Return the settings of the two pids and of their bias; zeros that are the default are left out."""
+    """Return the settings of the two pids and of their bias, without zeros that are the default."""
     law = stock_law(cascade, units=STOCK_UNITS)
     assert law.velocity is not None
     lines = list(_gains(cascade, "position", law.position)) + list(_gains(cascade, "velocity", law.velocity))
@@ -795,7 +792,7 @@ def _gains(cascade: Cascade, name: str, pid: object) -> Iterator[Line]:
 
 
 def _si(cascade: Cascade, path: str) -> str:
-    """Return the value in the machine file, in SI."""
+    """Return the value from the machine file, in SI."""
     values = {
         "control.law.Kv": ("Kv", "1/s"),
         "control.law.velocity_feedforward": ("velocity_feedforward", ""),

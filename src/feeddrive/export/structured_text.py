@@ -51,14 +51,14 @@ from feeddrive.version import __version__
 # above the bound is written as initial values, and the parameters that it depends on cannot be changed on the PLC: a
 # change needs a new export.
 
-MOST_OPERATIONS = 500  # behind one design number
+MOST_OPERATIONS = 500  # largest number of operations for one design number
 
 
 @dataclass(frozen=True)
 class Fixed:
     """The parts fixed by the export: design numbers with their values, and the parameters behind them.
 
-    nodes  values of the nodes that depend on fixed parameters alone and are read by rules on others
+    nodes  values of the nodes that depend only on fixed parameters and are used by rules on other parameters
     """
 
     fields: Mapping[str, float]
@@ -67,7 +67,7 @@ class Fixed:
 
 
 def fixed(layout: Layout) -> Fixed:
-    """Return the design numbers that take too many operations, and those that depend on the same parameters alone."""
+    """Return the design numbers that need too many operations, and those that depend only on the same parameters."""
     leaves = layout.leaves
     held: set[int] = set()
     below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}
@@ -87,7 +87,7 @@ def fixed(layout: Layout) -> Fixed:
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """Return operations on fixed parameters that rules on other parameters read, with their values."""
+    """Return the values, by node, of operations on fixed parameters that rules on other parameters use."""
     graph, leaves = layout.graph, layout.leaves
     moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
     stands = _depending(graph, held)
@@ -99,7 +99,7 @@ def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
 
 
 def _depending(graph: Graph, others: set[int]) -> list[bool]:
-    """True for each node that is one of `others` or depends on one."""
+    """Return, per node, True if it is one of `others` or depends on one."""
     depends: list[bool] = []
     for index, node in enumerate(graph.nodes):
         depends.append(index in others or any(depends[i] for i in arguments(node)))
@@ -117,7 +117,7 @@ class Printing(Protocol):
     design: dict[str, str]
 
     def section(self, leaves: Mapping[int, str], taken: Iterable[str], real: str) -> Section:
-        """Start a section of statements, with the texts of existing values and the names that are taken."""
+        """Start a section of statements, given the texts of existing values and the names already taken."""
         ...
 
     def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
@@ -134,10 +134,10 @@ class Printing(Protocol):
 
 
 def configure(printer: Printing) -> Unit:
-    """Return the function block that computes the design, always in long reals, then rounded once for storage.
+    """Return the function block that computes the design, always in LREAL, then rounded once for storage.
 
-    Bounds are checked first, then the rules between parameters, then the design is computed, each only if all before
-    hold: what is refused divides nothing by zero.
+    Bounds are checked first, then the rules between parameters, then the design is computed, each only if all previous
+    conditions hold, so that rejected parameters never cause a division by zero.
     """
     layout = printer.layout
     wanted = [field for field in layout.design if field.name not in printer.fixed.fields]
@@ -149,7 +149,7 @@ def configure(printer: Printing) -> Unit:
             leaves[node] = printer.parameter("parameters", i)
     section = printer.section(leaves, ["parameters", "design", "rule"], "LREAL")
     for node, (kind, i) in layout.leaves.items():
-        if kind == "table":  # one that is read at fixed places: what a law computes of it depends on parameters only
+        if kind == "table":  # a table read at fixed indices: results then depend only on parameters
             section.table(node, layout.routine.tables[i][0], [float(x) for x in layout.routine.tables[i][2]])
     lines = ["rule := 0;"]
     bounds = len(layout.routine.parameters)
@@ -189,7 +189,7 @@ def configure(printer: Printing) -> Unit:
 
 
 def _is_tunable(printer: Printing, node: int) -> bool:
-    """True if a node depends on a parameter that can be changed on the PLC."""
+    """Return True if a node depends on a parameter that can be changed on the PLC."""
     for i in reachable(printer.layout.graph, [node]):
         kind, place = printer.layout.leaves.get(i, ("", 0))
         if kind == "parameter" and printer.layout.routine.parameters[place].path in printer.parameters:
@@ -198,7 +198,7 @@ def _is_tunable(printer: Printing, node: int) -> bool:
 
 
 def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
-    """Return the comparisons of a bound, in one expression."""
+    """Return the comparisons of a bounds check as one expression."""
     name, *values = layout.graph.nodes[node]
     if name == "and":
         return f"({' AND '.join(_inline(layout, i, section, prefix) for i in values)})"
@@ -207,29 +207,29 @@ def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
 
 
 def _refused(layout: Layout, holds: str, code: int) -> list[str]:
-    """Return lines that keep the code of the first condition that does not hold."""
+    """Return lines that store the code of the first violated condition."""
     sentence = plain(ascii_text(layout.routine.sentences[code]))
     return [f"(* {code}: {sentence} *)", f"IF (rule = 0) AND (NOT {holds}) THEN", f"{INDENT}rule := {code};", "END_IF;"]
 
 
 def _unless_broken(lines: list[str]) -> list[str]:
-    """Return the lines guarded by the test that no rule is broken so far."""
+    """Return the lines, guarded by a test that no rule has been violated so far."""
     return ["IF rule = 0 THEN", *(f"{INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
 
 
-# A control as structures and function blocks: the law in one block, what is done once in three others.
+# A control as structures and function blocks: the law in one block, one-time computations in three others.
 #
 # axis_x             one sample; a reset in the first cycle, and a retune at a rising edge
 # axis_x_configure   parameters -> design numbers
 # axis_x_reset       design, inputs -> state: off, where the axis is
 # axis_x_retune      state, parameters and design before and after -> state
 
-CYCLE_TOLERANCE = 1e-6  # of the sample time: a task's cycle is known better
+CYCLE_TOLERANCE = 1e-6  # relative tolerance of the sample time: a task's cycle is known more precisely
 
 
 @dataclass(frozen=True)
 class Program:
-    """All units, in the order that a compiler needs; `names` are those of parameters by dotted name."""
+    """The units in the order that a compiler needs; `names` maps dotted parameter names to Structured Text names."""
 
     structures: tuple[Structure, ...]
     units: tuple[Unit, ...]
@@ -255,7 +255,7 @@ def program(layout: Layout, heading: str) -> Program:
 
 
 class Printer:
-    """Prints a layout; names of fields are made legal once, and used everywhere."""
+    """The printer of a layout; field names are made legal once and used throughout."""
 
     def __init__(self, layout: Layout, heading: str) -> None:
         self.layout, self.heading = layout, heading
@@ -341,7 +341,7 @@ class Printer:
         )
 
     def _retune(self) -> Unit:
-        """Return the live change, in long reals like configure."""
+        """Return the function block for live parameter changes, which computes in LREAL like configure."""
         retune = self.layout.retune
         assert retune is not None, "a control can be retuned, an axis is not printed"
         states = [f"state.{self.states[v.path]}" for v in self.routine.states]
@@ -378,7 +378,7 @@ class Printer:
         )
 
     def _prepared(self, struct: str, node: int) -> str:
-        """Return a prepared number: a constant, or a variable of the design; none if it is never read."""
+        """Return the text of a prepared number: a constant or a design variable; empty if it is never read."""
         constant = self.layout.graph.nodes[node]
         if constant[0] == "const":
             return literal(float.fromhex(constant[1]))
@@ -446,7 +446,7 @@ class Printer:
         )
 
     def _off(self) -> list[str]:
-        """Return the outputs without valid parameters: the safe force of the machine file."""
+        """Return the outputs for invalid parameters: the safe force of the machine file."""
         printed: list[str] = []
         for name, value in off_outputs(self.routine).items():
             text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(literal(value, self.real))
@@ -467,7 +467,7 @@ class Printer:
         return Declared(variable.name, kind, "", meaning)
 
     def _put(self, name: str, text: str) -> list[str]:
-        """Assign an output, in the type that a PLC program expects."""
+        """Return the assignment of an output, in the type that a PLC program expects."""
         if name == "trip":
             return [f"trip := {self.real}_TO_INT({text});"]
         if name == "enabled":
@@ -560,13 +560,13 @@ switched_on := enable AND (NOT cycle_wrong);
 
 
 def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return, by key, a name that is legal in Structured Text."""
+    """Return a legal Structured Text name for each key."""
     taken: set[str] = set()
     return {key: identifier(name, taken, ST_WORDS) for key, name in names}
 
 
 def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
-    """Return fields, with a comment above the first of several that share it."""
+    """Return fields, with a comment above the first field of each group that shares it."""
     grouped: list[Declared] = []
     last = ""
     for field, meaning in fields:
@@ -576,13 +576,13 @@ def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
 
 
 def _meaning(variable: Variable) -> str:
-    """Return unit and meaning, without the remark on an absent parameter."""
+    """Return unit and meaning, without the remark about an absent parameter."""
     meaning = re.sub(r"; absent[^;]*$", "", variable.meaning)
     return f"{variable.unit}: {meaning}" if variable.unit else meaning
 
 
 def structured_text_files(design: Design) -> dict[str, str]:
-    """Return the files of the export by name, without machine file and manifest.
+    """Return the files of the export by name, except machine file and manifest.
 
     Raises ParameterError for an axis, StructureError for a table with too many entries.
     """
@@ -599,16 +599,16 @@ def structured_text_files(design: Design) -> dict[str, str]:
 
 
 def write_structured_text(design: Design, out: Path) -> Path:
-    """Write the export, completely or not at all, and return its README.
+    """Write the export atomically and return the path of its README.
 
-    Raises as `structured_text_files`, and FileError as `new_directory`.
+    Raises the errors of `structured_text_files`, and FileError as `new_directory` does.
     """
     files = structured_text_files(design)
     return write_bundle(design, "st", out, files)
 
 
 def header(design: Design) -> str:
-    """Return the comment above the function block: its title, how it is called, and the docstrings of its blocks."""
+    """Return the comment above the function block: its title, its usage, and the docstrings of its blocks."""
     parts = [
         design.title,
         design.made_by,
@@ -647,7 +647,7 @@ _XHTML = "http://www.w3.org/1999/xhtml"
 _PLACES = {INPUTS: "inputVars", OUTPUTS: "outputVars", VARIABLES: "localVars", CONSTANTS: "localVars"}
 _ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (\w+)")
 _ELEMENTARY = ("LREAL", "REAL", "BOOL", "INT", "DINT")
-_WHEN = "2000-01-01T00:00:00"  # the format wants a date; the same export has the same bytes
+_WHEN = "2000-01-01T00:00:00"  # the format requires a date; a fixed one makes the export reproducible
 
 
 def plcopen(name: str, parts: Iterable[Structure | Unit]) -> str:
@@ -733,7 +733,7 @@ _HEAD = '<?xml version="1.0" encoding="utf-8"?>\n<TcPlcObject Version="1.1.0.1" 
 
 
 def twincat_file(part: Structure | Unit) -> tuple[str, str]:
-    """Return name and content of the file of a structure, function or function block."""
+    """Return file name and content for a structure, function or function block."""
     if isinstance(part, Structure):
         body = f"    <Declaration><![CDATA[{_cdata(part.text())}]]></Declaration>\n"
         return f"{part.name}.TcDUT", _wrapped("DUT", part.name, "", body)
@@ -751,7 +751,7 @@ def _wrapped(tag: str, name: str, more: str, body: str) -> str:
 
 
 def _cdata(text: str) -> str:
-    """Return text that cannot end its CDATA section."""
+    """Return the text without sequences that would end its CDATA section."""
     return text.replace("]]>", "]] >")
 
 
@@ -826,7 +826,7 @@ def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str
 
 
 def _array(name: str, signal: str, row: Sequence[float] | np.ndarray, real: str) -> Declared:
-    """Return a signal over the samples, as an array in the type of the controller's interface."""
+    """Return a signal as an array over the samples, in the type of the controller's interface."""
     if signal in ("enable", "enabled"):
         kind, texts = "BOOL", ["TRUE" if x > 0.5 else "FALSE" for x in row]
     elif signal == "trip":

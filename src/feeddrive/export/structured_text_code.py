@@ -1,4 +1,4 @@
-"""Structured Text: declarations and expressions, statements from a graph, and functions that IEC 61131-3 lacks."""
+"""Structured Text code: declarations, expressions, statements from a graph, and functions that IEC 61131-3 lacks."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SECTIONS = (INPUTS, OUTPUTS, VARIABLES, CONSTANTS)
 
 
 class Declared(NamedTuple):
-    """A variable or a field: name, type, first value as text, meaning, and the comment above it."""
+    """A variable or a field: name, type, initial value as text, meaning, and the comment above it."""
 
     name: str
     kind: str
@@ -52,18 +52,18 @@ class Structure:
     fields: Sequence[Declared]
 
     def declared(self) -> Sequence[Declared]:
-        """Return the fields; a structure without fields is not legal, so it gets one."""
+        """Return the fields; an empty structure, which is illegal, gets a dummy field."""
         return self.fields or [Declared("none", "BOOL", "", "nothing is kept here")]
 
     def text(self) -> str:
-        """Return the declaration as it stands in a source file."""
+        """Return the declaration as source text."""
         lines = [f"TYPE {self.name} :", "STRUCT", *_declared(self.declared()), "END_STRUCT;", "END_TYPE"]
         return _joined([*comment(self.comment), *lines])
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A function (`result` is its type) or a function block."""
+    """A function (with result type `result`) or a function block."""
 
     name: str
     comment: str
@@ -73,11 +73,11 @@ class Unit:
 
     @property
     def keyword(self) -> str:
-        """FUNCTION or FUNCTION_BLOCK."""
+        """The keyword FUNCTION or FUNCTION_BLOCK."""
         return "FUNCTION" if self.result else "FUNCTION_BLOCK"
 
     def declaration(self) -> str:
-        """Return the head with the variables, without END_FUNCTION or END_FUNCTION_BLOCK."""
+        """Return the header with the variables, without END_FUNCTION or END_FUNCTION_BLOCK."""
         head = f"{self.keyword} {self.name}{' : ' + self.result if self.result else ''}"
         lines = [*comment(self.comment), head]
         for section in SECTIONS:
@@ -90,19 +90,19 @@ class Unit:
         return _joined(self.body or [";"])
 
     def text(self) -> str:
-        """Return the unit as it stands in a source file."""
+        """Return the unit as source text."""
         return f"{self.declaration()}\n{self.implementation()}END_{self.keyword}\n"
 
 
 def _declared(variables: Iterable[Declared]) -> list[str]:
-    """Return one line per variable, meanings aligned where that keeps the lines short."""
+    """Return one line per variable, with meanings aligned where lines remain short."""
     variables = list(variables)
     lines = [f"{INDENT}{v.name} : {v.kind}{' := ' + v.value if v.value else ''};" for v in variables]
     wide = min(44, max((len(line) for line, v in zip(lines, variables, strict=True) if v.meaning), default=0))
     printed: list[str] = []
     for line, variable in zip(lines, variables, strict=True):
         printed += [f"{INDENT}{text}".rstrip() for text in comment(variable.above)]
-        if len(line) > WIDTH:  # a row of first values
+        if len(line) > WIDTH:  # initial values of an array
             printed += textwrap.wrap(
                 line.strip(), WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT, break_on_hyphens=False
             )
@@ -112,7 +112,7 @@ def _declared(variables: Iterable[Declared]) -> list[str]:
 
 
 def comment(text: str) -> list[str]:
-    """Return a comment of one or more lines; none for an empty text."""
+    """Return a comment of one or more lines; an empty list for an empty text."""
     if not text.strip():
         return []
     first, *others = plain(text).strip("\n").split("\n")
@@ -130,22 +130,21 @@ def _joined(lines: Iterable[str]) -> str:
 
 
 def huge(real: str) -> Declared:
-    """Return the variable whose square is infinite."""
+    """Return the declaration of a variable whose square is infinite."""
     return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")
 
 
 REALS = ("LREAL", "REAL")  # IEEE 754 numbers of 64 and of 32 bits
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "=", "and": "AND", "or": "OR"}
 HUGE = "huge"  # a variable: its square is infinite, for which there is no literal
-OWN = frozenset({"floor", "power_of_two", "exponent"}) | ELEMENTARY  # functions that are printed with the block
+OWN = frozenset({"floor", "power_of_two", "exponent"}) | ELEMENTARY  # functions printed with the block
 
 
 def literal(value: float, real: str = "LREAL") -> str:
-    """Return a number within an expression, as text that reads back to the same bits: `0.5`, `LREAL#0.1`,
-    `(-LREAL#1.0E-7)`.
+    """Return a number in an expression as text that restores the same bits: `0.5`, `LREAL#0.1`, `(-LREAL#1.0E-7)`.
 
-    The type stands in front of a number that a short and a long real round differently, since compilers do not agree on
-    what a plain 0.1 is.
+    A number that REAL and LREAL round differently has a type prefix, since compilers disagree on the type of a plain
+    0.1.
     """
     value = float(value)
     if math.isinf(value):
@@ -157,20 +156,21 @@ def literal(value: float, real: str = "LREAL") -> str:
 
 
 def decimal(value: float, real: str = "LREAL") -> str:
-    """Return the shortest decimal number that reads back to the same bits; in a declaration the type stands apart."""
+    """Return the shortest decimal that restores the same bits, for declarations, which give the type separately."""
     mantissa, _, power = str(np.float32(value) if real == "REAL" else float(value)).partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{f'E{int(power)}' if power else ''}"
 
 
 def short(value: float) -> float:
-    """Round to 32 bits."""
+    """Round to 32-bit floating point."""
     with np.errstate(over="ignore", under="ignore"):
         return float(np.float32(value))
 
 
 def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -> str:
-    """Return an operation as text, in parentheses where it has an operator; `prefix` is that of the block's own
-    functions.
+    """Return an operation as text, parenthesized if it contains an operator.
+
+    `prefix` is the name prefix of the functions printed with the block.
     """
     if name in INFIX:
         return f"({values[0]} {INFIX[name]} {values[1]})"
@@ -188,9 +188,7 @@ def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -
 
 
 def own(prefix: str, name: str, real: str) -> str:
-    """Return the name of a function that is printed with the block: `axis_x_exp`, or
-    `axis_x_exp_real` for short reals.
-    """
+    """Return the name of a function printed with the block: `axis_x_exp`, or `axis_x_exp_real` for REAL."""
     return f"{prefix}_{name}{'' if real == 'LREAL' else '_real'}"
 
 
@@ -199,18 +197,18 @@ def own(prefix: str, name: str, real: str) -> str:
 # An unnamed operation that is used once is written inside the expression that uses it.  A choice is
 # an IF and not SEL, which computes both sides: what is not chosen must not divide by zero on a PLC that traps it.
 
-LINE_WIDTH = 84  # an expression longer than this is cut by giving a part of it a name
+LINE_WIDTH = 84  # a longer expression is split by introducing a variable
 LEAVES = ("input", "const", "truth", "table")
 
 
 @dataclass
 class Assignment:
-    """`target := text;`"""
+    """An assignment, `target := text;`."""
 
     target: str
     text: str
     needs: frozenset[int] = frozenset()  # nodes whose variables it reads
-    owner: str | None = None  # the block in whose text it stands
+    owner: str | None = None  # the block that computes it
 
     def lines(self) -> list[str]:
         """Return the statement as text."""
@@ -244,7 +242,7 @@ def _indented(statements: Iterable[Assignment | Choice]) -> list[str]:
 
 
 def _append(done: list[Assignment | Choice], new: Assignment | Choice) -> None:
-    """Append a statement; a choice is merged with the one before if both have the same condition."""
+    """Append a statement; merge a choice with the previous one if both have the same condition."""
     last = done[-1] if done else None
     if isinstance(last, Choice) and isinstance(new, Choice) and last.condition == new.condition:
         for branch, more in ((last.then, new.then), (last.otherwise, new.otherwise)):
@@ -262,8 +260,8 @@ def _no_array(size: int) -> str:
 class Statements:
     """The statements that compute some nodes of a graph.
 
-    `texts` has the text of leaves and of nodes that were computed before.  `declare(node, kind)` returns the name of
-    a new variable of a type, or of a variable that has the value already.
+    `texts` maps leaves and nodes already computed to their text.  `declare(node, kind)` returns the name of a new
+    variable of a type, or of an existing variable with the value.
     """
 
     def __init__(
@@ -283,13 +281,13 @@ class Statements:
         self.prefix = prefix
         self.real = real
         self.makers = makers or {}
-        self.bounds: set[int] = set()  # numbers that stand behind in a comparison, as constants do
+        self.bounds: set[int] = set()  # numbers written on the right of a comparison, such as constants
         self.used: set[str] = set()  # operations
         self.array: Callable[[int], str] = _no_array
         self.done: list[Assignment | Choice] = []
         self._reads: dict[int, frozenset[int]] = {}  # nodes whose variables a node's text reads
         self._held: set[int] = set()
-        self._inside: set[int] = set()  # choices that stand inside another choice
+        self._inside: set[int] = set()  # choices nested in another choice
 
     def compute(self, roots: Iterable[int], held: Iterable[int] = ()) -> list[Assignment | Choice]:
         """Return the statements for some nodes in the order of the law; those in `held` always get a variable."""
@@ -312,7 +310,7 @@ class Statements:
         return self.done
 
     def _needed(self, roots: list[int]) -> list[int]:
-        """Return the nodes to compute here, each after its arguments."""
+        """Return the nodes to compute, each after its arguments."""
         needed: set[int] = set()
         waiting = list(roots)
         while waiting:
@@ -371,9 +369,7 @@ class Statements:
         return frozenset().union(*(self._reads.get(i, frozenset({i})) for i in values))
 
     def _add(self, statement: Assignment) -> None:
-        """Append after the present statements, or before an independent choice at their end, so
-        that choices can merge.
-        """
+        """Append a statement, before a trailing choice if it is independent of it, so that choices can merge."""
         last = self.done[-1] if self.done else None
         place = (
             len(self.done) - 1 if isinstance(last, Choice) and not (statement.needs & last.makes) else len(self.done)
@@ -381,7 +377,7 @@ class Statements:
         self.done.insert(place, statement)
 
     def _choice(self, index: int) -> None:
-        """Add a choice, or two more assignments to the choice before if its condition is the same."""
+        """Add a choice, or add its assignments to the previous choice if the condition is the same."""
         choice = self._branches(index, self._variable(index, self._kind(index)))
         _append(self.done, choice)
         cast(Choice, self.done[-1]).makes.add(index)
@@ -405,11 +401,11 @@ class Statements:
         return Assignment(target, self.texts[side], self._all_reads([side]))
 
 
-MOST_ENTRIES = 10_000  # of a table: an array with its first values in the source
+MOST_ENTRIES = 10_000  # an array with its initial values in the source, for a table
 
 
 class Section:
-    """The statements of one block, and the variables that they need."""
+    """The statements of one function block, and the variables that they need."""
 
     def __init__(
         self,
@@ -424,7 +420,7 @@ class Section:
     ) -> None:
         self.blocks, self.graph, self.names, self.real = blocks, graph, names, real
         self.variables: list[Declared] = []
-        self.places: dict[int, str] = {}  # where a number goes that needs no variable of its own
+        self.places: dict[int, str] = {}  # target of a number that needs no separate variable
         self._tables: dict[str, Declared] = {}
         self._taken = {HUGE, *taken}
         self._lines: list[str] = []
@@ -439,7 +435,7 @@ class Section:
         return name
 
     def _wanted(self, index: int) -> str:
-        """Return the variable's name in the law; that of the state if it may have been reset; else a number."""
+        """Return the variable name from the law, or of the state if it may have been reset, else a numbered name."""
         if index in self.names:
             return word(self.names[index])
         node = self.graph.nodes[index]
@@ -475,7 +471,7 @@ class Section:
                 self.statements.texts[index] = "switched_on"
 
     def compute(self, nodes: Iterable[int]) -> list[str]:
-        """Return the statements for some nodes, under the names of the blocks in whose text they stand."""
+        """Return the statements for some nodes, grouped under the names of the blocks that compute them."""
         nodes = list(nodes)
         self.statements.done = []
         statements = self.statements.compute(nodes, nodes)
@@ -514,7 +510,7 @@ class Section:
 
 # Functions that IEC 61131-3 lacks or does not define to the last bit, printed with the block that calls them.
 #
-# The elementary functions are those of the simulator, traced from the same lines; a PLC's own EXP has other last bits.
+# The elementary functions are those of the simulator, traced from the same source; a PLC's EXP differs in last bits.
 
 _SAID = {
     "exp": "e^x.",
@@ -590,7 +586,7 @@ ELSE
     {name} := k;
 END_IF;""",
 }
-_RANGE = {  # of a real: digits of its fraction, its exponents, its largest number
+_RANGE = {  # floating-point format: fraction bits, exponents, largest number
     "LREAL": {
         "whole": 2.0**52,
         "lowest": -1022.0,
@@ -615,7 +611,7 @@ _RANGE = {  # of a real: digits of its fraction, its exponents, its largest numb
 
 
 def functions(used: Iterable[str], prefix: str, real: str = "LREAL") -> list[Unit]:
-    """Return the functions that some operations need, each after those that it calls."""
+    """Return the functions that some operations need, dependencies first."""
     units: dict[str, Unit] = {}
     for name in sorted(set(used) & OWN):
         _add(units, name, prefix, real)
@@ -625,7 +621,7 @@ def functions(used: Iterable[str], prefix: str, real: str = "LREAL") -> list[Uni
 
 
 def _decays(size: int, name: str, real: str) -> Unit:
-    """Return the function that tests if the powers of a matrix tend to 0."""
+    """Return the function that tests whether the powers of a matrix decay to 0."""
     n, array = math.isqrt(size), f"ARRAY[0..{size - 1}] OF {real}"
     numbers = {"one": literal(1.0, real), "large": literal(TOO_LARGE, real)}
     counts = [Declared(counter, "DINT") for counter in ("squaring", "i", "j", "k")]
@@ -720,7 +716,7 @@ def _plain(name: str, prefix: str, real: str) -> Unit:
 
 
 def _elementary(name: str, graph: Graph, root: int, prefix: str, real: str) -> Unit:
-    """Return a function whose body is the plain arithmetic of the simulator."""
+    """Return an elementary function whose body is the simulator's plain arithmetic."""
     function = own(prefix, name, real)
     taken = {"x", HUGE, function}
     variables: list[Declared] = []

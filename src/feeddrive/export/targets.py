@@ -1,4 +1,4 @@
-"""The export targets by name: one entry says how a target is written and proven; and what writes any of them."""
+"""The export targets by name, with the functions that write and prove them, and the general export functions."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _HERE = __name__.rpartition(".")[0]
 
 @dataclass(frozen=True)
 class Proof:
-    """The function `prove` of a module, by which `verify` runs an export, and the length of its trial.
+    """The function `prove` of a module, with which `verify` runs an export, and the length of its trial.
 
-    samples    that take some seconds
-    changes    live changes of parameters in the trial; 0 if the program cannot take them
-    own_build  the export builds itself, so that a compiler and its flags cannot be chosen
+    samples    number of samples, which takes some seconds
+    changes    number of live parameter changes in the trial; 0 if the program does not support them
+    own_build  true if the export builds itself, so that compiler and flags cannot be chosen
     """
 
     module: str
@@ -36,20 +36,20 @@ class Proof:
     def answers(
         self, directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None
     ) -> Answers:
-        """Run the export in a directory and return its outputs. Raises as the function `prove` of the module."""
+        """Run the export in a directory and return its outputs. Raises the errors of the module's `prove`."""
         compiler = () if self.own_build else (flags, command)
         return import_module(f"{_HERE}.{self.module}").prove(directory, design, tried, *compiler)
 
 
 @dataclass(frozen=True)
 class Target:
-    """A target: the function that writes it, what that can hold, and how its export is proven equal.
+    """A target: the function that writes it, its capabilities, and the proof of its export.
 
-    precisions  the first one is the default
-    together    it can hold the controls of several axes as one
-    linear      for axes that move along a line only: it uses mm, or the units of a motor with its lead
-    in_c        its code is that of the target c, whose `configure` returns the codes of broken rules
-    proof       absent if the export cannot run on this computer; `unproven` then says why
+    precisions  supported precisions, default first
+    together    true if it can contain the controls of several axes as one
+    linear      true if it supports linear axes only: it uses mm, or the units of a motor with its lead
+    in_c        true if its code is that of the target c, whose `configure` returns the codes of violated rules
+    proof       absent if the export cannot run on this computer; `unproven` gives the reason
     """
 
     module: str
@@ -131,18 +131,18 @@ def write_export(
     together: bool = False,
     **options: Any,
 ) -> tuple[Design, Path]:
-    """Write the control of an axis, or with `plant` the axis, for a target; returns design and README.
+    """Export the control of an axis, or with `plant` the axis itself, to a target; return the design and the README.
 
-    source     a machine file, or the name of a bundled machine; `axis` if it has several
-    plant      without an `axis` all axes of the file, with their couplings, are one plant
-    target     of `TARGETS`
-    out        directory, written completely or not at all; absent: results/export_MACHINE_AXIS_TARGET
-    name       prefix of all names on the target; absent: `axis_x`, or `plant_x`
-    precision  "double" or "float", where the target has both
-    options    of the target: `single_header`, `joint`, `route`, `units`, `core`, `makers`, `lead`, `gear`
+    source     a machine file, or the name of a bundled machine; `axis` is required if it has several axes
+    plant      export the plant; without an `axis`, all axes of the file with their couplings as one plant
+    target     a name in `TARGETS`
+    out        directory, written atomically; default: results/export_MACHINE_AXIS_TARGET
+    name       prefix of all names on the target; default: `axis_x`, or `plant_x`
+    precision  "double" or "float", if the target supports both
+    options    target options: `single_header`, `joint`, `route`, `units`, `core`, `makers`, `lead`, `gear`
 
-    Raises ParameterError for an unknown target or an option of another target, and as `read_design` and
-    the function of the target do; UnstableError for a loop that is unstable with the axis of its machine file.
+    Raises ParameterError for an unknown target or an option of another target, UnstableError for a loop that is
+    unstable with the axis of its machine file, and the errors of `read_design` and of the target's function.
     """
     design, place, write = _planned(source, target, out, axis, name, precision, plant, together, options)
     return design, write(design, place)
@@ -160,11 +160,11 @@ def write_all(
     together: bool = False,
     **options: Any,
 ) -> list[tuple[Design, Path]]:
-    """Write as `write_export`; without an `axis` the controls of all axes of a machine file that has several.
+    """Export as `write_export` does; without an `axis`, export the controls of all axes of the machine file.
 
-    With `together`, or if a coupling runs between the controls, they are one.  Else each has a directory of its own,
-    `out`/AXIS, and with a `name` the prefix NAME_AXIS.  All are checked before
-    the first is written.
+    With `together`, or if couplings between the controls exist, they become one design.  Otherwise each has a separate
+    directory `out`/AXIS and, with a `name`, the prefix NAME_AXIS.  All designs are checked before the first is
+    written.
     """
     machine = read_machine(source)
     axes = list(machine.loops)
@@ -198,7 +198,7 @@ def write_all(
 def write_again(design: Design, target: str, out: Path, options: Mapping[str, Any]) -> None:
     """Repeat an export with the options in its `export.json`: the same design gives the same bytes.
 
-    Raises as the function of the target, and TypeError for options that it does not have.
+    Raises the errors of the target's function, and TypeError for options that it does not have.
     """
     chosen = _chosen(target)
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
@@ -251,7 +251,7 @@ def _planned(
             f"mm or with a lead; {fits} are in rad and N m"
         )
     if not plant:
-        with suppress(NoSlopeError):  # an export needs no slope; the remarks of the design say that nothing is proven
+        with suppress(NoSlopeError):  # no derivative needed; the remarks state that nothing is proven
             require_stable(design.system)
     stem, part = Path(design.machine.file.name).stem, "all" if design.together else design.axis
     place = Path("results") / f"export_{stem}_{part}_{target}" if out is None else Path(out)
@@ -266,7 +266,7 @@ def _chosen(target: str) -> Target:
 
 
 def _flag(option: str) -> str:
-    """Return an option as the command line has it."""
+    """Return an option in command-line syntax."""
     flags = {"single_header": "--header-only", "makers": "--maker"}
     return flags.get(option, f"--{option}")
 

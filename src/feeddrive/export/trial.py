@@ -13,13 +13,13 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.routine import Routine, Variable, on_target
 
-_DRAWS = 5  # until a change is one that the block allows
-BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # readings that no encoder should give, and some do
+_DRAWS = 5  # attempts until the block accepts a change
+BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # invalid readings, which some encoders return
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Inputs of shape (n, inputs), and parameter changes by sample and dotted name."""
+    """The inputs, of shape (n, inputs), and the parameter changes by sample and dotted name."""
 
     inputs: np.ndarray
     changes: Mapping[int, Mapping[str, float]]
@@ -35,12 +35,12 @@ class Answers:
 
 
 def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, broken: float = 2e-4) -> Trial:
-    """Return `count` samples of a wandering axis under a wandering set motion, from a seed.
+    """Return `count` random samples of set motion and readings for a seed.
 
     The reading follows the set position with an error and a jitter whose sizes change every 40 samples, from less than
-    a count of an encoder to more than any bound, so that a quiet loop, limits and trips all occur; `broken` is how
-    often a reading is NaN or absurdly large for one to four samples.  Every 20 samples the enable may be taken
-    away for two of them, which clears trips.
+    one encoder count to more than any limit, so that a quiet loop, limits and trips all occur; `broken` is the
+    probability that a reading is NaN or absurdly large for one to four samples.  Every 20 samples, enable may drop for
+    two samples, which clears trips.
     At `changes` samples up to three parameters change by up to 25 %, within their bounds and the checks of their block.
     """
     random = np.random.default_rng(seed)
@@ -67,7 +67,7 @@ def _wandering(guard: Guard, T: float, count: int, random: np.random.Generator) 
 
     blocks = count // 40 + 1
     least, most = (0.5 * sign if end is None else float(end) for sign, end in _ends(guard))
-    middle, half = 0.5 * (least + most), 0.502 * (most - least)  # a little beyond the travel
+    middle, half = 0.5 * (least + most), 0.502 * (most - least)  # slightly beyond the travel
     turning = 0.4 * fast / half * np.sin(0.002 * np.cumsum(random.normal(0.0, 1.0, count)))
     angle = T * np.cumsum(turning)
     position, speed = middle + half * np.sin(angle), half * turning * np.cos(angle)
@@ -91,7 +91,7 @@ def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
 
 
 def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
-    """Draw parameters that change by up to 25 % and pass the check of their block."""
+    """Return random parameter changes of up to 25 % that pass the checks of their blocks."""
     both = on_target(routine.origin)
     first = {variable.path: variable for variable in routine.parameters}
     changes: dict[int, dict[str, float]] = {}

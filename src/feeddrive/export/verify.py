@@ -25,18 +25,18 @@ from feeddrive.loop.routine import run, target_name
 from feeddrive.version import __version__
 
 MOST = 20_000_000  # samples
-SINGLE = 5_000  # samples in single precision, whose answers come from Python, operation by operation
+SINGLE = 5_000  # samples in single precision, whose expected outputs are computed in Python, operation by operation
 
 
 @dataclass(frozen=True, eq=False)
 class Verified(Result):
     """The result of a verification.
 
-    worst        largest difference of an output, by its name, in its unit; 0 where all bits agree
-    differing    number of outputs with other bits
+    worst        largest difference of each output, by name, in its unit; 0 if all bits agree
+    differing    number of output values whose bits differ
     altered      files of the export that are missing, changed, or symbolic links
     other_files  files in the directory that are not part of the export; they are neither read nor run
-    written_by   version of feeddrive that made the export
+    written_by   version of feeddrive that wrote the export
     """
 
     name: str
@@ -69,13 +69,13 @@ class Verified(Result):
         return "EQUAL, bit for bit" if self.holds else "EQUAL, bit for bit, but CHANGED SINCE THE EXPORT"
 
     def sentences(self) -> str:
-        """Return the certificate as text."""
+        """Return the verification result as text."""
         table = self.table().grid()
         wide = max(len(row[0]) for row in table.rows)
         return "\n".join([table.title, *(f"  {row[0]:<{wide}}  {row[1]}" for row in table.rows)])
 
     def table(self) -> Table:
-        """Return the certificate as a table."""
+        """Return the verification result as a table."""
         worst = joined(", ", (f"{name} {Quantity(value):3}" for name, value in self.worst.items()))
         rows: list[list[str | int]] = [
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
@@ -106,16 +106,16 @@ def verify_export(
 ) -> Verified:
     """Prove on this machine that an export computes the same bits as the simulator.
 
-    samples  of the trial; absent: as many as take some seconds, a million for C in double precision
-    flags    for the compiler of C besides -std=c99 -O2 -ffp-contract=off; `command` names another compiler
+    samples  number of samples in the trial; default: what takes some seconds, a million for C in double precision
+    flags    C compiler flags in addition to -std=c99 -O2 -ffp-contract=off; `command` names another compiler
 
-    The code of the export runs in the program of its target. The expected outputs come from the machine file of the
-    export and this feeddrive's simulator; in single precision from the same operations in Python, each rounded to it.
-    A file that would be compiled or run is refused first if it is not that of a fresh export, byte for byte.
+    The exported code runs in the program of its target. The expected outputs come from the machine file of the export
+    and the simulator of this feeddrive; in single precision, from the same operations in Python, each rounded.
+    A file to be compiled or run is rejected beforehand if it differs from that of a fresh export by any byte.
 
     Raises FileError for such a file, for a directory that is not an export or whose code does not compile,
-    MissingProgramError or MissingExtraError without that program, and ParameterError for a target that cannot run on
-    this computer.
+    MissingProgramError or MissingExtraError if the target's program is missing, and ParameterError for a target that
+    cannot run on this computer.
     """
     directory = Path(directory)
     manifest = read_manifest(directory)
@@ -141,9 +141,10 @@ def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Desig
 
 
 def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
-    """Name the files that differ from a fresh export; raise FileError for one that would be compiled or run.
+    """Return the files that differ from a fresh export. Raise FileError for one that would be compiled or run.
 
-    The digests in `export.json` can be renewed with a file; an export of the same machine file has the same bytes.
+    The digests in `export.json` could be updated along with a file; a fresh export of the machine file has the original
+    bytes.
     """
     changed, findings, run = set(changed_files(directory, manifest)), list[str](), list[str]()
     wanted = {name: (fresh / name).read_bytes() for name in files_of(fresh) if name != FILE}
@@ -174,7 +175,7 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
 
 
 _PLAIN = re.compile(r"""[^\x00-\x1f*"\\/]+""")
-_NOT_RUN = (".md", ".hal", ".ini", NEW)  # texts for people, and what they wire by
+_NOT_RUN = (".md", ".hal", ".ini", NEW)  # documentation and wiring files for people
 
 
 def _proven(
@@ -202,7 +203,7 @@ def _proven(
 
 
 def _design(directory: Path, manifest: Manifest) -> Design:
-    """Return the design that the manifest names."""
+    """Return the design described by the manifest."""
     if manifest.what != CONTROL:
         raise ParameterError(f"{directory}: is the export of an axis; compare its run with one of `simulate`")
     file = directory / MACHINE_FILE
@@ -211,7 +212,7 @@ def _design(directory: Path, manifest: Manifest) -> Design:
     together = "," in manifest.axis
     axis = None if together else manifest.axis
     design = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
-    if not _PLAIN.fullmatch(manifest.source):  # it is printed in comments of the code
+    if not _PLAIN.fullmatch(manifest.source):  # it appears in comments of the code
         raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
     text = design.machine.file
     called = design.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`

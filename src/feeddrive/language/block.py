@@ -1,14 +1,9 @@
-"""Blocks: the declaration of a field, and immutable sets of declared parameters with a pure `step`.
-
-The declaration of a field: unit, meaning, bounds, options; and the check of a value against it.
-
-Blocks (`language/block.py`), requests of commands (`workflow/request.py`) and sections of files (`files/section.py`)
-declare their fields in this way. `Declared` is their base.
-
-A block: an immutable set of declared parameters with a pure `step` function.
+"""Blocks: immutable sets of declared parameters with a pure `step` function.
 
 Each parameter is declared once, in its field; the constructor check, the file reader, the docs, the report and the
-exported code take name, unit, meaning, bounds and default from this declaration.
+exported code take name, unit, meaning, bounds and default from this declaration. Requests of commands
+(`workflow/request.py`) and sections of files (`files/section.py`) declare their fields in the same way; `Declared` is
+the common base class.
 
     class Viscous(Friction):
         \"\"\"Viscous friction.  force = -viscous · velocity\"\"\"
@@ -16,11 +11,11 @@ exported code take name, unit, meaning, bounds and default from this declaration
 
 A field is one of
     parameter()  a leaf: a number that may vary from run to run, be tuned and be differentiated
-    choice()     a count, a name or a flag that changes the graph; a new value needs a new trace
+    choice()     a count, a name or a flag that changes the graph; a new value requires a new trace
     table()      a row of numbers read by `ops.gather`; its length changes the graph
     part()       a nested block, a tuple of blocks, or None
     label()      a text that names the block; it has no effect on the graph
-A block class is abstract or final: a method with a body is never overridden.
+A block class is either abstract or final: a method with a body is never overridden.
 """
 
 from __future__ import annotations
@@ -50,13 +45,13 @@ LARGEST = sys.float_info.max
 
 @dataclass(frozen=True, kw_only=True)
 class Declaration:
-    """Declaration of a field; `above`/`below` are open bounds, `least`/`most` closed ones.
+    """The declaration of a field; `above`/`below` are exclusive bounds, `least`/`most` inclusive ones.
 
-    infinite   an infinite value is allowed
-    shortest   least number of entries of a table, or of sections under names
-    inline     the fields of this part stand among those of the block or section that holds it
-    example    the value as a file states it, for messages and documentation
-    pattern    regular expression of the names under which sections or values stand
+    infinite   True if an infinite value is allowed
+    shortest   minimum number of entries of a table, or of named sections
+    inline     True if the fields of this part appear among those of the block or section that contains it
+    example    example of the value in file syntax, for messages and documentation
+    pattern    regular expression that the names of sections or values must match
     """
 
     role: str
@@ -78,14 +73,14 @@ class Declaration:
         return replace(self, unit=units.turning(self.unit)) if rotary else self
 
     def bounds(self) -> Text:
-        """The bounds as text, such as `> 0 kg and <= 5 kg`; empty if there are none."""
+        """Return the bounds as text, such as `> 0 kg and <= 5 kg`; empty if there are none."""
         signs = (("> ", self.above), (">= ", self.least), ("< ", self.below), ("<= ", self.most))
         return joined(
             " and ", (f"{sign}{Quantity(bound, self.unit):6 SI}" for sign, bound in signs if bound is not None)
         )
 
     def conditions(self, value: Any) -> Iterator[Any]:
-        """Yield the conditions on a number or symbol: it is finite, unless declared otherwise, and keeps the bounds."""
+        """Yield the conditions on a number or symbol: finite, unless declared otherwise, and within bounds."""
         yield value >= (-math.inf if self.infinite else -LARGEST)
         yield value <= (math.inf if self.infinite else LARGEST)
         if self.above is not None:
@@ -98,7 +93,7 @@ class Declaration:
             yield value <= self.most
 
     def admits(self, value: float) -> bool:
-        """True if a value is finite and keeps the bounds."""
+        """Return True if a value satisfies all conditions: finite (unless declared otherwise) and within the bounds."""
         return all(self.conditions(value))
 
 
@@ -128,9 +123,9 @@ def check_choice(where: str, declaration: Declaration, value: Any) -> None:
 
 
 class Declared:
-    """Base of frozen dataclasses whose fields are declared: blocks, requests, sections of files.
+    """The base class of frozen dataclasses with declared fields: blocks, requests, sections of files.
 
-    A value checks itself when it is made: each field against its declaration, then all of them together by `check`.
+    The constructor checks each field against its declaration, then all fields together by `check`.
     """
 
     def __post_init__(self) -> None:
@@ -140,26 +135,26 @@ class Declared:
 
     @abstractmethod
     def _checked(self, name: str, declaration: Declaration, value: Any) -> Any:
-        """Return the value of a field as it is kept. Raise ParameterError if it does not fit its declaration."""
+        """Return the checked and converted value of a field. Raise ParameterError if it violates its declaration."""
 
     def check(self) -> None:
-        """Raise an error for fields that do not fit each other (empty hook)."""
+        """Raise an error if fields are inconsistent with each other (a hook, empty by default)."""
 
     def require(self) -> None:
-        """Raise the error of `check`."""
+        """Run all checks between fields and raise the first error."""
         self.check()
 
 
 @cache
 def declarations(kind: type[Declared]) -> dict[str, Declaration]:
-    """Return the declarations of the fields by name, in the order of the class; the result must not be changed."""
+    """Return the declarations of the fields by name, in class order; callers must not modify the result."""
     fields = dataclasses.fields(kind)  # type: ignore[arg-type]
     return {spec.name: spec.metadata["declaration"] for spec in fields}
 
 
 @cache
 def defaults(kind: type[Declared]) -> dict[str, Any]:
-    """Return the defaults of the fields that have one; the result must not be changed."""
+    """Return the defaults, by name, of the fields that have one; callers must not modify the result."""
     values: dict[str, Any] = {}
     for spec in dataclasses.fields(kind):  # type: ignore[arg-type]
         if spec.default is not dataclasses.MISSING:
@@ -169,19 +164,19 @@ def defaults(kind: type[Declared]) -> dict[str, Any]:
     return values
 
 
-_EXACT = "12 SI"  # digits and unit in which a parameter is read
-# A number of a law: float in a single run, array over lanes in the oracle, Symbol in a trace.
+_EXACT = "12 SI"  # digits and unit for the display of a parameter
+# A number in a law: float in a single run, array over lanes in the reference, Symbol in a trace.
 Number: TypeAlias = float
 
 
 class Rule(NamedTuple):
-    """A condition on the parameters of a block, in arithmetic that means the same on numbers and on symbols.
+    """A condition on the parameters of a block, in arithmetic that is valid for numbers and for symbols.
 
-    The constructor takes it as its check, and an export computes it on the target.
+    The constructor checks it, and exported code evaluates it on the target.
 
-    holds     truth value
-    sentence  the rule in words, for a person who looks up the code of a refusal
-    refusal   the message of the constructor: the numbers, and what to do
+    holds     the truth value of the condition
+    sentence  the rule in words, for a person who looks up the rejection code
+    refusal   returns the error message of the constructor: the values and the remedy
     """
 
     holds: Any
@@ -200,9 +195,9 @@ def parameter(
     most: float | None = None,
     infinite: bool = False,
 ) -> Any:
-    """Declare a leaf. A default of None makes it absent unless given; an absent leaf changes the graph.
+    """Declare a leaf. With a default of None the leaf is absent unless set; an absent leaf changes the graph.
 
-    infinite   it may be infinite, as a limit that never acts
+    infinite   True if the value may be infinite, such as a limit that never acts
     """
     declaration = Declaration(
         role="parameter",
@@ -225,7 +220,7 @@ def choice(
     least: int | None = None,
     most: int | None = None,
 ) -> Any:
-    """Declare a structural choice: one of `options`, or a whole number from `least` to `most`."""
+    """Declare a structural choice: one of `options`, or an integer from `least` to `most`."""
     declaration = Declaration(role="choice", unit="", meaning=meaning, options=options, least=least, most=most)
     return field(default=default, metadata={"declaration": declaration})
 
@@ -241,7 +236,7 @@ def table(
     most: float | None = None,
     shortest: int = 2,
 ) -> Any:
-    """Declare a row of `shortest` numbers or more, held as a float64 array of one dimension; each keeps the bounds."""
+    """Declare a table of at least `shortest` numbers, stored as a 1-D float64 array; each must be within the bounds."""
     declaration = Declaration(
         role="table", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most, shortest=shortest
     )
@@ -251,19 +246,19 @@ def table(
 def part(meaning: str, *, default: Any = MISSING, inline: bool = False) -> Any:
     """Declare a nested block, a tuple of blocks, or None for an absent part.
 
-    The leaves of an inline part are named as if its fields were those of the block that holds it.
+    The leaves of an inline part are named as if its fields belonged to the enclosing block.
     """
     declaration = Declaration(role="part", unit="", meaning=meaning, inline=inline)
     return field(default=default, metadata={"declaration": declaration})
 
 
 def label(meaning: str, *, default: str) -> Any:
-    """Declare a name for people and files: blocks that differ in it alone have the same graph."""
+    """Declare a name for people and files: blocks that differ only in a label have the same graph."""
     return field(default=default, metadata={"declaration": Declaration(role="label", unit="", meaning=meaning)})
 
 
 def snake_case(name: str) -> str:
-    """`CascadePPI` -> `cascade_ppi`: the name of a block in files and of the module it stands in."""
+    """Convert `CascadePPI` to `cascade_ppi`: the name of a block in files, and of the module that defines it."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
@@ -278,7 +273,7 @@ STRUCTURE = "_structure_and_values"
     field_specifiers=(parameter, choice, table, part, label),
 )
 class Block(Declared):
-    """Base of all blocks. Subclasses become frozen, keyword-only dataclasses that check themselves."""
+    """The base class of all blocks. Subclasses become frozen, keyword-only dataclasses that validate their fields."""
 
     kind: ClassVar[str] = ""
 
@@ -293,28 +288,28 @@ class Block(Declared):
                 )
 
     def __getstate__(self) -> dict[str, Any]:
-        # the structure holds classes that are made at run time, and a hash that is that of this process
+        # the structure contains classes created at run time, and a hash that is valid only in this process
         return {name: value for name, value in vars(self).items() if name != STRUCTURE}
 
     def _checked(self, name: str, declaration: Declaration, value: Any) -> Any:
         return checked(self.kind, name, declaration, value)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules between the parameters (empty hook)."""
+        """Yield the rules between the parameters (a hook, empty by default)."""
         yield from ()
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rules at the sample time T in s of a controller or a simulation (empty hook)."""
+        """Yield the rules that depend on the sample time T in s (a hook, empty by default)."""
         yield from ()
 
     def require(self) -> None:
-        """Raise the error of `check`, or ParameterError for the first of `rules` that does not hold."""
+        """Raise the error of `check`, or ParameterError for the first violated rule."""
         self.check()
         if type(self).rules is not Block.rules:
             enforce(self, lambda block: block.rules())
 
     def place_of(self, field: str) -> str:
-        """The place of a field in the tree of names: the field's name, except in a loop."""
+        """Return the path segment of a field: the field's name, except in a loop."""
         return field
 
     def __repr__(self) -> str:
@@ -325,7 +320,7 @@ class Block(Declared):
         return f"{type(self).__name__}({shown})"
 
     def table(self) -> Table:
-        """Every parameter that is present, those of the parts included: path, value, unit, bounds and meaning."""
+        """Return a table of all present parameters, including those of parts: path, value, unit, bounds and meaning."""
         columns = ["parameter", "value", "unit", "bounds", Column("meaning", sentences=True)]
         return Table(type(self).__name__, columns, _parameters(self, ""))
 
@@ -334,7 +329,7 @@ class Block(Declared):
 
 
 def _parts(block: Block) -> Iterator[tuple[str, Block]]:
-    """The blocks that a block holds, by their place."""
+    """Yield the direct parts of a block with their names."""
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
         if declared.role == "part" and value is not None:
@@ -348,7 +343,7 @@ def _parts(block: Block) -> Iterator[tuple[str, Block]]:
 
 
 def _lines(block: Block, place: str) -> list[list[Cell]]:
-    """One line for each block: where it stands, its kind, and its parameters with units."""
+    """Return one row per block: its path, its kind, and its parameters with units."""
     parameters = [
         f"{name} {_text(getattr(block, name), declared.unit)}"
         for name, declared in declarations(type(block)).items()
@@ -392,7 +387,7 @@ def _text(value: Any, unit: str) -> str:
 
 
 def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a constructor so that its error for a wrong name lists the parameters."""
+    """Wrap a constructor so that its errors for wrong or missing arguments name the parameters."""
 
     @wraps(make)
     def construct(self: Any, *args: Any, **values: Any) -> None:
@@ -419,10 +414,10 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
-    """Raise ParameterError for the first rule of a block that does not hold; of several variants it names the first.
+    """Raise ParameterError for the first violated rule of a block; with several variants, name the first violating one.
 
-    The rules are computed as a target computes them, where a division by zero gives infinity instead of an error.  A
-    block with symbols is a trace, whose rules are conditions of the target.
+    The rules are evaluated as on a target, where a division by zero gives infinity instead of an error.  A block with
+    symbols is a trace: its rules become conditions on the target and are not checked here.
     """
     plain = _plain(block)
     if plain is None:
@@ -443,7 +438,7 @@ def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
 
 
 def _plain(block: Block, variant: int | None = None) -> Block | None:
-    """The same block with numpy's numbers for parameters, of one variant or of all; None if one of them is a symbol."""
+    """Copy a block with NumPy numbers as parameters, for one variant or all; return None if a parameter is a symbol."""
     plain = object.__new__(type(block))
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
@@ -468,7 +463,10 @@ def _plain(block: Block, variant: int | None = None) -> Block | None:
 
 
 def checked(kind: str, name: str, declaration: Declaration, value: Any) -> Any:
-    """The value as a block keeps it. Raises ParameterError that names block, parameter, value, bound and unit."""
+    """Return the checked and converted value of a field.
+
+    Raises ParameterError that names block, parameter, value, bound and unit.
+    """
     where = f"{kind}.{name}" if kind else name
     match declaration.role:
         case "parameter":
@@ -498,7 +496,7 @@ def _checked_number(where: str, declaration: Declaration, value: Any) -> Any:
             raise ParameterError(f"{where} ({declaration.meaning}) must be numbers, not {value.dtype}")
         lanes = value.astype(np.float64)
         kept = np.logical_and.reduce(list(declaration.conditions(lanes)))
-        for item in lanes[~kept][:1]:  # the first one that is refused
+        for item in lanes[~kept][:1]:  # the first rejected value
             check_bounds(where, declaration, float(item))
         return lanes
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
@@ -523,6 +521,6 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
 
 
 def check_tree(tree: Any) -> None:
-    """Raise ParameterError for the content of a file, which holds loops but is not a loop itself."""
+    """Raise ParameterError for a file's content object, which contains loops but is not itself a loop or block."""
     if getattr(tree, "instead", ""):
         raise ParameterError(f"a loop or a block has parameters, not a {type(tree).__name__}: {tree.instead}")

@@ -1,4 +1,4 @@
-"""The errors that a user can cause, and the parts of their messages."""
+"""The errors that a user can cause, and helpers for their messages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from feeddrive.language.text import Text, capitalized, keeps_marks, marked, mark
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """`; did you mean a or b?`, or `; there are: ...` (at most 20) if no name is similar."""
+    """Return `; did you mean a or b?`, or `; there are: ...` (at most 20 names) if no name is similar."""
     known = list(allowed)
     near = get_close_matches(name, known, 3) or [candidate for candidate in known if candidate.lower() == name.lower()]
     if near:
@@ -21,10 +21,10 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
 
 
 class FeeddriveError(Exception):
-    """Base of all errors that a user can cause; the command line prints it without a traceback.
+    """The base class of all errors that a user can cause; the command line prints them without a traceback.
 
-    `exit_code` is the code with which the command line ends: 2 if what was given is wrong or missing, 1 if it was
-    understood and the answer is no, 130 after Ctrl-C.
+    `exit_code` is the exit code of the command line: 2 if the input is wrong or missing, 1 if the input is valid but
+    the result is negative, 130 after Ctrl-C.
     """
 
     exit_code: ClassVar[int] = 2
@@ -33,36 +33,36 @@ class FeeddriveError(Exception):
         super().__init__(*(Text(argument) if isinstance(argument, str) else argument for argument in args))
 
     def __format__(self, form: str) -> str:
-        """The message, with its quantities in a text of feeddrive that quotes it."""
+        """Return the message; inside feeddrive's own texts it keeps its quantities."""
         message = self.args[0] if len(self.args) == 1 else str(self)
         text = message if isinstance(message, str) else str(message)
         return marked(text) if not form and keeps_marks() else format(str(self), form)
 
 
 class ParameterError(FeeddriveError):
-    """A parameter is missing, of the wrong type, not finite, or outside its declared bounds."""
+    """A parameter that is missing, of the wrong type, not finite, or outside its declared bounds."""
 
 
 class StructureError(FeeddriveError):
-    """Blocks that do not fit each other, or a block class that breaks the rules of blocks."""
+    """Incompatible blocks, or a block class that violates the rules for blocks."""
 
 
 class LanguageError(StructureError, TypeError):
-    """A law that leaves plain arithmetic and `ops`; the message says what to write instead, and where."""
+    """A law that uses more than plain arithmetic and `ops`; the message gives the line and the replacement."""
 
 
 class NoSlopeError(ParameterError):
-    """A step without a finite slope where a linear model is needed; the message names the line that is too steep."""
+    """A step without a finite derivative where a linear model is needed; the message names the line responsible."""
 
     exit_code = 1
 
 
 class FileError(FeeddriveError):
-    """A file that cannot be read, understood or written; the message starts with the file's name."""
+    """A file that cannot be read, parsed or written; the message starts with the file's name."""
 
 
 class ProgramError(FileError):
-    """A part program that cannot be read: file, line and column (from 1), the word, the reason with what to do."""
+    """A part program that cannot be read: file, line and column (from 1), the word, and the reason with a remedy."""
 
     def __init__(self, file: str, line: int, column: int, word: str, reason: str) -> None:
         at = f"{file}, line {line}" + (f", column {column}" if column else "")
@@ -71,13 +71,13 @@ class ProgramError(FileError):
 
 
 class NotPlannedError(FeeddriveError):
-    """A part program whose motion cannot be used: its proof does not hold, or it is too long for what asks for it."""
+    """A part program whose planned motion cannot be used: its limits are not proven, or the motion is too long."""
 
     exit_code = 1
 
 
 class LogError(FeeddriveError):
-    """A measured log that cannot be used: empty, truncated, with gaps, or on a non-uniform clock."""
+    """A measured log that cannot be used: empty, truncated, with gaps, or sampled non-uniformly."""
 
 
 class NotIdentifiableError(LogError):
@@ -87,7 +87,7 @@ class NotIdentifiableError(LogError):
 
 
 class DivergedError(FeeddriveError):
-    """A simulated loop left its bounds; the message names the sample at which it did."""
+    """A simulated loop that diverged; the message names the sample at which it left its bounds."""
 
     exit_code = 1
 
@@ -99,7 +99,7 @@ class UnstableError(FeeddriveError):
 
 
 class NotCertifiedError(FeeddriveError):
-    """A loop that cannot be certified; the message says at which frequency, by how much, and what to do."""
+    """A loop that cannot be certified; the message gives the frequency, the amount and the remedy."""
 
     exit_code = 1
 
@@ -111,27 +111,27 @@ class BusError(FeeddriveError):
 
 
 class AbortedError(BusError):
-    """A motion on a real or virtual drive that was ended before its end; the message says by what."""
+    """A motion on a real or virtual drive that was aborted; the message gives the cause."""
 
 
 class WrongSignError(ParameterError):
-    """A measured response with a sign at an encoder that is impossible for an axis of the requested structure."""
+    """A measured response whose sign at an encoder is impossible for an axis of the requested structure."""
 
 
 class WorkerError(FeeddriveError):
-    """Processes or workers of a long work that end by themselves, or cannot be reached; what is done is kept."""
+    """Worker processes of a long-running job that crashed or cannot be reached; finished results are kept."""
 
     exit_code = 1
 
 
 class CancelledError(FeeddriveError):
-    """Work that was canceled on request; the message says what is there of it, nothing for most."""
+    """A job that was canceled on request; the message states which results were kept, usually none."""
 
     exit_code = 130
 
 
 class MissingExtraError(FeeddriveError):
-    """An optional dependency is needed and not installed; the message holds the install command."""
+    """An optional dependency that is required but not installed; the message contains the install command."""
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         super().__init__(
@@ -140,18 +140,18 @@ class MissingExtraError(FeeddriveError):
 
 
 class MissingProgramError(FeeddriveError):
-    """A program of the system is needed and not found; the message holds the name of its package."""
+    """A system program that is required but not found; the message names its package."""
 
     def __init__(self, program: str, package: str, purpose: str) -> None:
         super().__init__(f"{purpose} needs the program '{program}', which is not found: run  apt-get install {package}")
 
 
 class FmuError(FeeddriveError):
-    """An FMU that cannot be loaded, lacks a required variable, or refuses a call; the message quotes the FMU."""
+    """An FMU that cannot be loaded, lacks a required variable, or rejects a call; the message quotes the FMU."""
 
 
 def plain(text: str) -> str:
-    """Replace line ends and other control characters, which may come from a damaged file; quantities stay."""
+    """Replace line breaks and other control characters, which may come from a damaged file; keep quantities."""
     if text.isprintable():
         return text
     kept = Text("".join(piece if is_mark else _printable(piece) for piece, is_mark in split(marked(text))))
@@ -164,13 +164,13 @@ def _printable(text: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """A remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
+    """Turn a remark into a sentence: capitalize the first word, unless it is a name, and add a full stop."""
     first = text.split(" ", 1)[0].rstrip(":,;")
     return Text(f"{capitalized(text) if first.isalpha() else text}.")
 
 
 def shown(value: Any) -> str:
-    """A value for a message: short, on one line."""
+    """Format a value for a message: short, on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int) and abs(value) >= 10**20:

@@ -1,14 +1,13 @@
 """The graph of a step: its arithmetic as a list of operations in the order of evaluation.
 
-A `Symbol` is the third type of number that a law runs on, besides float and array.  Operations that would give another
-result on symbols than on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
+A `Symbol` is the third number type on which a law runs, besides float and array.  Operations whose result on symbols
+would differ from that on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
 
-Nothing is ever rearranged or simplified, so the graph computes the same bits as the Python source.  Two reductions are
-made, and neither changes a bit: an operation on the same arguments is stored once, and an operation on constants is
-computed at once.
+Arithmetic is never rearranged or simplified, so the graph computes the same bits as the Python source.  Only two
+reductions are made, and neither changes a bit: common subexpressions are stored once, and constants are folded.
 
 Why not CasADi: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing table read and the encoding
-of `where` all would need workarounds, and it takes 277 MB; this module is sufficient here.
+of `where` would all need workarounds, and it takes 277 MB; this module is sufficient here.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ import numpy as np
 
 from feeddrive.language.errors import LanguageError, StructureError, plain
 
-# Operations on numbers by name, and how many arguments they take.  "select" takes a truth value first;
+# Operations on numbers by name, with their numbers of arguments.  "select" takes a truth value first;
 # "lt", "le", "eq", "and", "or" and "not" return one.  "table", "ring" and "input" are leaves; "get" reads
-# a cell of a ring, and "put" is the ring with another value in a cell.
+# a cell of a ring, and "put" returns the ring with a new value in one cell.
 # "decays" takes the entries of a square matrix, row by row; it is computed once, for a rule, never in a step.
 ARITY: dict[str, int] = {
     "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1, "abs": 1, "sqrt": 1, "floor": 1,
@@ -38,11 +37,11 @@ ARITY: dict[str, int] = {
 }  # fmt: skip
 LEAVES = frozenset({"const", "truth", "input", "table", "ring"})
 TRUTH = frozenset({"lt", "le", "eq", "and", "or", "not", "decays"})
-# Functions with an own implementation in `mathematics.py`; everything else maps to one machine operation or a few.
+# Functions implemented in `mathematics.py`; all other operations map to one or a few machine instructions.
 ELEMENTARY = frozenset({"exp", "expm1", "log", "sin", "cos", "tanh", "atan"})
-# may have a finite value and an infinite slope, or jump: the graph keeps their lines
+# may have an infinite derivative at a finite value, or a discontinuity: the graph stores their source lines
 STEEP = frozenset({"sqrt", "log", "select"})
-# Functions of other libraries, and what a law writes instead; functions of `ops` with the same name are not listed.
+# Functions of other libraries and their replacements in a law; functions with the same name in `ops` are not listed.
 SPELLED = {
     "abs": "ops.absolute(x)",
     "absolute": "ops.absolute(x)",
@@ -72,7 +71,7 @@ Node: TypeAlias = tuple[Any, ...]
 
 
 class Line(NamedTuple):
-    """A line of the text of a block: its file, its number, and the kind of the block whose method it is."""
+    """A source line of a block: file, line number, and the kind of the block whose method contains it."""
 
     file: str
     number: int
@@ -85,7 +84,7 @@ class Line(NamedTuple):
 
 
 def _frame() -> FrameType | None:
-    """The innermost frame that runs and is neither of the language itself nor of numpy."""
+    """Return the innermost running frame outside both this package and NumPy."""
     frame = sys._getframe(1)  # pyright: ignore[reportPrivateUsage]
     while frame is not None and str(frame.f_globals.get("__name__", "")).startswith((f"{__package__}.", "numpy.")):
         frame = frame.f_back
@@ -98,13 +97,13 @@ def _line(frame: FrameType) -> Line:
 
 
 class Graph:
-    """Operations in the order of evaluation; an entry is (name, argument, ...) with arguments as earlier indices.
+    """The operations in evaluation order; a node is (name, argument, ...) whose arguments are indices of earlier nodes.
 
     Leaves are ("const", float), ("truth", bool), ("input", name), ("table", name, length) and ("ring", name, length).
     """
 
     def __init__(self, counted: Callable[[Symbol], float] | None = None) -> None:
-        """`counted` bounds the number that ends a loop of fixed count (`ops.most`); None: not known."""
+        """Create an empty graph; `counted` bounds the count of a fixed-count loop (`ops.most`), None if unknown."""
         self.counted = counted
         self.nodes: list[Node] = []
         self.lines: dict[int, Line] = {}
@@ -119,29 +118,29 @@ class Graph:
         return index
 
     def input(self, name: str) -> Symbol:
-        """A leaf that is given at each call, such as a state, a parameter or a setpoint."""
+        """Return an input leaf, whose value is passed at each call: a state, a parameter, a setpoint."""
         return Symbol(self, self._store(("input", name)))
 
     def table(self, name: str, length: int) -> Symbol:
-        """A leaf that `gather` reads from."""
+        """Return a table leaf, from which `gather` reads."""
         return Symbol(self, self._store(("table", name, length)))
 
     def ring(self, name: str, length: int) -> Symbol:
-        """A leaf with cells that are carried from sample to sample."""
+        """Return a ring leaf, whose cells persist from sample to sample."""
         return Symbol(self, self._store(("ring", name, length)))
 
     def constant(self, value: float | bool) -> Symbol:
-        """A literal number of the law's text."""
+        """Return the symbol of a constant."""
         if isinstance(value, bool | np.bool_):
             return Symbol(self, self._store(("truth", bool(value))))
         number = float(value)
         if number != number:
             raise StructureError("a law holds the constant NaN: it was computed outside `ops`")
-        # the text keeps -0.0 apart from 0.0, which compare as equal
+        # the hexadecimal text distinguishes -0.0 from 0.0, which compare as equal
         return Symbol(self, self._store(("const", number.hex())))
 
     def apply(self, name: str, *arguments: Any) -> Symbol:
-        """One operation on symbols and plain numbers."""
+        """Append an operation on symbols and plain numbers; return its symbol."""
         symbols = [self.symbol(argument) for argument in arguments]
         index = self._store((name, *(symbol.index for symbol in symbols)))
         if name in STEEP and index not in self.lines:
@@ -151,7 +150,7 @@ class Graph:
         return Symbol(self, index)
 
     def symbol(self, value: Any) -> Symbol:
-        """A plain number as a constant; a symbol of this graph unchanged."""
+        """Return a plain number as a constant symbol; return a symbol of this graph unchanged."""
         if isinstance(value, Symbol):
             if value.graph is not self:
                 raise StructureError("two traces were mixed: a symbol of another graph entered this one")
@@ -161,18 +160,18 @@ class Graph:
         return self.constant(value)
 
     def name(self, index: int) -> str:
-        """The operation of a node."""
+        """Return the operation name of a node."""
         return self.nodes[index][0]
 
     def origin(self, index: int) -> int:
-        """The leaf of a ring, before or after it is written."""
+        """Return the leaf of a ring, following its writes back to the origin."""
         while self.nodes[index][0] == "put":
             index = self.nodes[index][1]
         return index
 
 
 class Symbol:
-    """A number that is not known yet. Supports + - * /, abs() and comparisons; everything else stands in `ops`."""
+    """A number whose value is not yet known. It supports + - * /, abs() and comparisons; `ops` provides the rest."""
 
     __slots__ = ("graph", "index")
 
@@ -275,7 +274,7 @@ class Symbol:
         self.__and__(self)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **settings: Any) -> Symbol:
-        """Arithmetic with a number of numpy, such as np.float64(2.0) * x; numpy's own functions are refused."""
+        """Support arithmetic with NumPy scalars, such as np.float64(2.0) * x; reject NumPy functions."""
         name = _OF_NUMPY.get(ufunc.__name__)
         if name is None or method != "__call__" or settings or any(getattr(operand, "ndim", 0) for operand in inputs):
             if ufunc.__name__ in ("equal", "not_equal"):
@@ -286,7 +285,7 @@ class Symbol:
         return self.graph.apply(name, *(reversed(inputs) if ufunc.__name__.startswith("greater") else inputs))
 
 
-# names of numpy's functions for the operators that a symbol has
+# NumPy function name -> operation, for the operators of a symbol
 _OF_NUMPY = {
     "add": "add",
     "subtract": "sub",
@@ -300,13 +299,13 @@ _OF_NUMPY = {
 
 
 def _refused(why: str) -> LanguageError:
-    """The error for an operation that would mean something else on symbols, with the line of the law."""
+    """Return the error for an operation that symbols do not support, with the line of the law."""
     frame = _frame()
     return LanguageError(why if frame is None else f"{_line(frame)}: {why}")
 
 
 def _called() -> str:
-    """The name of the function whose call is being computed, such as `sqrt` in `math.sqrt(x)`; empty if not known."""
+    """Return the name of the function being called, such as `sqrt` in `math.sqrt(x)`; empty if unknown."""
     frame = _frame()
     if frame is None:
         return ""
@@ -319,7 +318,7 @@ def _called() -> str:
 
 
 def _instead(name: str) -> str:
-    """The remedy: what a law writes instead of a function of another library."""
+    """Return the remedy: the replacement in a law for a function of another library."""
     if name in SPELLED:
         return f"a law writes {SPELLED[name]}"
     if name in ARITY or name in _NAMED:
@@ -328,7 +327,7 @@ def _instead(name: str) -> str:
 
 
 def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
-    """The indices that the outputs depend on, in the order of evaluation; all others are dead code."""
+    """Return the indices on which the outputs depend, in evaluation order; all others are dead code."""
     needed: set[int] = set()
     stack = list(outputs)
     while stack:
@@ -341,17 +340,17 @@ def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
 
 
 def arguments(node: Node) -> tuple[int, ...]:
-    """The argument indices of an entry; none for a leaf."""
+    """Return the argument indices of a node; empty for a leaf."""
     return () if node[0] in LEAVES else node[1:]
 
 
 def rebuilt(
     graph: Graph, roots: Sequence[int], compose: Callable[[Graph, str, list[Symbol]], Any]
 ) -> tuple[Graph, dict[int, int]]:
-    """Copy the part of a graph below the roots; return it and the new index of each old node.
+    """Copy the subgraph on which the roots depend; return it and the new index of each old node.
 
     Leaves are copied. `compose` receives the new graph, the name of an operation and its new arguments, and returns the
-    replacement.
+    replacement expression.
     """
     copied = Graph()
     place: dict[int, Symbol] = {}

@@ -1,7 +1,7 @@
-"""The judgments of all commands on their own results, with the exit code of each: the table of docs/files.md.
+"""The judgments of all commands on their own results, with their exit codes; docs/files.md has them as a table.
 
-A judgment is about the result, not about the machine. It is bad if the result must not be used, or if what was asked
-stays open. A sound result that tells bad news, as chatter or a low yield, is good.
+A judgment concerns the result, not the machine. It is bad if the result must not be used, or if the question remains
+open. A valid result that is unfavorable for the machine, such as chatter or a low yield, is good.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from feeddrive.language.text import Text
 class Judgment(Enum):
     """A judgment of a command on its own result.
 
-    commands   the commands that pass it
-    says       the beginning of its sentence, or the words of the command
-    exit_code  the code with which the command line ends: 1 if the judgment is bad
+    commands   the commands that can return it
+    says       the beginning of its sentence, or the wording of the command
+    exit_code  the exit code of the command line: 1 if the judgment is bad
     """
 
     DONE = "all others", "what was asked for is done", 0
@@ -73,16 +73,16 @@ class Judgment(Enum):
 
     @property
     def bad(self) -> bool:
-        """True if the result must not be used, or what was asked stays open."""
+        """True if the result must not be used, or the question remains open."""
         return self.exit_code != 0
 
     def because(self, reason: str) -> Advice:
-        """The judgment as a sentence with its reason."""
+        """Return the judgment with a sentence that states it and its reason."""
         return Advice(self, Text(f"{self.says}: {reason}."))
 
 
 class Advice(NamedTuple):
-    """A judgment, and the sentence that states it with its reason."""
+    """A judgment and the sentence that states it with its reason."""
 
     judgment: Judgment
     sentence: str

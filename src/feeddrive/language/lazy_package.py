@@ -1,8 +1,8 @@
 """Packages whose public names are imported on first use.
 
-`make_lazy` holds the names of a package, once; the stub `__init__.pyi` that editors and type checkers read is written
-from them by `tests/stubs.py`.  A module often has the name of its function (`margins.margins`); the public name is the
-function, also after the module was imported.
+`make_lazy` declares the public names of a package once; `tests/stubs.py` generates the stub `__init__.pyi` for editors
+and type checkers from them.  A module often has the same name as its function (`margins.margins`); the public name
+refers to the function, even after the module has been imported.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from feeddrive.language.errors import nearest
 
 
 def public_names(package: str) -> Mapping[str, str]:
-    """Public name -> module that holds it, of a package of feeddrive; empty for a package that is not lazy."""
+    """Return the defining module of each public name of a feeddrive package; empty for a package that is not lazy."""
     return vars(import_module(package)).get("_public", {})
 
 
 def modules_below(package: str) -> Iterator[str]:
-    """Dotted names of the modules in the subfolders of a package, without its own modules."""
+    """Yield the dotted names of the modules in the subfolders of a package, excluding its top-level modules."""
     for module in pkgutil.walk_packages(sys.modules[package].__path__, f"{package}."):
         if not module.ispkg and module.name.count(".") > package.count(".") + 1:
             yield module.name
 
 
 class LazyPackage(ModuleType):
-    """A package that imports its public names on first use; `dir` lists nothing else."""
+    """A package that imports its public names on first use; `dir` lists only these."""
 
     def __getattr__(self, name: str) -> Any:
         place = self.__dict__["_public"].get(name)
@@ -49,7 +49,7 @@ class LazyPackage(ModuleType):
             super().__setattr__(name, value)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Raise TypeError: a package cannot be called; a function of this name existed earlier."""
+        """Raise TypeError: a package cannot be called (earlier versions had a function of this name)."""
         raise TypeError(self.__dict__["_no_function"])
 
     def __dir__(self) -> list[str]:
@@ -59,12 +59,11 @@ class LazyPackage(ModuleType):
 def make_lazy(
     package: str, names: Mapping[str, str], other: Callable[[str], Any] | None = None, no_function: str = ""
 ) -> None:
-    """Let a package import its public names on first use; called at the end of its `__init__.py`.
+    """Make a package import its public names on first use; call this at the end of its `__init__.py`.
 
-    names        by module, separated by blanks: a module relative to the package; "" for modules that are public
-                 themselves
-    other        gives names that are not public, or raises AttributeError
-    no_function  what the error says if the package is called as a function
+    names        public names, separated by blanks, by module relative to the package; "" for public modules
+    other        returns the values of names that are not public, or raises AttributeError
+    no_function  error message if the package is called as a function
     """
 
     def missing(name: str) -> Any:

@@ -1,6 +1,6 @@
-"""LLVM text to machine code that is called by address, with a cache in memory and on disk.
+"""Compile LLVM text to machine code that is called by address, with a cache in memory and on disk.
 
-The only file that knows LLVM's compiler in memory (MCJIT): the engine of the loop and the kernels hand over text.
+This is the only module that uses LLVM's in-memory compiler (MCJIT): the loop engine and the kernels pass LLVM text.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from typing import Any, NamedTuple
 
 from feeddrive.language.recent import Recent
 
-# How LLVM orders instructions for few registers: from both ends of a block, which is 2 to 10 % faster here than from
-# its end.  The option is one of the whole process; no program depends on it.  LLVM 20, 21 and 22 know it.
+# Instruction scheduling before register allocation, from both ends of a block: 2 to 10 % faster here than from its end.
+# The option applies to the whole process; no result depends on it.  LLVM 20, 21 and 22 support it.
 _ORDER = "-misched-prera-direction=bidirectional"
 
 
 class MachineCode(NamedTuple):
-    """Functions in memory, as long as this is held."""
+    """Compiled functions, which stay in memory as long as this object exists."""
 
-    key: str  # of the cache
+    key: str  # cache key
     engine: Any  # owns the code
-    addresses: dict[str, int]  # of its functions
-    below: tuple[MachineCode, ...] = ()  # that it calls
+    addresses: dict[str, int]  # by function name
+    below: tuple[MachineCode, ...] = ()  # machine code that it calls
 
 
-_kept: Recent[MachineCode] = Recent(512)  # who calls the code keeps it alive
+_kept: Recent[MachineCode] = Recent(512)  # callers keep their code alive themselves
 _lock = Lock()
 
 
 @lru_cache(maxsize=1)
 def target() -> tuple[str, str, str]:
-    """Triple, processor and its features."""
+    """Return the target triple, the processor name and its features."""
     import llvmlite.binding as binding
 
     binding.set_option("feeddrive", _ORDER)
@@ -50,15 +50,15 @@ def target() -> tuple[str, str, str]:
 
 
 def number(value: float) -> str:
-    """A double as LLVM writes it, by its bits."""
+    """Return a double as an LLVM hexadecimal literal, bit for bit."""
     return f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
 
 
 def machine_code(source: str, entries: Sequence[str], *, effort: int, passes: Sequence[str] = ()) -> MachineCode:
-    """The functions `entries` of an LLVM module whose first line is its triple.
+    """Return the compiled functions `entries` of an LLVM module whose first line is its target triple.
 
-    effort  of the selection of instructions and registers, 0 to 3
-    passes  of the optimizer before that, in order, by their names in llvmlite: `sroa` is its `add_sroa_pass`
+    effort  optimization level of code generation, 0 to 3
+    passes  optimizer passes before code generation, in order, by llvmlite name: `sroa` means `add_sroa_pass`
     """
     key = _key(source, effort, passes)
 
@@ -80,11 +80,11 @@ def linked_code(
     passes: Sequence[str] = (),
     stored: bool = False,
 ) -> MachineCode | None:
-    """The functions `names` of an LLVM module that calls those of others, whose addresses are the `symbols`.
+    """Return the compiled functions `names` of an LLVM module that calls external functions at the addresses `symbols`.
 
-    content  all that the text depends on: the key, so that the text is printed only if the code is not on the disk
-    below    the code that holds the other functions
-    stored   return None if the code is not on the disk
+    content  everything on which the text depends; it is the cache key, so that the text is generated only on a miss
+    below    the machine code that contains the external functions
+    stored   if true, return None when the code is not in the disk cache
     """
     import llvmlite.binding as binding
 
@@ -100,7 +100,7 @@ def linked_code(
 
 
 def _key(content: str, effort: int, passes: Sequence[str]) -> str:
-    """The key of machine code in memory and on disk."""
+    """Return the cache key of machine code, in memory and on disk."""
     import llvmlite
 
     _, processor, features = target()
@@ -111,7 +111,7 @@ def _key(content: str, effort: int, passes: Sequence[str]) -> str:
 def _made(
     key: str, stored: bytes | None, source: Callable[[], str], names: Sequence[str], effort: int, passes: Sequence[str]
 ) -> MachineCode:
-    """Load machine code, or compile it and store it on the disk."""
+    """Load cached machine code, or compile it and store it on disk."""
     import llvmlite.binding as binding
 
     triple, processor, features = target()
@@ -128,7 +128,7 @@ def _made(
 
 
 def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
-    """Run passes of LLVM over a module; none of them may change the result of an operation on floats."""
+    """Run LLVM passes on a module; none of them may change the result of a floating-point operation."""
     import llvmlite.binding as binding
 
     manager = binding.create_new_module_pass_manager()
@@ -138,14 +138,14 @@ def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
 
 
 def _stubs(triple: str, names: Sequence[str]) -> str:
-    """A module of empty functions, which is enough when the code comes from the disk."""
+    """Return a module of empty functions, which suffices when the code is loaded from disk."""
     return "\n".join([f'target triple = "{triple}"', *[f"define void @{name}() {{\n  ret void\n}}" for name in names]])
 
 
 def cache_directory() -> Path | None:
-    """The folder of machine code: FEEDDRIVE_CACHE, else the user's cache folder; None if it is not safely the user's.
+    """Return the cache folder: FEEDDRIVE_CACHE, else the user's cache folder; None if it is unavailable or unsafe.
 
-    Machine code read from there is run, so a folder that others could write to is not used.
+    Machine code from this folder is executed, so a folder that other users own or can write to is not used.
     """
     named = os.environ.get("FEEDDRIVE_CACHE")
     if named == "":
@@ -167,7 +167,7 @@ def cache_directory() -> Path | None:
 
 
 def _stored(key: str) -> bytes | None:
-    """Read machine code from the disk; None if it is missing or damaged."""
+    """Read machine code from disk; return None if it is missing or damaged."""
     place = cache_directory()
     if place is None:
         return None
@@ -180,7 +180,7 @@ def _stored(key: str) -> bytes | None:
 
 
 def _store(key: str, code: bytes) -> None:
-    """Store machine code on the disk, whole or not at all; a disk that refuses is no error."""
+    """Store machine code on disk atomically; a failed write is ignored."""
     place = cache_directory()
     if place is None:
         return

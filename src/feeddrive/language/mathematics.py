@@ -1,10 +1,12 @@
 """Elementary functions in plain arithmetic: the same bits in Python, native code, SIMD lanes and C on every machine.
 
-numpy's, libm's and the compilers' own functions differ in the last bit, so none of them can be the definition.  Each
-function here is a range reduction and a power series, cut where the next term is below 2⁻⁵⁵ of the result, summed in
-pairs (Estrin) so that a processor can work on several terms at once.  No branch depends on a value: `where` selects.
+The functions of NumPy, libm and compilers differ in the last bit, so none of them can be the definition.  Each function
+here is a range reduction and a power series, truncated where the next term is below 2⁻⁵⁵ of the result and summed in
+pairs (Estrin's scheme), so that a processor can work on several terms in parallel.  No branch depends on a
+value: `where` selects.
 
-Measured against 50-digit arithmetic: see docs/accuracy.md.  Valid everywhere; sin and cos return NaN beyond 1e9 rad.
+For the accuracy against 50-digit arithmetic see docs/accuracy.md.  The functions are valid everywhere; sin and cos
+return NaN beyond 1e9 rad.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Small matrices in plain arithmetic, as tuples of rows, so that floats, lanes and symbols agree to the last bit.
 
-For work in `prepare`, once per variant: not meant for more than about a dozen rows.
+They are intended for `prepare`, which runs once per variant, and for at most about a dozen rows.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from feeddrive.language.graph import Symbol
 Row: TypeAlias = tuple[Any, ...]
 Matrix: TypeAlias = tuple[Row, ...]
 
-ORDER = 16  # of the Taylor series; with a norm of at most 1/2 the first term left out is below 2⁻⁶⁵
+ORDER = 16  # order of the Taylor series; for a norm of at most 1/2 the first omitted term is below 2⁻⁶⁵
 MOST_SQUARINGS = 10
-LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # of an argument of `expm1`
+LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # largest norm of an argument of `expm1`
 
 
 def zeros(rows: int, columns: int) -> list[list[Any]]:
-    """A matrix of zeros to be filled."""
+    """Return a matrix of zeros as a list of lists, to be filled."""
     return [[0.0] * columns for _ in range(rows)]
 
 
 def multiply(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
-    """A·B, shapes (n, m) and (m, p)."""
+    """Return A·B, shapes (n, m) and (m, p)."""
     columns = list(zip(*b, strict=True))
     return tuple(tuple([dot(row, column) for column in columns]) for row in a)
 
 
 def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    """Σ aᵢ bᵢ from left to right; factors 0.0 and 1.0 that stand in the text cost nothing."""
+    """Return Σ aᵢ bᵢ from left to right; literal factors 0.0 and 1.0 cost no operation."""
     total: Any = None
     for x, y in zip(a, b, strict=True):
-        # `is_zero` and `is_one` in place: nearly all work of `prepare` is done here
+        # `is_zero` and `is_one` inlined: `prepare` spends nearly all its time here
         if type(x) is float:
             if x == 0.0 or (type(y) is float and y == 0.0):
                 continue
@@ -53,20 +53,20 @@ def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
 
 
 def is_zero(x: Any) -> bool:
-    """True for a zero that stands in the text (a plain float), not for a number that happens to be zero."""
+    """Return True for a literal zero (a plain float), not for a computed number that happens to be zero."""
     return type(x) is float and x == 0.0
 
 
 def is_one(x: Any) -> bool:
-    """True for a one that stands in the text."""
+    """Return True for a literal one (a plain float)."""
     return type(x) is float and x == 1.0
 
 
 def add(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
-    """A + B."""
+    """Return A + B."""
     return tuple(
         tuple(
-            [  # a list and `is_zero` in place, as in `dot`
+            [  # a list, and `is_zero` inlined, as in `dot`
                 y if type(x) is float and x == 0.0 else x if type(y) is float and y == 0.0 else x + y
                 for x, y in zip(r, s, strict=True)
             ]
@@ -76,12 +76,12 @@ def add(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
 
 
 def scale(factor: Any, a: Sequence[Sequence[Any]]) -> Matrix:
-    """factor · A."""
+    """Return factor · A."""
     return tuple(tuple([0.0 if type(x) is float and x == 0.0 else factor * x for x in row]) for row in a)
 
 
 def solve(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
-    """X with A·X = B by Gauss elimination without pivoting: for positive definite A (masses, bearing a diagonal)."""
+    """Solve A·X = B for X by Gaussian elimination without pivoting; A must be positive definite (a mass matrix)."""
     n = len(a)
     left, right = [list(row) for row in a], [list(row) for row in b]
     for i in range(n):
@@ -107,20 +107,20 @@ def _minus(x: Any, ratio: Any, y: Any) -> Any:
 
 
 def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
-    """e^A - 1, by a Taylor series of fixed order on A/2ˢ and s squarings (1 + D)² - 1 = 2D + D².
+    """Return e^A - 1, by a Taylor series of fixed order on A/2ˢ and s squarings (1 + D)² - 1 = 2D + D².
 
-    s is the least with ‖A‖∞/2ˢ <= 1/2, for each lane on its own; `LARGEST_NORM` is the largest norm.  Without the 1 the
-    result keeps the digits of a small A, so that an axis at rest does not creep by the rounding of ones.
+    s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per lane; `LARGEST_NORM` is the largest permitted norm.  Without
+    the 1 the result keeps the digits of a small A, so that rounding does not make an axis at rest creep.
 
-    at_least  squarings that every A of this kind needs: exported C has no line for fewer, which would never run
+    at_least  minimum number of squarings for every A of this kind: exported C omits branches for fewer
     """
     return expm1_doubled(a, at_least)[0][-1]
 
 
 def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[Matrix], Any]:
-    """The steps of `expm1`: e^(A/2ˢ) - 1, e^(2A/2ˢ) - 1, ..., e^A - 1, and s.
+    """Return the steps of `expm1`, e^(A/2ˢ) - 1, e^(2A/2ˢ) - 1, ..., e^A - 1, and s.
 
-    On symbols, for which s is not known, there are eleven; the last ones repeat e^A - 1.
+    On symbols, for which s is unknown, there are eleven steps; the last ones repeat e^A - 1.
     """
     norm = _norm(a)
     squarings: Any = float(at_least)
@@ -145,7 +145,7 @@ def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[M
 
 
 def _series(a: Matrix) -> Matrix:
-    """Σ Aⁱ/i! for i = 1 .. ORDER in groups of four: three products for the powers, one for each further group."""
+    """Return Σ Aⁱ/i! for i = 1 .. ORDER in groups of four: three products for the powers, one per further group."""
     second = multiply(a, a)
     fourth = multiply(second, second)
     powers = (a, second, multiply(second, a), fourth)
@@ -161,7 +161,7 @@ def _series(a: Matrix) -> Matrix:
 
 
 def _norm(a: Sequence[Sequence[Any]]) -> Any:
-    """Largest sum of absolute values in a row."""
+    """Return the infinity norm: the largest sum of absolute values in a row."""
     largest: Any = 0.0
     for row in a:
         total: Any = 0.0
@@ -173,7 +173,7 @@ def _norm(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def _most(squarings: Any) -> int:
-    """The largest number of squarings in any lane; all of them for a symbol, whose value is not known."""
+    """Return the largest number of squarings in any lane; the maximum for a symbol, whose value is unknown."""
     return int(ops.most(squarings, MOST_SQUARINGS))
 
 
@@ -181,10 +181,10 @@ SQUARINGS, TOO_LARGE = 48, 1e150
 
 
 def decays(a: Sequence[Sequence[Any]]) -> Any:
-    """True if the powers of a square matrix fall towards 0: all |eigenvalues| are below 1, for rules.
+    """Return True if the powers of a square matrix decay to 0: the spectral radius is below 1. Used in rules.
 
-    It is squared until its norm, the largest sum of sizes in a row, is below 1 (true) or above 1e150, or 48 times
-    (false): eigenvalues closer to 1 than about 1e-13 count as 1.  False for numbers that are not finite.
+    The matrix is squared until its infinity norm is below 1 (true) or above 1e150, or 48 times (false): eigenvalues
+    within about 1e-13 of magnitude 1 count as 1.  False for non-finite entries.
     """
     graph = next((x.graph for row in a for x in row if isinstance(x, Symbol)), None)
     if graph is not None:
@@ -211,7 +211,7 @@ def decays(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def _numbers(a: Sequence[Sequence[Any]]) -> np.ndarray:
-    """A square matrix of numbers or of variants in lanes, shape (n, n) or (n, n, lanes)."""
+    """Return a square matrix as an array of shape (n, n), or (n, n, lanes) for variants in lanes."""
     entries = [x for row in a for x in row]
     if any(isinstance(x, np.ndarray) for x in entries):
         entries = np.broadcast_arrays(*entries)
@@ -220,9 +220,9 @@ def _numbers(a: Sequence[Sequence[Any]]) -> np.ndarray:
 
 
 def growth(a: Sequence[Sequence[Any]]) -> Any:
-    """Largest |eigenvalue| of a matrix, the rate at which its powers grow, for the message of a refusal.
+    """Return the spectral radius of a matrix, max |eigenvalue|, for error messages.
 
-    Of numbers it is a float, of variants in lanes an array.  Infinite for a matrix with numbers that are not finite.
+    The result is a float for numbers, an array for variants in lanes, and infinite for non-finite entries.
     """
     matrices = _numbers(a)
     stack = np.moveaxis(matrices.reshape(len(a), len(a), -1), 2, 0)
@@ -233,9 +233,10 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
-    """Find the first change of a condition along ordered positive values: the value there that holds, to 1e-5 of it.
+    """Return the value at the first change of a condition along ordered positive values, on the side where it holds.
 
-    `holds` is called with many values at once, as lanes.  None if the condition does not change.
+    The relative accuracy is about 1e-5.  `holds` is called with many values at once, as lanes.  Returns None if the
+    condition does not change.
     """
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):

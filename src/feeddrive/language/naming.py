@@ -14,26 +14,26 @@ from typing import Any, NamedTuple
 from feeddrive.language.block import Block
 from feeddrive.language.graph import Graph, Symbol
 
-_OWN = __name__.rpartition(".")[0]  # the package `language`: its variable names do not belong to a law
+_OWN = __name__.rpartition(".")[0]  # the package `language`, whose variable names do not belong to a law
 
 
 class Name(NamedTuple):
-    """The dotted name of the block whose code first named a number, and the name of the variable."""
+    """A variable name, and the dotted name of the block whose code first assigned the value to it."""
 
     owner: str
     word: str
 
 
 class Names:
-    """Context manager: each symbol of a graph gets the name of the local variable of a block's method that holds it.
+    """A context manager that names each symbol of a graph after the local variable of a block's method that holds it.
 
     with Names(graph, {id(block): "control.law", ...}) as names:
         ...
-    names.by_node    node -> Name; the first name wins
+    names.by_node   node -> Name; the first name wins
     names.makers    node -> dotted name of the block whose code computed it
 
-    A part of a tuple is named after both: `middle.velocity` is `middle_velocity`, the first of `z` is `z_0`.
-    Arithmetic is not touched.
+    An element of a tuple combines both names: `middle.velocity` becomes `middle_velocity`, the first of `z` is `z_0`.
+    Arithmetic is not affected.
     """
 
     def __init__(self, graph: Graph, owners: Mapping[int, str]) -> None:
@@ -55,7 +55,7 @@ class Names:
         sys.settrace(self._before)
 
     def _called(self, frame: FrameType, event: str, argument: Any) -> Any:
-        """Return the tracer of a function that is called; functions of the language itself have none."""
+        """Return the line tracer for a called function; None for functions of the language package itself."""
         inside = str(frame.f_globals.get("__name__", "")).startswith(_OWN)
         return None if inside else self._line
 
@@ -71,7 +71,7 @@ class Names:
         return self._line
 
     def _owner(self, frame: FrameType | None) -> str | None:
-        """The dotted name of the block whose method runs, or calls the function that runs."""
+        """Return the dotted name of the block whose method is running or is in the call stack."""
         while frame is not None:
             owner = self.owners.get(id(frame.f_locals.get("self")))
             if owner is not None:

@@ -1,7 +1,7 @@
-"""The operations that a law may use besides + - * / and comparisons, for float, array and symbol alike.
+"""The operations that a law may use besides + - * / and comparisons, for floats, arrays and symbols.
 
-Both branches of `where` are always computed: guard arguments (`sqrt(maximum(v, tiny))`).
-NaN in a signal passes through `minimum`, `maximum` and `clip`; only the loop's guard stops it.
+Both branches of `where` are always evaluated: guard the arguments (`sqrt(maximum(v, tiny))`).
+A NaN in a signal passes through `minimum`, `maximum` and `clip`; only the loop's guard catches it.
 """
 
 from __future__ import annotations
@@ -74,54 +74,54 @@ pi = 3.141592653589793
 
 
 def exp(x: Any) -> Any:
-    """eˣ."""
+    """Return eˣ."""
     symbol = on_symbols("exp", x)
     return symbol if symbol is not None else mathematics.exp(x)
 
 
 def expm1(x: Any) -> Any:
-    """eˣ - 1, exact to the last bits for small x."""
+    """Return eˣ - 1, accurate to the last bits for small x."""
     symbol = on_symbols("expm1", x)
     return symbol if symbol is not None else mathematics.expm1(x)
 
 
 def log(x: Any) -> Any:
-    """Natural logarithm; NaN for x < 0, -inf for 0."""
+    """Return the natural logarithm; NaN for x < 0, -inf for 0."""
     symbol = on_symbols("log", x)
     return symbol if symbol is not None else mathematics.log(x)
 
 
 def sin(x: Any) -> Any:
-    """Sine of an angle in rad; NaN beyond 1e9 rad, where the angle has lost its precision."""
+    """Return the sine of an angle in rad; NaN beyond 1e9 rad, where the angle has lost its precision."""
     symbol = on_symbols("sin", x)
     return symbol if symbol is not None else mathematics.sin(x)
 
 
 def cos(x: Any) -> Any:
-    """Cosine of an angle in rad; NaN beyond 1e9 rad."""
+    """Return the cosine of an angle in rad; NaN beyond 1e9 rad."""
     symbol = on_symbols("cos", x)
     return symbol if symbol is not None else mathematics.cos(x)
 
 
 def tan(x: Any) -> Any:
-    """Tangent of an angle in rad."""
+    """Return the tangent of an angle in rad."""
     return sin(x) / cos(x)
 
 
 def tanh(x: Any) -> Any:
-    """Hyperbolic tangent."""
+    """Return the hyperbolic tangent."""
     symbol = on_symbols("tanh", x)
     return symbol if symbol is not None else mathematics.tanh(x)
 
 
 def atan(x: Any) -> Any:
-    """Arc tangent in rad."""
+    """Return the arc tangent in rad."""
     symbol = on_symbols("atan", x)
     return symbol if symbol is not None else mathematics.atan(x)
 
 
 def atan2(y: Any, x: Any) -> Any:
-    """Angle of the point (x, y) in rad, in (-π, π]; 0 at the origin."""
+    """Return the angle of the point (x, y) in rad, in (-π, π]; 0 at the origin."""
     safe = where(equal(x, 0.0), 1.0, x)
     angle = atan(y / safe)
     beside = where(x < 0.0, where(y < 0.0, angle - pi, angle + pi), angle)
@@ -129,11 +129,11 @@ def atan2(y: Any, x: Any) -> Any:
 
 
 def power(x: Any, y: Any) -> Any:
-    """xʸ for x > 0, as e^(y ln x); its relative error grows with |y ln x|."""
+    """Return xʸ for x > 0, as e^(y ln x); the relative error grows with |y ln x|."""
     return exp(y * log(x))
 
 
 def normal(seed: Any, sample: Any, channel: Any) -> Any:
-    """A random number with mean 0 and standard deviation 1 (Box & Muller 1958), from two uniform ones."""
+    """Return a standard normal random number (Box & Muller 1958) from two uniform ones."""
     radius = sqrt(-2.0 * log(uniform(seed, sample, 2.0 * channel)))
     return radius * cos(2.0 * pi * uniform(seed, sample, 2.0 * channel + 1.0))

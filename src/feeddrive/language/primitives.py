@@ -1,4 +1,4 @@
-"""Operations that a processor executes in one or a few instructions, for float, array and symbol alike.
+"""Operations that a processor executes in one or a few instructions, for floats, arrays and symbols.
 
 `mathematics.py` builds the elementary functions from them; `ops.py` contains all that a law may use.
 """
@@ -14,7 +14,7 @@ from feeddrive.language.graph import Symbol
 
 
 def on_symbols(name: str, *arguments: Any) -> Symbol | None:
-    """The operation on symbols, or None if no argument is one."""
+    """Return the operation applied to symbols, or None if no argument is a symbol."""
     for argument in arguments:
         if isinstance(argument, Symbol):
             return argument.graph.apply(name, *arguments)
@@ -22,7 +22,7 @@ def on_symbols(name: str, *arguments: Any) -> Symbol | None:
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """`a` where the condition is true, else `b`; the value that is not selected has no effect, even if it is NaN."""
+    """Return `a` where the condition is true, else `b`; the other value has no effect, even if it is NaN."""
     symbol = on_symbols("select", condition, a, b)
     if symbol is not None:
         return symbol
@@ -32,44 +32,44 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 
 
 def zero(x: Any) -> Any:
-    """Zero in the type of x: a number, an array over lanes, or the constant of a trace."""
+    """Return zero in the type of x: a number, an array over lanes, or a constant of the trace."""
     if isinstance(x, Symbol):
         return x.graph.constant(0.0)
     return np.zeros_like(x)[()] if isinstance(x, np.ndarray | np.floating) else np.float64(0.0)
 
 
 def both(a: Any, b: Any) -> Any:
-    """True where both truth values are."""
+    """Return True where both conditions are true."""
     symbol = on_symbols("and", a, b)
     return symbol if symbol is not None else np.logical_and(a, b)
 
 
 def either(a: Any, b: Any) -> Any:
-    """True where at least one truth value is."""
+    """Return True where at least one condition is true."""
     symbol = on_symbols("or", a, b)
     return symbol if symbol is not None else np.logical_or(a, b)
 
 
 def no(a: Any) -> Any:
-    """True where the truth value is false."""
+    """Return True where the condition is false."""
     symbol = on_symbols("not", a)
     return symbol if symbol is not None else np.logical_not(a)
 
 
 def equal(a: Any, b: Any) -> Any:
-    """True where two numbers are equal."""
+    """Return True where two numbers are equal."""
     symbol = on_symbols("eq", a, b)
     return symbol if symbol is not None else np.equal(a, b)
 
 
 def absolute(x: Any) -> Any:
-    """|x|."""
+    """Return |x|."""
     symbol = on_symbols("abs", x)
     return symbol if symbol is not None else np.abs(x)
 
 
 def sqrt(x: Any) -> Any:
-    """√x, correctly rounded; NaN for x < 0."""
+    """Return √x, correctly rounded; NaN for x < 0."""
     symbol = on_symbols("sqrt", x)
     if symbol is not None:
         return symbol
@@ -78,33 +78,33 @@ def sqrt(x: Any) -> Any:
 
 
 def floor(x: Any) -> Any:
-    """Largest whole number not above x. Its derivative is 0."""
+    """Return the largest integer <= x. Its derivative is 0."""
     symbol = on_symbols("floor", x)
     return symbol if symbol is not None else np.floor(x)
 
 
 def minimum(a: Any, b: Any) -> Any:
-    """The smaller number; `a` if one of them is NaN."""
+    """Return the smaller number; `a` if either is NaN."""
     return where(b < a, b, a)
 
 
 def maximum(a: Any, b: Any) -> Any:
-    """The larger number; `a` if one of them is NaN."""
+    """Return the larger number; `a` if either is NaN."""
     return where(b > a, b, a)
 
 
 def clip(x: Any, low: Any, high: Any) -> Any:
-    """x held between two bounds; a NaN stays NaN."""
+    """Limit x to the range from `low` to `high`; a NaN stays NaN."""
     return minimum(maximum(x, low), high)
 
 
 def sign(x: Any) -> Any:
-    """-1, 0 or 1."""
+    """Return the sign of x: -1, 0 or 1."""
     return where(x > 0.0, 1.0, where(x < 0.0, -1.0, 0.0))
 
 
 def power_of_two(k: Any) -> Any:
-    """2ᵏ for a whole number k in -1022 .. 1023, exact; outside of this range the result differs between machines."""
+    """Return 2ᵏ exactly for an integer k in -1022 .. 1023; outside this range the result is machine-dependent."""
     symbol = on_symbols("power_of_two", k)
     if symbol is not None:
         return symbol
@@ -115,7 +115,7 @@ def power_of_two(k: Any) -> Any:
 
 
 def exponent(x: Any) -> Any:
-    """The whole number k with 2ᵏ <= |x| < 2ᵏ⁺¹ for a normal number x, read from its bits; -1023 for 0."""
+    """Return the integer k with 2ᵏ <= |x| < 2ᵏ⁺¹ for a normal number x, read from its bits; -1023 for 0."""
     symbol = on_symbols("exponent", x)
     if symbol is not None:
         return symbol
@@ -125,18 +125,18 @@ def exponent(x: Any) -> Any:
 
 
 def quantise(x: Any, step: Any) -> Any:
-    """x rounded to the nearest multiple of `step`: step · floor(x/step + 1/2).
+    """Round x to the nearest multiple of `step`: step · floor(x/step + 1/2).
 
-    Its derivative to x is taken as 1: margins and gradients are those of the loop without the quantizer.
+    Its derivative with respect to x is taken as 1: margins and gradients are those of the loop without the quantizer.
     """
     symbol = on_symbols("quantise", x, step)
     return symbol if symbol is not None else step * np.floor(x / step + 0.5)
 
 
 def gather(row: Any, index: Any) -> Any:
-    """The entry of a table at a whole-number index, held to the table's ends. The only read from memory.
+    """Return the table entry at an integer index, clamped to the table. This is the only read from memory.
 
-    Its derivative is 0: interpolation is written around it.
+    Its derivative is 0: gradients come from the interpolation that uses it.
     """
     symbol = on_symbols("gather", row, index)
     if symbol is not None:
@@ -148,12 +148,12 @@ def gather(row: Any, index: Any) -> Any:
 
 
 def length(row: Any) -> int:
-    """Entries of a table."""
+    """Return the number of entries of a table."""
     return row.graph.nodes[row.index][2] if isinstance(row, Symbol) else len(row)
 
 
 def interpolate(row: Any, place: Any) -> Any:
-    """Linear interpolation in a table at a real place (0 = first entry), held to its ends."""
+    """Interpolate linearly in a table at a real-valued index (0 = first entry), clamped to its ends."""
     below = floor(place)
     left = gather(row, below)
     right = gather(row, below + 1.0)
@@ -166,11 +166,11 @@ STRIDES = (0x9E3779B97F4A7C15, 0xD1B54A32D192ED03, 0x8CB92BA72F3D8DD7)
 
 
 def uniform(seed: Any, sample: Any, channel: Any) -> Any:
-    """A random number in (0, 1) that depends only on three whole numbers in 0 .. 2⁵³.
+    """Return a random number in (0, 1) that depends only on three integers in 0 .. 2⁵³.
 
-    It is (h + 1/2) / 2⁵² with h the upper 52 bits of a mix of the three whole numbers.
+    It is (h + 1/2) / 2⁵² with h the upper 52 bits of a hash of the three integers.
 
-    The mix is the finaliser of SplitMix64 (Steele, Lea, Flood 2014), run once over each of the three.
+    The hash is the finalizer of SplitMix64 (Steele, Lea, Flood 2014), applied once for each of the three.
     """
     symbol = on_symbols("uniform", seed, sample, channel)
     if symbol is not None:
@@ -189,9 +189,9 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
 
 
 def most(x: Any, unknown: float) -> float:
-    """The largest value over lanes as a plain number: a bound for loops of fixed count.
+    """Return the largest value over lanes as a plain number, as the bound of a fixed-count loop.
 
-    For a symbol it is the bound of its graph (`Graph.counted`), else `unknown`.
+    For a symbol, return the bound from its graph (`Graph.counted`), or `unknown` if there is none.
     """
     if isinstance(x, Symbol):
         return unknown if x.graph.counted is None else x.graph.counted(x)

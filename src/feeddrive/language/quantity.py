@@ -1,11 +1,11 @@
-"""Quantities, numbers that keep their SI unit and error until they are shown, and the units of a reader.
+"""Quantities: numbers that keep their SI unit and error until they are displayed in a reader's units.
 
     rms = Quantity(5.88e-6, "m")
     str(rms)                                         # 5.88 um
     Units(length="inch").text(rms)                   # 0.0002315 in
-    Units(rotary=True).text(rms)                     # 5.88 urad: the lengths of an axis that turns are angles
+    Units(rotary=True).text(rms)                     # 5.88 urad: lengths of a rotary axis are angles
 
-`Units` is the one renderer of numbers: tables (`table.py`) and texts (`text.py`) are read through it.
+`Units` is the only renderer of numbers, also for tables (`table.py`) and texts (`text.py`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.text import Mark, keeps_marks, marks
 from feeddrive.language.units import factor, turning
 
-# the unit in which people of the field read a quantity, by its SI unit
+# the unit customary in the field, by SI unit
 _USUAL = {
     "m": "um",
     "m/s": "mm/s",
@@ -34,11 +34,11 @@ _USUAL = {
     "m √s/N": "nm √s/N",
     "share": "%",
 }
-# a recorded angle or torque of a rotary axis is read as the length or force of a linear one
+# a recorded angle or torque of a rotary axis has the same prefixes as the length or force of a linear one
 _OF_SIGNALS = _USUAL | {turning(unit): turning(name) for unit, name in _USUAL.items()}
 _SHARES = {"%": 100.0, "ppm": 1e6, "": 1.0}
 _DIGITS = 4
-_READABLE = 7  # digits before the point up to which a number is written without an exponent
+_READABLE = 7  # digits before the decimal point up to which a number is written without an exponent
 
 DECIBEL, ABSOLUTE = "dB", "absolute"
 _LENGTHS = {"nm": "nm", "um": "um", "mm": "mm", "inch": "in"}
@@ -52,9 +52,9 @@ _LENGTH_WORD = re.compile(r"(?<!\w)[num]?m(?!\w)")
 
 
 def number(value: float | None, digits: int = _DIGITS) -> str:
-    """Return a number with so many significant digits, without an exponent if it is readable; `-` for None.
+    """Return a number with `digits` significant digits, without an exponent if it is readable; `-` for None.
 
-    Zeros at the end are left out, and digits before the point are all written: 0.5, 12345.
+    Trailing zeros are omitted, and all digits before the decimal point are written: 0.5, 12345.
     """
     if value is None:
         return "-"
@@ -69,12 +69,12 @@ def number(value: float | None, digits: int = _DIGITS) -> str:
 
 
 def _places(value: float, digits: int) -> int:
-    """Return how many digits a number that is rounded to some has before its point: 1 for 9.4, 0 for 0.94."""
+    """Return the number of digits before the decimal point of a rounded number: 1 for 9.4, 0 for 0.94."""
     return int(f"{value:.{digits - 1}e}".partition("e")[2]) + 1
 
 
 def _numeral(value: float, form: str) -> str:
-    """Return a number in a form: so many significant digits (`3`), or a format of Python's (`.2f`)."""
+    """Format a number: `form` is a number of significant digits (`3`) or a Python format (`.2f`)."""
     if not form:
         return number(value)
     return number(value, int(form)) if form.isdigit() else f"{value:{form}}"
@@ -82,16 +82,16 @@ def _numeral(value: float, form: str) -> str:
 
 @dataclass(frozen=True)
 class Units:
-    """The units in which a person reads numbers, one choice for each kind of quantity.
+    """The display units of a reader, one choice for each kind of quantity.
 
-    length       of errors and positions; `um` leaves each its usual unit (um, mm)
+    length       for errors and positions; `um` means the usual unit of each (um, mm)
     force        N or kN
     frequency    Hz or rad/s
     gain         dB or ratios
-    rotary       the axis turns: lengths are angles, forces torques, masses inertias; all numbers are the same
+    rotary       rotary axis: lengths are angles, forces torques, masses inertias; the numbers are the same
     typographic  µ in place of u, ± in place of +-
 
-    Raises ParameterError for a unit that is none of `CHOICES`.
+    Raises ParameterError for a unit that is not in `CHOICES`.
     """
 
     length: str = "um"
@@ -110,10 +110,10 @@ class Units:
                 )
 
     def of(self, unit: str, shown: str = "", *, stays: bool = False) -> tuple[str, float]:
-        """Return the name of the unit in which a quantity of an SI unit is read, and the factor to it from SI.
+        """Return the name of the display unit for an SI unit, and the conversion factor from SI.
 
-        shown  the unit that people of the field use for this quantity; empty: the usual one of its SI unit
-        stays  the unit is the same for a rotary axis, since the quantity is not one of the axis
+        shown  the unit customary in the field for this quantity; empty: the usual one for its SI unit
+        stays  True if the unit is the same for a rotary axis, because the quantity does not belong to the axis
         """
         wanted = unit if shown == "SI" else self._chosen(unit, shown or _USUAL.get(unit, unit))
         size = _factor(unit, wanted)
@@ -133,11 +133,11 @@ class Units:
         return usual
 
     def name(self, unit: str, shown: str = "", *, stays: bool = False) -> str:
-        """Return the name of the unit in which a quantity of an SI unit is read."""
+        """Return the name of the display unit for an SI unit."""
         return self.of(unit, shown, stays=stays)[0]
 
     def text(self, quantity: Quantity, form: str = "") -> str:
-        """Return a quantity as a person reads it, with the error to two digits if it has one."""
+        """Return a quantity as text in the reader's units, with its standard error, if any, to two digits."""
         digits, shown = _read(form or quantity.form)
         name, size = self.of(quantity.unit, shown, stays=quantity.stays)
         value, error = size * float(quantity.value), quantity.error
@@ -161,7 +161,7 @@ class Units:
         return self.name(mark.unit, mark.form, stays="s" in mark.flags)
 
     def value_text(self, value: float, unit: str, digits: int = _DIGITS) -> str:
-        """Return a number given in SI as a person reads it."""
+        """Return a number in SI as text in the reader's units."""
         return self.text(Quantity(value, unit), str(digits))
 
     @property
@@ -170,11 +170,11 @@ class Units:
         return self.gain == DECIBEL
 
     def from_decibel(self, level: np.ndarray | float) -> np.ndarray | float:
-        """Return a gain in dB, or the ratio that it stands for: 10^(level/20)."""
+        """Convert a gain from dB to the reader's unit: unchanged in dB, or the ratio 10^(level/20)."""
         return level if self.decibel else 10.0 ** (level / 20.0)
 
     def to_decibel(self, gain: float) -> float:
-        """Return the gain in dB of a height in a picture of gains. Raises ParameterError for a ratio <= 0."""
+        """Convert a gain from the reader's unit to dB. Raises ParameterError for a ratio <= 0."""
         if self.decibel:
             return gain
         if not gain > 0.0:
@@ -182,7 +182,7 @@ class Units:
         return 20.0 * math.log10(gain)
 
     def gain_text(self, level: float, digits: int = 1) -> str:
-        """Return a gain given in dB as a person reads it."""
+        """Return a gain in dB as text in the reader's unit."""
         return f"{level:.{digits}f} dB" if self.decibel else f"a factor of {number(10.0 ** (level / 20.0), 3)}"
 
 
@@ -193,7 +193,7 @@ DRAWN = Units(typographic=True)
 
 @cache
 def _factor(unit: str, shown: str) -> float:
-    """Return the factor from an SI unit to the shown one; a unit that `measure` does not know has the factor 1."""
+    """Return the conversion factor from an SI unit to the displayed unit; ratios may become % or ppm."""
     if unit == shown:
         return 1.0
     if unit in ("", "share", "1") and shown in _SHARES:
@@ -207,14 +207,14 @@ class Quantity:
     """A number with its unit.
 
     value  in SI
-    unit   SI unit of a linear axis: `m`, `N/m`, `N s/m`; `share` is read in percent, empty is a plain number
-    error  its standard error in SI, if known
-    form   digits and unit in which it is read, as in an f-string: `3`, `3 mm`, `.2f`, `.1f ms`
-    stays  it is no quantity of the axis: a length stays a length on an axis that turns
-    bare   it is read without its unit, which stands beside it
+    unit   SI unit of a linear axis: `m`, `N/m`, `N s/m`; `share` is displayed in percent, empty is a plain number
+    error  standard error in SI, if known
+    form   digits and unit for display, as in an f-string: `3`, `3 mm`, `.2f`, `.1f ms`
+    stays  True if it is not a quantity of the axis: a length stays a length on a rotary axis
+    bare   True if it is displayed without its unit, which is shown elsewhere
 
     In an f-string: `{lag}`, `{lag:3}` (significant digits), `{lag:3 us}` (with the unit), `{lag:.2f}`, `{low:SI}`
-    (in the SI unit, as a file has it).
+    (in the SI unit, as in a file).
     """
 
     value: SupportsFloat
@@ -236,7 +236,7 @@ class Quantity:
         return str(Mark(repr(float(self.value)), self.unit, error, form, flags, USUAL.text(self, form)))
 
     def record(self) -> dict[str, Any]:
-        """Return it as JSON has it: value and error in SI, and the unit."""
+        """Return the quantity as a JSON object: value and error in SI, and the unit."""
         record: dict[str, Any] = {"value": finite(float(self.value)), "unit": self.unit}
         if self.error is not None:
             record["error"] = finite(float(self.error))
@@ -244,13 +244,13 @@ class Quantity:
 
 
 def finite(value: float) -> float | None:
-    """Return the number, or None for what JSON has no number for."""
+    """Return the number, or None if it is infinite or NaN, which JSON cannot represent."""
     return float(value) if math.isfinite(value) else None
 
 
 @cache
 def _read(form: str) -> tuple[str, str]:
-    """Return digits and unit of a form: `3 um`, `.2f`, `um`."""
+    """Split a form such as `3 um`, `.2f` or `um` into digits and unit."""
     head, _, tail = form.partition(" ")
     if re.fullmatch(r"[+]?,?(\d+|(\.\d+)?[gfe])", head):
         return head, tail
@@ -258,12 +258,12 @@ def _read(form: str) -> tuple[str, str]:
 
 
 def signal_unit(unit: str) -> str:
-    """Return the unit in which a recorded signal of an SI unit is read; one in rad is of an axis that turns."""
+    """Return the display unit for a recorded signal in an SI unit; a signal in rad belongs to a rotary axis."""
     return _OF_SIGNALS.get(unit, unit)
 
 
 def form_unit(form: str) -> str:
-    """Return the unit of a form, empty if it names none."""
+    """Return the unit in a form; empty if the form has none."""
     return _read(form)[1]
 
 
@@ -272,7 +272,7 @@ ABSENT = Mark("", "", "", "", "", "-")
 
 
 def unit_name(si: str, shown: str = "", *, stays: bool = False) -> str:
-    """Return the name of a unit as a mark in an f-string, as heads and labels need it: `f"force, {unit_name('N')}"`."""
+    """Return a unit name as a mark for f-strings in column heads and labels: `f"force, {unit_name('N')}"`."""
     return str(Mark("", si, "", shown, "s" if stays else "", USUAL.name(si, shown))) if si else shown.removeprefix("SI")
 
 

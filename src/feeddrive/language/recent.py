@@ -11,9 +11,10 @@ Value = TypeVar("Value")
 
 
 class Recent(Generic[Value]):
-    """Up to `size` values by hashable key; when it is full, the least recently used one is dropped.
+    """A cache of up to `size` values by hashable key; when it is full, the least recently used value is dropped.
 
-    A key holds everything that the value depends on, but no id of an object: another object may get the same id later.
+    A key must contain everything on which the value depends, but not the id of an object: another object may get the
+    same id later.
     """
 
     def __init__(self, size: int) -> None:
@@ -25,7 +26,7 @@ class Recent(Generic[Value]):
         return len(self._held)
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """The value of a key, made if it is not there. Two threads may make the same; the first one is kept."""
+        """Return the value of a key, creating it on a miss. If two threads create it at once, the first one is kept."""
         with self._lock:
             if key in self._held:
                 self._held.move_to_end(key)

@@ -1,7 +1,7 @@
-"""A ring buffer: a row of numbers in a state, written and read by index; and the history of signals in them.
+"""Ring buffers in the state of a block, and the signal histories built on them.
 
 Delays, regeneration and repetitive laws store past samples in rings.  The length is fixed and is part of the graph.
-Indices are integers modulo the length: index and index + length are the same cell.
+Indices are integers modulo the length: index and index + length refer to the same cell.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from feeddrive.language.primitives import clip, equal, floor, minimum, where, ze
 
 
 class Ring:
-    """Cells by index. A ring is a value: `put` gives a new ring and does not change this one.
+    """A ring buffer of cells accessed by index. A ring is immutable: `put` returns a new ring.
 
     cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace;
-           or a symbol for each cell, for a target that has no memory to index: every access then reads every cell.
+           or a symbol for each cell, for a target without indexed memory: every access then reads every cell.
     Native code writes in place, so each version of a ring may be written only once: r1 = r.put(...), then r2 =
-    r1.put(...), never two from r. A reset does not clear cells: a choice between a ring and a new one takes the ring. A
-    number in the state next to the ring says how many cells are valid after a reset (see `History`). So a control with
-    a guard refuses a ring that is in no `History` and no `Track`.
+    r1.put(...), never two from r. A reset does not clear cells: a selection between a ring and a new one takes the
+    ring. A number in the state next to the ring counts the cells that are valid after a reset (see `History`).
+    Therefore a control with a guard rejects a ring that is not part of a `History` or a `Track`.
     """
 
     __slots__ = ("cells", "length")
@@ -38,7 +38,7 @@ class Ring:
         return f"Ring({self.length})"
 
     def put(self, index: Any, value: Any) -> Ring:
-        """The ring with another value in a cell."""
+        """Return the ring with a new value in one cell."""
         place = self._place(index)
         if isinstance(self.cells, tuple):
             first, *others = self.cells
@@ -52,7 +52,7 @@ class Ring:
         return Ring(self.length, written(self._numbers(), place, value))
 
     def get(self, index: Any) -> Any:
-        """The number in a cell. Its derivative to the index is 0: interpolation is written around it."""
+        """Return the number in a cell. Its derivative with respect to the index is 0: see `interpolate`."""
         place = self._place(index)
         if isinstance(self.cells, tuple):
             chosen, *others = self.cells
@@ -67,7 +67,7 @@ class Ring:
         return read(self._numbers(), place)
 
     def interpolate(self, place: Any) -> Any:
-        """Linear interpolation at a real place; the last cell is followed by the first."""
+        """Interpolate linearly at a real-valued index; the first cell follows the last."""
         below = floor(place)
         left = self.get(below)
         return left + (place - below) * (self.get(below + 1.0) - left)
@@ -76,12 +76,12 @@ class Ring:
         return np.zeros(self.length) if self.cells is None else self.cells
 
     def _place(self, index: Any) -> Any:
-        """The index modulo the length, in 0 .. length - 1."""
+        """Return the index modulo the length, in 0 .. length - 1."""
         return index - float(self.length) * floor(index / float(self.length))
 
 
 def read(cells: np.ndarray, place: Any) -> Any:
-    """A cell, or one cell for each lane. A NaN place reads cell 0."""
+    """Return the number in a cell, or in one cell per lane. A NaN index reads cell 0."""
     at = _inside(cells, place)
     if at.ndim and cells.ndim == 2:
         return cells[at, np.arange(cells.shape[1])]
@@ -90,7 +90,7 @@ def read(cells: np.ndarray, place: Any) -> Any:
 
 
 def written(cells: np.ndarray, place: Any, value: Any) -> np.ndarray:
-    """A copy with another value in a cell, or in one cell for each lane."""
+    """Return a copy with a new value in one cell, or in one cell per lane."""
     at, value = _inside(cells, place), np.asarray(value, dtype=np.float64)
     lanes = max(at.size if at.ndim else 0, value.size if value.ndim else 0)
     if lanes and cells.ndim == 1:
@@ -106,7 +106,7 @@ def _inside(cells: np.ndarray, place: Any) -> np.ndarray:
 
 
 def spread(state: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Names and values of a state as `tree.leaves` has them, with the cells of rings one by one."""
+    """Yield names and values of a state, as `tree.leaves` does, with the cells of rings as separate entries."""
     if isinstance(state, Ring):
         cells = [0.0] * state.length if state.cells is None else state.cells
         yield from ((f"{prefix}.{i}", cell) for i, cell in enumerate(cells))
@@ -119,7 +119,7 @@ def spread(state: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def gathered(state: Any, values: Iterator[Any]) -> Any:
-    """The same state with other numbers, taken in the order of `spread`."""
+    """Copy a state with new values, given in the order of `spread`; rings become one value per cell."""
     if isinstance(state, Ring):
         return Ring(state.length, tuple(next(values) for _ in range(state.length)))
     if isinstance(state, tuple):
@@ -129,16 +129,16 @@ def gathered(state: Any, values: Iterator[Any]) -> Any:
 
 
 class History(NamedTuple):
-    """The last values of a signal, in the order of writing; before the first one the signal was always `initial`."""
+    """The most recent values of a signal, in the order of writing; before the first one the signal was `initial`."""
 
     ring: Ring
-    head: Any  # cell that is written next
-    filled: Any  # how many cells have been written since the start
+    head: Any  # index of the next cell to be written
+    filled: Any  # number of cells written since the start
     initial: Any
 
     @classmethod
     def start(cls, length: int, initial: Any) -> History:
-        """A signal that has always been `initial`; `length` values are remembered."""
+        """Return the history of a signal that has always been `initial`; `length` values are stored."""
         nothing = zero(initial)
         return cls(Ring(length), nothing, nothing, initial)
 
@@ -152,14 +152,14 @@ class History(NamedTuple):
         )
 
     def push(self, value: Any) -> History:
-        """Return the history with a new newest value."""
+        """Return the history with a value appended as the newest."""
         last = float(self.ring.length - 1)
         head = where(self.head >= last, 0.0, self.head + 1.0)
         filled = minimum(self.filled + 1.0, last + 1.0)
         return History(self.ring.put(self.head, value), head, filled, self.initial)
 
     def ago(self, count: Any) -> Any:
-        """The value `count` values before the newest one, a real number within the length, interpolated linearly."""
+        """Return the value `count` values before the newest, interpolated linearly; `count` is clamped."""
         most = float(self.ring.length - 1)
         age = clip(count, 0.0, most)
         newer = floor(age)
@@ -172,21 +172,21 @@ class History(NamedTuple):
 
 
 class Track(NamedTuple):
-    """The last values of several signals with their rates; before the first ones they stood at `initial`.
+    """The most recent values of several signals with their rates; before the first ones the signals were `initial`.
 
-    It is read by cubic Hermite between two values, with an error of (ωh)⁴/384 of a sine where a straight line has
-    (ωh)²/8.
+    Values are read by cubic Hermite interpolation, whose relative error for a sine is (ωh)⁴/384; that of linear
+    interpolation is (ωh)²/8.
     """
 
     values: tuple[Ring, ...]
     rates: tuple[Ring, ...]
-    head: Any  # cell that is written next
-    filled: Any  # how many cells have been written since the start
+    head: Any  # index of the next cell to be written
+    filled: Any  # number of cells written since the start
     initial: tuple[Any, ...]
 
     @classmethod
     def start(cls, length: int, initial: Sequence[Any]) -> Track:
-        """Signals that have always stood at `initial`; `length` values of each are remembered."""
+        """Return the track of signals that have always been `initial`; `length` values of each are stored."""
         nothing, empty = zero(initial[0]), tuple(Ring(length) for _ in initial)
         return cls(empty, tuple(Ring(length) for _ in initial), nothing, nothing, tuple(initial))
 
@@ -198,7 +198,7 @@ class Track(NamedTuple):
         return Track(held, still, self.head, zero(self.initial[0]) + float(length), self.initial)
 
     def push(self, values: Sequence[Any], rates: Sequence[Any]) -> Track:
-        """Return the track with new newest values and rates."""
+        """Return the track with values and rates appended as the newest."""
         last = float(self.values[0].length - 1)
         head = where(self.head >= last, 0.0, self.head + 1.0)
         return Track(
@@ -210,11 +210,11 @@ class Track(NamedTuple):
         )
 
     def ago(self, count: Any, h: Any, ahead: float = 0.0) -> tuple[Any, ...]:
-        """The values `count` values before the newest ones, a real number, and `ahead` of a step from there.
+        """Return the values `count` values before the newest (a real number), extrapolated by `ahead` of a step.
 
             x(s) + ahead x'(s),   x the cubic through both values with both rates, s in 0 .. 1 between them
 
-        h is the time from value to value.
+        h is the time between values.
         """
         most = float(self.values[0].length - 1)
         age = clip(count, 0.0, most)
@@ -235,7 +235,7 @@ class Track(NamedTuple):
         return tuple(results)
 
     def rates_ago(self, count: Any) -> tuple[Any, ...]:
-        """The rates `count` values before the newest ones, of the older neighbor; 0 before the first ones."""
+        """Return the rates at the older neighbor of the point `count` values before the newest; 0 before the first."""
         older = minimum(
             floor(clip(count, 0.0, float(self.values[0].length - 1))) + 1.0, float(self.values[0].length - 1)
         )
@@ -243,7 +243,7 @@ class Track(NamedTuple):
 
 
 def settled(state: Any) -> Any:
-    """A state with every history in it settled."""
+    """Return a state in which every history and track is settled."""
     if isinstance(state, History | Track):
         return state.settled()
     if isinstance(state, tuple):

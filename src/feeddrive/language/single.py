@@ -1,20 +1,17 @@
-"""Single precision: the elementary functions, and the oracle of programs.
+"""Elementary functions in single precision, and the reference evaluation of a graph in single precision.
 
-Elementary functions for targets that compute in single precision: `mathematics.py` with 24 bits instead of 53.
+The functions are those of `mathematics.py` with 24 bits instead of 53: the same range reductions with shorter constants
+and shorter series, truncated where the next term is below 2⁻²⁷ of the result.  Every constant is a float, so that a
+printed program and the reference below use the same constants.  They run on the symbols of a graph whose operations are
+in single precision: `exponent` and `power_of_two` use 32 bits.
 
-The same range reductions with shorter constants and shorter series, cut where the next term is below 2⁻²⁷ of the
-result.  Every constant is a float, so that a printed program and the oracle below hold the same ones.
-They run on the symbols of a graph whose operations mean those of float: `exponent` and `power_of_two` are of 32 bits.
+For the accuracy against 30-digit arithmetic see docs/accuracy.md.  The functions are valid everywhere; sin and cos
+return NaN beyond 1e4 rad, where neighboring floats are a thousandth of a radian apart.  Subnormal numbers count as 0.
 
-Measured against 30-digit arithmetic: see docs/accuracy.md.  Valid everywhere; sin and cos return NaN beyond 1e4 rad,
-where neighboring floats are a thousandth of a radian apart.  Numbers below the normal ones count as 0.
-
-The oracle of programs in single precision: a graph evaluated in float, one operation after the other.
-
-Each operation is rounded by itself, numbers below the normal ones count as 0 with their sign, and the elementary
-functions are the ones above: what a float build computes on any processor, bit for bit except for the payload of NaN.
-Processors differ in one case: an exact result just below 2⁻¹²⁶ that rounds up to 2⁻¹²⁶ is 0 on ARM and here, and 2⁻¹²⁶
-on x86.
+The reference evaluates a graph one operation after the other.  Each operation is rounded separately, subnormal numbers
+count as 0 with their sign, and the elementary functions are those above: it computes what a float build computes on any
+processor, bit for bit except for the payload of NaN.  Processors differ in one case: an exact result just
+below 2⁻¹²⁶ that rounds up to 2⁻¹²⁶ is 0 on ARM and here, and 2⁻¹²⁶ on x86.
 """
 
 from __future__ import annotations

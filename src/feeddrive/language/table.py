@@ -1,6 +1,6 @@
-"""The base class of results: a short table in a terminal and in a notebook, a plot, a DataFrame.
+"""Tables of quantities, and the base class of results, which have a short table, a plot and a DataFrame.
 
-Results import neither matplotlib nor pandas.  Plots and frames are registered by the type of the result: by
+Results import neither matplotlib nor pandas.  Plots and frames are registered by type of result: by
 `plot/registry.py` for the packages below `plot/`, for the others in the module of the result.
 """
 
@@ -22,14 +22,14 @@ from feeddrive.language.text import Text, marked, resolve
 
 
 def visible(text: str) -> str:
-    r"""The text with control characters as `\x1b`, so that no name from a file obeys a terminal; line ends stay."""
+    r"""Return the text with control characters escaped (`\x1b`), so that a terminal ignores them; keep line breaks."""
     if text.isprintable():
         return text
     return "".join(letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in text)
 
 
 class UnitOfRow(Enum):
-    """A cell that shows the unit of the quantities of its row, which are then shown without theirs."""
+    """A cell that shows the unit of the quantities in its row, which are then shown without unit."""
 
     UNIT = "unit"
 
@@ -42,10 +42,10 @@ Cell: TypeAlias = str | float | int | bool | Quantity | UnitOfRow | None
 class Column:
     """A column of a table.
 
-    head       what is in it, without unit
-    unit       SI unit of its numbers, which stands in the head; None: text, and quantities with units of their own
-    form       digits and unit in which its numbers are read, see `Quantity`
-    sentences  its cells are sentences: their lines may be broken
+    head       the title of the column, without unit
+    unit       SI unit of its numbers, shown in the head; None: text, and quantities that carry their own units
+    form       digits and unit for display of its numbers, see `Quantity`
+    sentences  True if its cells are sentences, which may be wrapped
     """
 
     head: str
@@ -57,17 +57,17 @@ class Column:
         object.__setattr__(self, "head", Text(self.head))
 
     def named(self) -> str:
-        """The head with the unit in which the numbers are read, as a marked text."""
+        """Return the head with the display unit of the numbers, as marked text."""
         name = "" if self.unit is None else unit_name(self.unit, form_unit(self.form))
         return f"{marked(self.head)} {name}".strip()
 
     def cell(self, cell: Cell, *, bare: bool = False) -> str:
-        """A cell as a marked text; `bare`: its unit stands in another column."""
+        """Return a cell as marked text; with `bare`, its unit is shown in another column."""
         match cell:
             case None:
                 return str(ABSENT)
             case str() | UnitOfRow():
-                return "" if isinstance(cell, UnitOfRow) else marked(cell)  # of a row without quantities
+                return "" if isinstance(cell, UnitOfRow) else marked(cell)  # `UNIT` in a row without quantities
             case bool():
                 return "yes" if cell else "no"
             case int() if self.unit is None:
@@ -80,9 +80,9 @@ class Column:
 
 
 class Grid(NamedTuple):
-    """A table that is all text: marked, or as a person reads it.
+    """A table of text cells: marked, or rendered for a reader.
 
-    sentences  index of the column whose lines may be broken, if any
+    sentences  index of the column whose text may be wrapped, if any
     """
 
     title: str
@@ -112,7 +112,7 @@ class Grid(NamedTuple):
         return "\n".join([self.title, line(self.heads), line(["-" * width for width in widths]), *map(line, self.rows)])
 
     def html(self) -> str:
-        """The table as HTML."""
+        """Return the table as HTML."""
         heads = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
         rows = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
         return f"<table><caption>{escape(self.title)}</caption><tr>{heads}</tr>{rows}</table>"
@@ -120,12 +120,12 @@ class Grid(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under column heads, with numbers in SI: `grid` is for people, `record` for programs.
+    """A table with numbers in SI: `grid` renders it for people, `record` for programs.
 
         Table("Errors", [Column("law"), Column("RMS", "m"), Column("Ms", "1")], [["P-PI", 5.88e-6, 1.9]])
 
-    A head may be a plain text, which is `Column(text)`. Where rows have different units, a column holds quantities and
-    another one the cell `UNIT`.
+    A head may be a plain text, which means `Column(text)`. If rows have different units, one column holds quantities
+    and another one the cell `UNIT`.
 
     sentences  index of a column whose cells are sentences, if no `Column` says so
     """
@@ -146,22 +146,22 @@ class Table:
 
     @property
     def heads(self) -> list[str]:
-        """The heads in the usual units."""
+        """The column heads in the usual units."""
         return self.grid().heads
 
     def marked(self) -> Grid:
-        """The table as texts with marks, for a page that is read in other units later."""
+        """Return the table as marked text, for a page that can be shown in other units later."""
         columns = self.made_columns
         rows = [self._row(columns, row) for row in self.rows]
         return Grid(marked(self.title), [column.named() for column in columns], rows, self.sentences)
 
     def grid(self, units: Units = USUAL) -> Grid:
-        """The table in the units of a reader."""
+        """Return the table in the units of a reader."""
         return self.marked().shown(units)
 
     @property
     def made_columns(self) -> list[Column]:
-        """The columns, with plain heads turned into `Column`."""
+        """The columns, with plain heads converted to `Column`."""
         return [Column(column) if isinstance(column, str) else column for column in self.columns]
 
     def _row(self, columns: Sequence[Column], row: Sequence[Cell]) -> list[str]:
@@ -174,9 +174,9 @@ class Table:
         return [name if cell is UNIT else column.cell(cell, bare=True) for column, cell in pairs]
 
     def record(self, units: Units = USUAL) -> dict[str, Any]:
-        """Return the table as JSON has it: columns with their units, cells in SI; a quantity has value, unit and error.
+        """Return the table as a JSON object: columns with units, cells in SI; a quantity has value, unit and error.
 
-        units  of the sentences in it, and of an axis that turns
+        units  display units for its sentences; also determines linear or rotary units
         """
         rows = [[_recorded(cell, row, units) for cell in row] for row in self.rows]
         heads = [
@@ -192,7 +192,7 @@ class Table:
         return str(self.grid())
 
     def html(self) -> str:
-        """The table as HTML."""
+        """Return the table as HTML."""
         return self.grid().html()
 
     def _repr_html_(self) -> str:
@@ -213,19 +213,19 @@ def _recorded(cell: Cell, row: Sequence[Cell], units: Units) -> Any:
 
 @singledispatch
 def chart_of(result: Any) -> Any:
-    """The chart of a result, a `plot.chart.Chart`; `chart_of.register(type)` sets what gives it of a type of result."""
+    """Return the chart of a result, a `plot.chart.Chart`; `chart_of.register(type)` registers a type of result."""
     raise ParameterError(f"{type(result).__name__} has no picture: print it, or draw its fields")
 
 
 @singledispatch
 def frame_of(result: Any) -> Any:
-    """The pandas DataFrame of a result; `frame_of.register(type)` says what its rows and columns are."""
+    """Return the pandas DataFrame of a result; `frame_of.register(type)` registers a type of result."""
     raise ParameterError(f"{type(result).__name__} has no DataFrame: print it, or take its fields")
 
 
 @singledispatch
 def report_of(result: Any) -> Any:
-    """The `Report` of a result; `report_of.register(type)` says what the report of a type of result says."""
+    """Return the `Report` of a result; `report_of.register(type)` registers a type of result."""
     raise ParameterError(f"{type(result).__name__} has no report: the outcome of its command has one")
 
 
@@ -235,7 +235,7 @@ READER: ContextVar[Units] = ContextVar("READER", default=DRAWN)
 
 @contextmanager
 def drawn_in(units: Units) -> Generator[None]:
-    """Draw pictures within this block in the units of a reader."""
+    """Draw plots in this context in the units of a reader."""
     before = READER.set(units)
     try:
         yield
@@ -250,27 +250,27 @@ _draw: list[Callable[[Any], Any]] = []
 def views_from(load: Callable[[type], object], draw: Callable[[Any], Any]) -> None:
     """Set the function that registers chart, frame and report of a type of result, and the one that draws a chart.
 
-    The first is called before chart and frame are looked up.  The package `feeddrive` calls this once when it is
-    imported, since it stands above all rooms.
+    The first is called before chart, frame and report are looked up.  The package `feeddrive` calls this once when it
+    is imported, since this package may not import the plotting code.
     """
     _load_views[:], _draw[:] = [load], [draw]
 
 
 class Result(ABC):
-    """Base of results: they show themselves as their table, in a terminal and in a notebook."""
+    """The base class of results, which are displayed as their table in a terminal and in a notebook."""
 
     @abstractmethod
     def table(self) -> Table:
-        """The short table."""
+        """Return the short table."""
 
     @property
     def rotary(self) -> bool:
-        """True for a rotary axis: table and picture then name rad, N m and kg m2."""
+        """True for a rotary axis: table and plot then use rad, N m and kg m2."""
         return False
 
     @property
     def reader(self) -> Units:
-        """The units in which it shows itself."""
+        """The units in which the result is displayed."""
         return Units(rotary=True) if self.rotary else USUAL
 
     def __repr__(self) -> str:
@@ -280,25 +280,25 @@ class Result(ABC):
         return self.table().grid(self.reader).html()
 
     def chart(self) -> Any:
-        """The chart of this type of result, a `plot.chart.Chart`. Raises ParameterError if it has none."""
+        """Return the chart of this result, a `plot.chart.Chart`. Raises ParameterError if there is none."""
         for load in _load_views:
             load(type(self))
         return chart_of(self)
 
     def plot(self) -> Any:
-        """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
+        """Return the plot of this result, a matplotlib figure. Raises ParameterError if there is none."""
         chart = self.chart()
         with drawn_in(replace(self.reader, typographic=True)):
             return next(draw(chart) for draw in _draw)
 
     def has_picture(self) -> bool:
-        """Return True if there is a picture of this type of result."""
+        """Return True if this type of result has a plot."""
         for load in _load_views:
             load(type(self))
         return chart_of.dispatch(type(self)) is not chart_of.dispatch(object)
 
     def report(self) -> Any:
-        """The report of this type of result, a `report.Report`, which `report.html` writes as a page.
+        """Return the report of this result, a `report.Report`, which `report.html` writes as a page.
 
         Raises ParameterError if there is none.
         """
@@ -307,9 +307,9 @@ class Result(ABC):
         return report_of(self)
 
     def to_pandas(self) -> Any:
-        """The numbers of this result as a pandas DataFrame, in SI.
+        """Return the numbers of this result as a pandas DataFrame, in SI.
 
-        Raises MissingExtraError without pandas, ParameterError if this type of result has none.
+        Raises MissingExtraError without pandas, ParameterError if this type of result has no DataFrame.
         """
         for load in _load_views:
             load(type(self))

@@ -1,9 +1,10 @@
-"""Texts that keep their quantities: what an f-string of `Quantity` says, with the numbers beside it.
+"""Texts that keep their quantities as numbers, so that they can be rendered in other units later.
 
-A quantity in an f-string of feeddrive leaves a mark there: its number, unit and error, and what they read as in the
-usual units; in an f-string of anybody else's code it is plain text, so that no mark reaches a person.
-`Text` shows the last, as any str, and keeps the marks, so that the same text can be had in other units.  What a person
-wrote, as the name of a row, is never looked at.  (Python before 3.14 has no template strings, which need no marks.)
+A quantity in an f-string of feeddrive leaves a mark: its number, unit and error, and its text in the usual units; in an
+f-string of other code it is plain text, so that users never see a mark.
+`Text` is a str in the usual units that also keeps the marks, so that the same text can be rendered in other units.
+User-written text, such as the name of a row, is never parsed.  (Python before 3.14 has no template strings, which would
+make marks unnecessary.)
 
     remark = Text(f"the residual is {Quantity(5.88e-6, 'm')} RMS")      # the residual is 5.88 um RMS
     remark.shown(Units(rotary=True))                                    # the residual is 5.88 urad RMS
@@ -26,7 +27,7 @@ KEEPS = "KEEPS_QUANTITIES"
 
 
 def keeps_marks() -> bool:
-    """Return whether the f-string whose `__format__` calls this stands in a module that keeps quantities."""
+    """Return True if the f-string whose `__format__` calls this is in a module that keeps quantities."""
     names = sys._getframe(2).f_globals  # pyright: ignore[reportPrivateUsage]
     return str(names.get("__name__", "")).partition(".")[0] == "feeddrive" or KEEPS in names
 
@@ -35,10 +36,10 @@ _NUMBER = re.compile(r"-?(\d+(\.\d*)?(e[+-]?\d+)?|inf)|nan")  # as repr writes i
 
 
 class Mark(NamedTuple):
-    """The mark of a quantity in an f-string: numbers by repr, empty if there is none.
+    """The mark of a quantity in an f-string: numbers as by `repr`, empty if absent.
 
-    flags  s: its unit is the same on a rotary axis; b: it is shown without its unit
-    plain  its text in the usual units
+    flags  s: the unit is the same for a rotary axis; b: shown without its unit
+    plain  the text in the usual units
     """
 
     value: str
@@ -74,13 +75,13 @@ def _mark(content: str) -> Mark | None:
 
 
 def split(text: str) -> list[tuple[str, bool]]:
-    """Return the pieces of a text in order, and whether each is a mark."""
+    """Split a text into pieces in order; the flag of a piece is True for a mark."""
     pieces = re.split(f"({_BEGIN}[^{_END}]*{_END})", text)
     return [(piece, piece.startswith(_BEGIN)) for piece in pieces if piece]
 
 
 def plain(text: str) -> str:
-    """Return a text with each mark as it reads in the usual units."""
+    """Return a text with each mark replaced by its text in the usual units."""
 
     def reading(match: re.Match[str]) -> str:
         mark = _mark(match[1])
@@ -90,7 +91,7 @@ def plain(text: str) -> str:
 
 
 def resolve(text: str, units: Reader) -> str:
-    """Return a text as it reads in the units of a reader."""
+    """Return a text with each mark rendered in the units of a reader."""
 
     def reading(match: re.Match[str]) -> str:
         mark = _mark(match[1])
@@ -101,20 +102,20 @@ def resolve(text: str, units: Reader) -> str:
 
 
 def marked(text: str) -> str:
-    """Return a text with its marks."""
+    """Return a text including its marks."""
     return text.marked if isinstance(text, Text) else text
 
 
 class Text(str):
-    """A text whose quantities are still numbers; as a str it says what they read as in the usual units.
+    """A text whose quantities remain numbers; as a str it shows them in the usual units.
 
-    In an f-string it keeps its quantities; `str.join`, slices and other methods of str give plain text: see `joined`.
+    In an f-string it keeps its quantities; `str.join`, slices and other str methods return plain text: see `joined`.
     """
 
     marked: str
 
     def __new__(cls, text: str = "") -> Text:
-        """Make a text of an f-string or of a text."""
+        """Create a text from an f-string or another text."""
         source = marked(text)
         instance = super().__new__(cls, plain(source))
         instance.marked = source
@@ -143,11 +144,11 @@ class Text(str):
 
 
 def joined(between: str, texts: Iterable[str]) -> Text:
-    """Return texts one after the other, with their quantities; `str.join` gives plain text."""
+    """Join texts, keeping their quantities; `str.join` returns plain text."""
     return Text(between.join(map(marked, texts)))
 
 
 def capitalized(text: str) -> Text:
-    """Return a text with a capital at its start, with its quantities."""
+    """Return a text with its first letter capitalized, keeping its quantities."""
     source = marked(text)
     return Text(source[:1].upper() + source[1:])

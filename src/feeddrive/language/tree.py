@@ -2,8 +2,8 @@
 
 `leaves`, `rebuild`, `tables` and `structure` walk a tree by its own fields: `law.Kv` of a control, `control.law.Kv` of
 a loop.  `parameters`, `get`, `vary` and `declaration` use paths, the names of machine files: a loop places its axis
-under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  The path
-of a parameter of a single block, outside a loop, is its name by fields.
+under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  Outside
+a loop, the path of a parameter of a single block is its name by fields.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ Tree = TypeVar("Tree")
 
 @cache
 def _walked(block: type[Block]) -> tuple[tuple[str, bool], ...]:
-    """The fields of a block that a walk visits, and whether they are inline."""
+    """Return the fields of a block class that tree traversal visits, with a flag for inline parts."""
     held = {name: declared for name, declared in declarations(block).items() if declared.role in ("parameter", "part")}
     return tuple((name, declared.inline) for name, declared in held.items())
 
 
 @cache
 def _fields(block: type[Block]) -> tuple[tuple[str, str], ...]:
-    """All fields of a block and their roles."""
+    """Return all fields of a block class with their roles."""
     return tuple((name, declared.role) for name, declared in declarations(block).items())
 
 
 def _children(tree: Any) -> Iterator[tuple[str, Any]]:
-    """Names and values one level down, with parameters of a block as leaves and its choices left out."""
+    """Yield names and values of the direct children: parameters and parts of a block (no choices), items of a tuple."""
     if isinstance(tree, Block):
         for name, _ in _walked(type(tree)):
             yield name, getattr(tree, name)
@@ -58,21 +58,21 @@ def _children(tree: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _path(tree: Any, prefix: str, name: str) -> str:
-    """The dotted name of a child; that of an inline part is the one of the block that holds it."""
+    """Return the dotted name of a child; an inline part has the name of the enclosing block."""
     if isinstance(tree, Block) and declarations(type(tree))[name].inline:
         return prefix
     return f"{prefix}.{name}" if prefix else name
 
 
 def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted name and value of every leaf, in a fixed order; None is no leaf."""
+    """Return dotted name and value of every leaf, in a fixed order; None is not a leaf."""
     leaves_: list[tuple[str, Any]] = []
     _collect(tree, prefix, leaves_)
     return iter(leaves_)
 
 
 def _collect(tree: Any, prefix: str, collected: list[tuple[str, Any]]) -> None:
-    """Append the leaves of a tree to a list, which is much quicker than a generator for each block."""
+    """Append the leaves of a tree to a list; this is much faster than one generator per block."""
     if isinstance(tree, Block):
         for name, inline in _walked(type(tree)):
             child = getattr(tree, name)
@@ -92,7 +92,7 @@ def _collect(tree: Any, prefix: str, collected: list[tuple[str, Any]]) -> None:
 
 
 def rebuild(tree: Tree, values: Iterator[Any]) -> Tree:
-    """The same tree with other leaves, taken in the order of `leaves`; constructors and checks are not run."""
+    """Copy a tree with new leaf values, given in the order of `leaves`, without running constructors or checks."""
     if isinstance(tree, Block):
         changed: dict[str, Any] = {}
         for name, _ in _walked(type(tree)):
@@ -121,7 +121,7 @@ def select(condition: Any, a: Tree, b: Tree) -> Tree:
 
 
 def _either(condition: Any, a: Any, b: Any) -> Any:
-    """Select a leaf of one of two trees. Between a ring and a new one take the ring, which a reset does not clear."""
+    """Select between two leaves. Between a ring and a new one, take the ring, which a reset does not clear."""
     if isinstance(a, Ring) and isinstance(b, Ring):
         if a.cells is not None and b.cells is not None and a is not b:
             raise StructureError("a choice between two rings: write to one ring and choose the value")
@@ -130,7 +130,7 @@ def _either(condition: Any, a: Any, b: Any) -> Any:
 
 
 def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
-    """The tree of the first pair (condition, tree) whose condition is true; all have the same leaves."""
+    """Select the tree of the first (condition, tree) pair whose condition is true; all must have the same leaves."""
     rows = [[value for _, value in leaves(choice)] for _, choice in pairs]
     chosen = [value for _, value in leaves(otherwise)]
     for (condition, _), row in zip(reversed(pairs), reversed(rows), strict=True):
@@ -139,27 +139,27 @@ def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
 
 
 def parameters(tree: Any) -> dict[str, Any]:
-    """The value of every leaf by its path (`axis.x.control.law.Kv`), in the order of `leaves`."""
+    """Return the value of every leaf by path (`axis.x.control.law.Kv`), in the order of `leaves`."""
     check_tree(tree)
     return {path: value for path, _, value in _placed(tree, "", "")}
 
 
 def path_of(tree: Any, name: str) -> str:
-    """The path of the leaf or part with a name by fields: `control.law.Kv` of a loop -> `axis.x.control.law.Kv`."""
+    """Convert a name by fields to a path: `control.law.Kv` of a loop -> `axis.x.control.law.Kv`."""
     first, dot, rest = name.partition(".")
     known = isinstance(tree, Block) and first in declarations(type(tree))
     return f"{tree.place_of(first)}{dot}{rest}" if known else name
 
 
 def in_paths(block: Block, text: str) -> str:
-    """A sentence that names parts by fields, with their paths: `control.law.Kp / control.law.Tn`."""
+    """Replace the names by fields in a sentence, such as `control.law.Kp / control.law.Tn`, by paths."""
     fields = [field for field in declarations(type(block)) if block.place_of(field) != field]
     pattern = rf"(?<![\w.])({'|'.join(fields)})(?=\.\w)"
     return re.sub(pattern, lambda part: block.place_of(part[1]), text) if fields else text
 
 
 def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> str:
-    """The name by fields of the leaf with a path, in `names` of all leaves. Raises ParameterError if there is none."""
+    """Convert the path of a leaf to its name by fields; `names` maps all paths. Raises ParameterError if unknown."""
     names = names or {place: name for place, name, _ in _placed(block, "", "")}
     if path not in names:
         raise _unknown(block, path, list(names))
@@ -167,7 +167,7 @@ def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> st
 
 
 def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
-    """Path, name by fields, and value of every leaf."""
+    """Yield path, name by fields, and value of every leaf."""
     if isinstance(tree, (Block, tuple)):
         for field, child in _children(tree):
             yield from _placed(child, _place(tree, path, field), _path(tree, name, field))
@@ -176,14 +176,14 @@ def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
 
 
 def _unknown(block: Any, path: str, paths: list[str]) -> ParameterError:
-    """The error for a path that is not there, with the right one for a name by fields."""
+    """Return the error for an unknown path; for a name by fields it gives the correct path."""
     if path_of(block, path) in paths:
         return ParameterError(f"'{path}' is written '{path_of(block, path)}', as in a machine file")
     return ParameterError(f"there is no parameter '{path}'{nearest(path_of(block, path), paths)}")
 
 
 def declaration(block: Block, path: str, names: Mapping[str, str] | None = None) -> Declaration:
-    """The declaration of the leaf with a path, as its axis moves or turns. Raises ParameterError if it is not there."""
+    """Return the declaration of a leaf, for a linear or rotary axis. Raises ParameterError for an unknown path."""
     owner, last = _owner(block, path, names)
     return declarations(type(owner))[last].of_axis(bool(getattr(getattr(block, "axis", block), "rotary", False)))
 
@@ -197,7 +197,7 @@ def _owner(block: Block, path: str, names: Mapping[str, str] | None = None) -> t
 
 
 def _holder(owner: Any, name: str) -> Any:
-    """The block that has a field: the owner, or an inline part of it."""
+    """Return the block that declares a field: the owner, or one of its inline parts."""
     if not isinstance(owner, Block) or name in declarations(type(owner)):
         return owner
     inline = (getattr(owner, field) for field, declared in declarations(type(owner)).items() if declared.inline)
@@ -210,17 +210,17 @@ def _step(owner: Any, name: str) -> Any:
 
 
 def get(block: Block, path: str) -> Any:
-    """The value of the leaf with a path. Raises ParameterError for a path that is not there."""
+    """Return the value of the leaf at a path. Raises ParameterError for an unknown path."""
     return getattr(*_owner(block, path))
 
 
 def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
-    """The block with other values, numbers or arrays over lanes, by path; bounds are checked.
+    """Copy a block with new values by path, numbers or arrays over lanes; bounds are checked.
 
     fd.vary(loop, {"axis.x.control.law.Kv": 80.0})
 
-    Raises ParameterError for a path that is not there, a value out of bounds, arrays of unequal length, and for a rule
-    that the block or one of the variants breaks, with the number of the variant.
+    Raises ParameterError for an unknown path, a value out of bounds, arrays of unequal length, and for a rule that the
+    block or one of the variants violates, with the number of the variant.
     """
     check_tree(block)
     placed = list(_placed(block, "", ""))
@@ -239,7 +239,7 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
 
 
 def _require(block: Any) -> None:
-    """Every check of a block and of its parts; an error names a part by its path instead of its kind."""
+    """Run all checks of a block and of its parts; an error names a part by its path instead of its kind."""
     for path, part in _parts(block, ""):
         try:
             part.require()
@@ -249,7 +249,7 @@ def _require(block: Any) -> None:
 
 
 def _parts(tree: Any, path: str) -> Iterator[tuple[str, Block]]:
-    """Path and block of every block of a tree, outermost first."""
+    """Yield path and block of every block in a tree, outermost first."""
     if isinstance(tree, Block):
         yield path, tree
     for field, child in _children(tree) if isinstance(tree, (Block, tuple)) else ():
@@ -257,28 +257,28 @@ def _parts(tree: Any, path: str) -> Iterator[tuple[str, Block]]:
 
 
 def _place(tree: Any, path: str, field: str) -> str:
-    """The path of a child of a tree with a path."""
+    """Return the path of a child, given the path of its parent."""
     place = tree.place_of(field) if isinstance(tree, Block) else field
     return _path(tree, path, field) if place == field else f"{path}.{place}" if path else place
 
 
 def sampled_rules(tree: Any, T: Number) -> Iterator[Rule]:
-    """The rules of every block of a tree at a sample time in s, outermost first."""
+    """Yield the sampled rules of every block in a tree at a sample time in s, outermost first."""
     return (rule for block in blocks(tree) for rule in block.sampled_rules(T))
 
 
 def check_sampled(block: Block, sample_time: float) -> None:
-    """Raise ParameterError for the first rule that a block or a part of it breaks at a sample time in s."""
+    """Raise ParameterError for the first rule that a block or one of its parts violates at a sample time in s."""
     enforce(block, lambda plain: sampled_rules(plain, np.float64(sample_time)))
 
 
 def blocks(tree: Any) -> Iterator[Block]:
-    """Every block of a tree, outermost first."""
+    """Yield every block in a tree, outermost first."""
     return (part for _, part in _parts(tree, ""))
 
 
 def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
-    """Dotted name and values of every table of a tree."""
+    """Return dotted name and values of every table in a tree."""
     rows: list[tuple[str, np.ndarray]] = []
     _collect_tables(tree, prefix, rows)
     return iter(rows)
@@ -301,7 +301,7 @@ def _collect_tables(tree: Any, prefix: str, collected: list[tuple[str, np.ndarra
 
 
 def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -> Tree:
-    """The same tree with other tables at dotted names; checks are not run."""
+    """Copy a tree with the tables at the given dotted names replaced; checks are not run."""
     if isinstance(tree, Block):
         changed: dict[str, Any] = {}
         for name, declared in declarations(type(tree)).items():
@@ -318,14 +318,14 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
 
 
 def structure(tree: Any) -> Any:
-    """Return a hashable key of what determines the graph of a tree: types, choices, present leaves, table lengths."""
+    """Return a hashable key that determines the graph of a tree: types, choices, present leaves, table lengths."""
     return structure_and_values(tree)[0]
 
 
 def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
-    """The structure of a tree, and all leaves and tables in the order of its fields; not to be changed.
+    """Return the structure of a tree, and all leaves and tables in field order; callers must not modify the list.
 
-    A block, which never changes, keeps them.
+    A block, which is immutable, caches them.
     """
     kept = vars(tree).get(STRUCTURE) if isinstance(tree, Block) else None
     if kept is None:
@@ -338,7 +338,7 @@ def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
 
 
 class Shape(tuple[Any, ...]):
-    """A structure as a key, whose many parts are hashed once; equal ones are the same object."""
+    """A structure as a dictionary key that caches its hash; equal structures are the same object."""
 
     _hash: int | None = None
 
@@ -352,7 +352,7 @@ _shapes: Recent[Shape] = Recent(256)
 
 
 def _shape(tree: Any, values: list[Any]) -> Any:
-    """The structure of a tree; its leaves and tables are appended to a list."""
+    """Return the structure of a tree, and append its leaves and tables to a list."""
     if isinstance(tree, Block):
         shape: list[Any] = [type(tree)]
         for name, role in _fields(type(tree)):
@@ -378,7 +378,7 @@ def _shape(tree: Any, values: list[Any]) -> Any:
 
 
 def difference(a: Any, b: Any, prefix: str = "") -> str | None:
-    """Return the first difference in structure of two trees, in words; None if only numbers differ."""
+    """Describe the first structural difference between two trees; return None if only numbers differ."""
     if isinstance(a, Block) and type(a) is type(b):
         for name, declared in declarations(type(a)).items():
             path = _path(a, prefix, name)

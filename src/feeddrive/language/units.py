@@ -1,9 +1,9 @@
-"""Unit conversion at the interfaces: values are SI inside, and any other unit is always written with its name.
+"""Unit conversion at the interfaces: internal values are in SI, and any other unit is always written with its name.
 
 A parameter declares its unit as text ("N s/m", "kg m2", "Hz").  A file may give the same parameter in another unit of
 the same dimension by a suffix on the key: `stiffness_N_per_um`, `Kv_m_per_min_per_mm`, `dead_time_us`.
 
-Angle counts as a dimension of its own, so that Hz (= 2π rad/s) and 1/s can never be taken for each other.
+Angle is treated as a separate dimension, so that Hz (= 2π rad/s) and 1/s can never be confused.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Unit(NamedTuple):
 
 @cache
 def units_of(fields: type) -> dict[str, str]:
-    """Return the units that the fields of a class declare in their annotations, by field."""
+    """Return the units declared in the annotations of a class, by field."""
     by_field: dict[str, str] = {}
     for name, hint in get_type_hints(fields, include_extras=True).items():
         units = [entry.name for entry in _metadata(hint) if isinstance(entry, Unit)]
@@ -71,7 +71,7 @@ _OTHER: dict[str, tuple[float, Dimension]] = {
 
 
 def _unit(word: str) -> tuple[float, Dimension]:
-    """Factor to SI and dimension of one word such as `mm`, `kHz` or `min` (no exponent)."""
+    """Return the factor to SI and the dimension of one word such as `mm`, `kHz` or `min` (without exponent)."""
     if word in _OTHER:
         return _OTHER[word]
     if word in _BASE:
@@ -87,13 +87,13 @@ _TOKEN = re.compile(r"[/()]|[^ _/()]+")
 
 @lru_cache(maxsize=1024)
 def measure(unit: str) -> tuple[float, Dimension]:
-    """Factor to SI and dimension of a unit such as `N s/m`, `kg m2`, `N_per_um`, `rad/(N m s)` or `(m/s)/N`.
+    """Return the factor to SI and the dimension of a unit: `N s/m`, `kg m2`, `N_per_um`, `rad/(N m s)` or `(m/s)/N`.
 
-        unit    = product {("/" | "per") product}        each product after a stroke is divided by: m/s/N is m/(s N)
+        unit    = product {("/" | "per") product}        each "/" divides by the next product: m/s/N is m/(s N)
         product = factor {(" " | "_") factor}
         factor  = word [digit] | "1" | "(" unit ")"      the digit is an exponent
 
-    Raises ParameterError for what does not follow this, and for a word that is not a unit.
+    Raises ParameterError for a text that violates this grammar, and for a word that is not a unit.
     """
     if unit == "":
         return 1.0, _NONE
@@ -104,11 +104,11 @@ def measure(unit: str) -> tuple[float, Dimension]:
     return size, dimension
 
 
-_DEEPEST = 8  # parentheses in parentheses
+_DEEPEST = 8  # nesting depth of parentheses
 
 
 def _quotient(unit: str, tokens: list[str], at: int, depth: int) -> tuple[float, Dimension, int]:
-    """Size and dimension of the products from a token on, and the first token after them."""
+    """Parse products from a token on; return factor, dimension and the index of the next token."""
     size, total, sign, empty = 1.0, list(_NONE), 1, True
     while at < len(tokens) and tokens[at] != ")":
         token = tokens[at]
@@ -139,17 +139,17 @@ def _quotient(unit: str, tokens: list[str], at: int, depth: int) -> tuple[float,
     return size, (total[0], total[1], total[2], total[3], total[4]), at
 
 
-# input and output quantities of the response of an axis, by dimension, so that every spelling is found
+# input and output quantities of the response of an axis, compared by dimension, so that every spelling is recognized
 _INPUTS = ("N", "N m", "A", "V")
 _OUTPUTS = ("m", "rad", "m/s", "rad/s", "m/s2", "rad/s2")
 
 
 @lru_cache(maxsize=256)
 def response(unit: str) -> tuple[str, float] | None:
-    """Return the canonical SI spelling of a unit of motion over force, current or voltage, and the factor to it.
+    """Return the canonical SI name of a unit of motion per force, current or voltage, and the factor to it.
 
-    `um/N` is m/N times 1e-6, `rad/(s N m)` and `rad/(N m s)` are (rad/s)/(N m), `mm/s/A` is (m/s)/A times 1e-3; None
-    for the unit of another quantity. Raises ParameterError for a text that is not a unit.
+    `um/N` is m/N times 1e-6, `rad/(s N m)` and `rad/(N m s)` are (rad/s)/(N m), `mm/s/A` is (m/s)/A times 1e-3.
+    Returns None for the unit of another quantity. Raises ParameterError for a text that is not a unit.
     """
     measure(unit)
     for above in _OUTPUTS:
@@ -163,13 +163,13 @@ def response(unit: str) -> tuple[str, float] | None:
     return None
 
 
-# on a rotary axis lengths are angles, forces torques and masses inertias; all numbers are the same
+# on a rotary axis lengths become angles, forces torques and masses inertias; the numbers are unchanged
 _LENGTH, _FORCE = r"[kmunµ]?m", r"[kmun]?N"
 _WORD = rf"(?:{_LENGTH}|{_FORCE}|kg|[munµ]?rad|deg|rev|[munµ]?s(?:\^½|\^1/2)?|√s|min|Hz|A|V|1)[2-9²³⁴]?(?![\w^])"
-_JOINED = r"(?: |·|/(?:\u2060|&#8288;)?)"  # a page keeps N/µm on one line
+_JOINED = r"(?: |·|/(?:\u2060|&#8288;)?)"  # a page does not break N/µm across lines
 _PRODUCT = rf"(?:\({_WORD}(?:{_JOINED}{_WORD})*\)|{_WORD})"
 _UNIT = re.compile(rf"(?<![\w./^√-]){_PRODUCT}(?:{_JOINED}{_PRODUCT})*(?![\w/^]|\.\w| =)")
-# units that are rotary already, or of no quantity of an axis, as N/m2
+# units that are already rotary, or that no quantity of an axis has, such as N/m2
 _OTHERS = re.compile(r"rad|deg|rev|N[ ·]m(?!\w)|m[2-9²³⁴]")
 
 
@@ -188,9 +188,9 @@ def _torque(unit: str) -> str:
 
 
 def turning_docstring(text: str) -> str:
-    """Return the docstring of a state or of a prepared value with the units of a rotary axis, for an export.
+    """Return the docstring of a state or prepared value with the units of a rotary axis, for an export.
 
-    It is a text of the source, which holds no quantities.
+    A docstring contains no quantities, so its units are found by pattern.
     """
     return _UNIT.sub(lambda match: turning(match[0]), text)
 
@@ -204,24 +204,24 @@ def factor(unit: str, declared: str) -> float:
     declared_size, declared_dimension = measure(declared)
     if dimension != declared_dimension:
         raise ParameterError(f"unit '{unit}' does not measure the same thing as '{declared or 'a plain number'}'")
-    # kHz to Hz is 1000, not the 999.9999999999999 that the conversion over rad/s gives
+    # kHz to Hz is 1000, not 999.9999999999999 as via rad/s
     return decimal(size / declared_size)
 
 
 def scaled(value: Any, factor: float) -> Any:
-    """Return value · factor, for a number or an array; for 1e-6, 1/60 and the like as the quotient by 1e6, by 60.
+    """Return value · factor for a number or an array; if 1/factor is an integer (1e-6, 1/60), divide by it.
 
-    A division by a whole number is rounded once: 100 us are 1e-4 s, and not 9.999999999999999e-05.
+    Dividing by an integer rounds only once: 100 us are 1e-4 s, not 9.999999999999999e-05.
     """
     inverse = decimal(1.0 / factor) if 0.0 < abs(factor) < 1.0 else 0.0
     return value / inverse if inverse and inverse == round(inverse) else value * factor
 
 
 def shortest(value: float, factor: float) -> str:
-    """Return the shortest decimal that `scaled` turns into a value: 0.2 for 2e-7 and the factor 1e-6.
+    """Return the shortest decimal that `scaled` converts to a value: 0.2 for 2e-7 and the factor 1e-6.
 
-    Some values are not the scaled value of any number; then the decimal of the quotient is returned, which is scaled
-    to within one rounding of the value.
+    Some values are not the scaled value of any number; then the decimal of the quotient is returned, whose scaled
+    value is within one rounding of the value.
     """
     near = value / factor
     texts = [f"{near:.{digits}g}" for digits in range(1, 17)]
@@ -230,6 +230,6 @@ def shortest(value: float, factor: float) -> str:
 
 
 def decimal(value: float) -> float:
-    """Round to twelve digits if that changes rounding errors only, else return `value`: 50 times 1e-6 is 5e-05."""
+    """Round to twelve digits if that removes only rounding errors, else return `value`: 50 times 1e-6 gives 5e-05."""
     near = float(f"{value:.12g}")
     return near if abs(near - value) <= 4 * math.ulp(value) else value

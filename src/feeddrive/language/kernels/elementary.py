@@ -1,13 +1,8 @@
-"""Elementary functions of kernels: remainders, and the trigonometric functions.
+"""Elementary functions of kernels: `//` and `%` of floats, and sin, cos, tan, atan and atan2.
 
-`//` and `%` of floats as Python defines them, by exact steps: no library is called.
-
-The compiler puts them where a kernel divides floats so. They are written in the language of kernels; the interpreter
-runs its own.
-
-sin, cos, tan, atan and atan2 for kernels: the arithmetic of `language/mathematics.py`, traced, as LLVM text.
-
-No library is called, so that angles have the same bits on every machine.
+`//` and `%` follow Python's definition in exact steps. They are written in the kernel language; the interpreter uses
+Python's own operators. The trigonometric functions are the arithmetic of `language/mathematics.py`, traced to LLVM
+text. No library is called, so that the results have the same bits on every machine.
 """
 
 from __future__ import annotations
@@ -23,12 +18,12 @@ from feeddrive.language.kernels.source import readable
 from feeddrive.language.machine_code import number
 
 _INFINITY = float("inf")
-_WHOLE = 4503599627370496.0  # 2⁵²: from here on every float is a whole number
+_WHOLE = 4503599627370496.0  # 2⁵²: every float from here on is an integer
 
 
 @readable
 def left_over(x: float, y: float) -> float:
-    """X minus the whole multiple of y next to it towards 0 (C's fmod), exactly; NaN where x is infinite or y is 0.
+    """Return the exact remainder of x / y with the sign of x (C's fmod); NaN if x is infinite or y is 0.
 
     y is doubled up to x, then subtracted wherever it fits: a difference of numbers within a factor of 2 is exact.
     """
@@ -49,7 +44,7 @@ def left_over(x: float, y: float) -> float:
 
 @readable
 def modulo(x: float, y: float) -> float:
-    """X % y: with the sign of y."""
+    """Return x % y, with the sign of y."""
     rest = left_over(x, y)
     if rest == 0.0:
         return 0.0 if y > 0.0 else -0.0
@@ -60,7 +55,7 @@ def modulo(x: float, y: float) -> float:
 
 @readable
 def floor_division(x: float, y: float) -> float:
-    """X // y: (x - remainder) / y, rounded to a whole number."""
+    """Return x // y: (x - remainder) / y, rounded to an integer."""
     rest = left_over(x, y)
     quotient = (x - rest) / y
     if rest != 0.0 and (y < 0.0) != (rest < 0.0):
@@ -93,24 +88,24 @@ _INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"}
 
 
 class Elementary(NamedTuple):
-    """A function that a kernel calls by its name; called from Python it computes with the same bits."""
+    """A function that kernels call by name; called from Python, it gives the same bits."""
 
     name: str
     function: Callable[..., Any]
     arity: int
 
     def __call__(self, *values: float) -> float:
-        """The function of floats; NaN where it has no value."""
+        """Evaluate the function on floats; NaN where it is undefined."""
         with np.errstate(all="ignore"):
             return float(self.function(*map(np.float64, values)))
 
     @property
     def symbol(self) -> str:
-        """The name of its function in LLVM text."""
+        """The name of its LLVM function."""
         return f"@elementary.{self.name}"
 
     def printed(self) -> tuple[str, list[Elementary]]:
-        """The function as LLVM text, and those that it calls."""
+        """Return the function as LLVM text, and the functions that it calls."""
         graph = Graph()
         result = graph.symbol(self.function(*(graph.input(f"x{place}") for place in range(self.arity)))).index
         lines, called, held = list[str](), list[Elementary](), list[str]()  # the last: operands by node

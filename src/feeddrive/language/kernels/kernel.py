@@ -1,8 +1,8 @@
-"""Kernels: their decorator and call, and the machine code of the kernels of a file.
+"""The kernel decorator, kernel calls, and the machine code of the kernels of a file.
 
 A kernel of another file is called as an external function, linked to the code of that file, so that each is compiled
-once.  First the code is made quickly.  When it has run for long, it is made again with passes of the optimizer and a
-better choice of instructions: the bits and the errors stay.
+only once.  The code is first compiled quickly.  After it has run for some time, it is recompiled with optimizer passes
+and better instruction selection; results and errors are identical.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ attributes #0 = { nounwind "no-builtins" }
 
 
 class Effort(NamedTuple):
-    """The effort of LLVM on machine code.  No pass contracts or reorders arithmetic on floats."""
+    """The optimization effort of LLVM.  No pass contracts or reorders floating-point arithmetic."""
 
-    selection: int  # of instructions and registers, as LLVM counts it
+    selection: int  # LLVM optimization level of code generation
     passes: tuple[str, ...]
 
 
@@ -75,17 +75,17 @@ THOROUGH = Effort(
         "simplify_cfg",
     ),
 )
-_LONG = 0.25  # s in quick code, after which a process makes thorough code
-_KERNEL, _FAILURE = 10, 13  # bits of a status for the place of a kernel in its file, and of a failure in its kernel
+_LONG = 0.25  # s in quickly compiled code, after which a process recompiles thoroughly
+_KERNEL, _FAILURE = 10, 13  # bits of a status for the index of a kernel in its file, and of a failure in its kernel
 _ENTRY = "entry{}"
-_IDLE = re.compile(r"\s*(#.*)?$")  # lines of which the code does not depend
+_IDLE = re.compile(r"\s*(#.*)?$")  # lines on which the code does not depend
 _lock = RLock()
 
 
 class Unit:
     """The kernels of a file."""
 
-    spent = 0.0  # s of the process in quick code
+    spent = 0.0  # s that the process has spent in quickly compiled code
 
     def __init__(self, sources: Iterable[Source]) -> None:
         self.sources = tuple(sources)
@@ -96,7 +96,7 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """A digest of all that its machine code depends on but the processor: texts, types, constants, called files."""
+        """The digest of all inputs of the machine code except the processor: texts, types, constants, called files."""
         with _lock:
             if self in _keyed:
                 first = self.sources[0]
@@ -109,13 +109,13 @@ class Unit:
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _content(self, source: Source) -> str:
-        """All that the printed text of a kernel depends on."""
+        """Return everything on which the LLVM text of a kernel depends."""
         named = [f"{name}={self._described(value)}" for name, value in sorted(source.named.items())]
         code = source.python.__code__
         return "\n".join([source.name, code.co_code.hex(), repr(source.signature), *named])
 
     def _described(self, value: object) -> str:
-        """Describe the value of a name in a kernel, as far as the printed text depends on it."""
+        """Describe the value of a name in a kernel, as far as the LLVM text depends on it."""
         called = source_of(value)
         if called is not None:
             return str(self._places[called]) if called in self._places else unit_of(called).symbol(called)
@@ -132,7 +132,7 @@ class Unit:
         return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', type(value).__name__)}"
 
     def symbol(self, source: Source) -> str:
-        """The name of the function of a kernel, the same in all files."""
+        """Return the LLVM function name of a kernel, unique across files."""
         return f"k{self.key[:32]}.{self._places[source]}"
 
     @cached_property
@@ -143,7 +143,7 @@ class Unit:
     # text
 
     def function(self, source: Source) -> Function:
-        """The function of a kernel, printed when it is first asked for, after those that it calls."""
+        """Return the LLVM function of a kernel, printed at the first call, after the functions that it calls."""
         with _lock:
             known = self._functions.get(source)
             if known is not None:
@@ -162,7 +162,7 @@ class Unit:
             return self._functions.setdefault(source, printed)
 
     def text(self, effort: Effort = QUICK) -> str:
-        """The module, with its triple in the first line."""
+        """Return the LLVM module, with its target triple in the first line."""
         own = [self.function(source) for source in self.sources]
         declared, copied = list[str](), dict[str, Function]()
         left, seen = [callee for function in own for callee in function.called], set(self.sources)
@@ -196,7 +196,7 @@ class Unit:
 
     @property
     def code(self) -> MachineCode:
-        """The machine code: that on the disk, else compiled quickly."""
+        """The machine code, loaded from disk if stored there, else compiled quickly."""
         if self._code is None:
             with _lock:
                 if self._code is None:
@@ -208,7 +208,7 @@ class Unit:
         return self._code
 
     def entry(self, source: Source) -> tuple[MachineCode, int]:
-        """The machine code of the file, and the address of the function by which Python calls a kernel."""
+        """Return the machine code of the file and the entry address by which Python calls a kernel."""
         code = self.code
         return code, code.addresses[_ENTRY.format(self._places[source])]
 
@@ -219,9 +219,10 @@ class Unit:
 
     @staticmethod
     def ran(seconds: float) -> None:
-        """Count the time in quick code; once it is long, compile all code thoroughly.
+        """Add to the time spent in quickly compiled code; beyond a threshold, recompile all code thoroughly.
 
-        All files at once, so that a long program pauses once, and its memory grows near its start: LLVM takes 30 MB.
+        All files are recompiled at once, so that a long program pauses only once, and its memory grows early: LLVM
+        takes 30 MB.
         """
         Unit.spent += seconds
         if Unit.spent > _LONG:
@@ -230,7 +231,7 @@ class Unit:
                     unit.make(THOROUGH)
 
     def make(self, effort: Effort) -> None:
-        """Compile its code and that of the files that it calls with an effort, unless it has that effort already."""
+        """Compile its code and that of the files it calls with the given effort, unless already done."""
         with _lock:
             for unit in self.units:
                 if unit._code is None or unit._effort != effort:
@@ -238,7 +239,7 @@ class Unit:
 
     @cached_property
     def units(self) -> tuple[Unit, ...]:
-        """The files whose kernels it calls, in the order of dependence, with itself as the last."""
+        """The units of the files whose kernels it calls, in dependency order, with this unit last."""
         units = dict[Unit, None]()
         for source in self.sources:
             for kernel in _kernels(source):
@@ -247,13 +248,13 @@ class Unit:
         return *units, self
 
     def failure(self, status: int) -> Failure:
-        """The error of a status that is not 0."""
+        """Return the error for a nonzero status."""
         number, place = status >> _FAILURE + _KERNEL, status >> _FAILURE & (1 << _KERNEL) - 1
         unit = next(candidate for candidate in self.units if candidate.number == number)
         return unit.function(unit.sources[place]).failures[(status & (1 << _FAILURE) - 1) - 1]
 
     def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
-        """The machine code of an effort, linked to that of other files; with `stored` None if it is not on the disk."""
+        """Return machine code of an effort, linked to that of other files; with `stored`, None if it is not on disk."""
         own = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
         below = [unit.code for unit in self.units[:-1]]
         symbols = {name: place for code in below for name, place in code.addresses.items() if name.startswith("k")}
@@ -269,13 +270,13 @@ class Unit:
         )
 
 
-_open: list[Source] = []  # printing begun, not yet ended: the chain of calls
+_open: list[Source] = []  # kernels being printed: the chain of calls
 _keyed: list[Unit] = []  # the same for keys
 _used: WeakSet[Unit] = WeakSet()  # that have code
 
 
 def _entry(place: int, source: Source, symbol: str) -> str:
-    """Print a function that reads a kernel's arguments from 64-bit words in memory and writes its results there."""
+    """Return an LLVM function that reads a kernel's arguments from 64-bit words and writes its results there."""
     words = [word for _, kind in source.signature.leaves for word in (kind, *[INT] * kind.dimensions)]
     returned = struct_type(source.signature.results)
     results = [kind for result in source.signature.results for _, kind in result.leaves("")]
@@ -301,7 +302,7 @@ def _entry(place: int, source: Source, symbol: str) -> str:
 
 
 def unit_of(source: Source) -> Unit:
-    """Return the unit of a kernel's file, with all kernels that the file defines at the first call."""
+    """Return the unit of a kernel's file, which contains all kernels that the file defines at the first call."""
     with _lock:
         unit = cast("Unit | None", source.unit)
         if unit is None:
@@ -314,19 +315,19 @@ def unit_of(source: Source) -> Unit:
 
 
 def _kernels(source: Source) -> list[Source]:
-    """The kernels that a kernel names."""
+    """Return the kernels to which a kernel refers by name."""
     return [called for called in map(source_of, source.named.values()) if called]
 
 
 def _lines(file: str) -> str:
-    """The text of a file without comments that have lines of their own."""
+    """Return the text of a file without comment-only lines."""
     linecache.checkcache(file)
     return "".join(line for line in linecache.getlines(file) if not _IDLE.match(line))
 
 
 @lru_cache(maxsize=1)
 def _compiler() -> str:
-    """A digest of the files that print kernels."""
+    """Return a digest of the compiler's source files."""
     here = Path(__file__).parent
     texts = [path.read_text(encoding="utf-8") for path in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
     return hashlib.sha256("\n".join([sys.version, *texts]).encode()).hexdigest()
@@ -340,7 +341,7 @@ _CELLS: dict[str, np.dtype[Any]] = {
     "int": np.dtype(np.int64),
     "record": np.dtype(np.float64),
 }
-_DATA = object.__basicsize__  # in numpy's PyArrayObject the address of the first cell stands behind the object's head
+_DATA = object.__basicsize__  # NumPy's PyArrayObject stores the address of the first cell after the object header
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -348,21 +349,21 @@ _mode: ContextVar[str] = ContextVar("mode", default="native")
 
 
 class _Compiled(NamedTuple):
-    """A kernel as machine code: the function, and how arguments and results lie in memory."""
+    """A kernel as machine code: the function, and the memory layout of its arguments and results."""
 
-    code: MachineCode  # holds the memory of the function
+    code: MachineCode  # keeps the memory of the function alive
     call: Callable[[Any], int]
     arguments: struct.Struct
     returned: struct.Struct
-    size: int  # of the memory of both, bytes
-    kinds: tuple[tuple[object, int, int], ...]  # of each number and array that is given, see `_kind`
+    size: int  # memory of both, bytes
+    kinds: tuple[tuple[object, int, int], ...]  # of each passed number and array, see `_kind`
 
 
 class Kernel(Generic[_P, _R]):
-    """A function over numbers and arrays that the interpreter and the processor run with the same bits and errors.
+    """A function of numbers and arrays that gives the same bits and errors interpreted and compiled.
 
     The first call of a kernel compiles all kernels of its file and of those that they call. A call checks types: int is
-    taken for float, no array is copied. `python` is the function that was decorated; `with interpreted():` runs it
+    accepted for float, no array is copied. `python` is the decorated function; `with interpreted():` runs it
     instead.
     """
 
@@ -381,7 +382,7 @@ class Kernel(Generic[_P, _R]):
         return self.__name__  # pickled by its name in its module
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """Call the kernel in the mode of this thread."""
+        """Call the kernel, compiled or interpreted according to the mode of this thread."""
         mode = _mode.get()
         if mode == "inside":
             return self.python(*args, **kwargs)
@@ -397,7 +398,7 @@ class Kernel(Generic[_P, _R]):
         return self._run(values)
 
     def _run(self, values: Sequence[Any]) -> _R:
-        """Run the machine code; arguments are checked."""
+        """Check the arguments and run the machine code."""
         unit, compiled, words = self.unit, self._compiled, list[Any]()
         if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
@@ -433,11 +434,11 @@ class Kernel(Generic[_P, _R]):
 
     @property
     def unit(self) -> Unit:
-        """The kernels of its file."""
+        """The unit of the kernel's file."""
         return self.source.unit or unit_of(self.source)
 
     def _bound(self) -> _Compiled:
-        """Return its function in the current machine code of the file."""
+        """Return the compiled function from the current machine code of the file."""
         code, address = self.unit.entry(self.source)
         words = [
             _FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
@@ -469,14 +470,14 @@ class Kernel(Generic[_P, _R]):
         return self.unit.function(self.source).written
 
     def _in_order(self, args: tuple[object, ...], named: dict[str, object]) -> list[object]:
-        """Arguments by position and by name, in their order."""
+        """Return positional and named arguments in the order of the parameters."""
         names = self.source.signature.names
         if set(named) != set(names[len(args) :]):
             raise TypeError(f"{self.__name__}() takes ({', '.join(names)}), each once")
         return [*args, *[named[name] for name in names[len(args) :]]]
 
     def _flat(self, name: str, kind: Type, value: Any) -> list[Any]:
-        """The numbers and arrays of an argument: those of a record one by one."""
+        """Return the numbers and arrays of an argument; records are flattened."""
         if kind.layout is None or kind.dimensions:
             return [value]
         if type(value) is not kind.layout.python:
@@ -485,7 +486,7 @@ class Kernel(Generic[_P, _R]):
         return [leaf for (field, inner), part in fields for leaf in self._flat(f"{name}.{field}", inner, part)]
 
     def _checked(self, place: int, value: object) -> Any:
-        """An argument of the type that its parameter has."""
+        """Return an argument converted to the type of its parameter, or raise an error if it does not fit."""
         kind = self._leaves[place][1]
         if not kind.dimensions:
             if kind.element == "float" and isinstance(value, (float, int, np.floating, np.integer)):
@@ -519,7 +520,7 @@ class Kernel(Generic[_P, _R]):
         return f"{self.__name__}(): '{self._leaves[place][0]}'"
 
     def _interpret(self, values: list[Any]) -> _R:
-        """The same call by the interpreter, with all kernels below it."""
+        """Run the call, and all kernels that it calls, in the interpreter."""
         leaves = iter(values)
         plain = [_made(kind, leaves) for kind in self.source.signature.parameters]
         token = _mode.set("inside")
@@ -530,7 +531,7 @@ class Kernel(Generic[_P, _R]):
 
 
 def _kind(kind: Type) -> tuple[object, int, int]:
-    """The expected type of an argument: float or the dtype of an array, its number of indices, columns of records."""
+    """Return the expected type of an argument: float or an array's dtype, its number of indices, record columns."""
     cell = _CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None
     return cell, kind.dimensions, kind.width if kind.layout else 0
 
@@ -546,12 +547,12 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
 
 
 def _address(array: np.ndarray) -> int:
-    """Return the address of an array's first cell, from the object: numpy's own ways take as long as a small kernel."""
+    """Return the address of an array's first cell, read from the object: NumPy's API is as slow as a small kernel."""
     return ctypes.c_size_t.from_address(id(array) + _DATA).value if _READS_THE_OBJECT else array.ctypes.data
 
 
 def _reads_the_object() -> bool:
-    """Return True if the address lies in the array object where `_address` reads it, as in every numpy so far."""
+    """Return True if the array object stores the address where `_address` reads it, as all NumPy versions so far do."""
     probe = np.zeros(1)
     known = sys.implementation.name == "cpython"
     return known and ctypes.c_size_t.from_address(id(probe) + _DATA).value == probe.ctypes.data
@@ -561,7 +562,7 @@ _READS_THE_OBJECT = _reads_the_object()
 
 
 def _throw(failure: Failure) -> NoReturn:
-    """Raise the error that Python raises there, with file and line."""
+    """Raise the error that Python would raise at this point, with file and line."""
     error, source = failure.kind(failure.text), failure.source
     text = linecache.getline(source.file, failure.line).strip()
     error.add_note(f"in kernel '{source.name}', file {source.file}, line {failure.line}: {text}")
@@ -569,7 +570,7 @@ def _throw(failure: Failure) -> NoReturn:
 
 
 def kernel(python: Callable[_P, _R]) -> Kernel[_P, _R]:
-    """Turn a plain Python function into a kernel; `docs/kernels.md` has the language."""
+    """Turn a plain Python function into a kernel; `docs/kernels.md` describes the language."""
     return Kernel(python)
 
 

@@ -1,7 +1,7 @@
 """Kernels as LLVM text: names and records, expressions, assignments, statements, and the whole function.
 
-A record is a value and has no memory of its own: as a variable, parameter or result it is its fields, one by one, and
-in an array the numbers of a row.  So it costs what the same numbers cost without it.
+A record is a value without memory of its own: as a variable, parameter or result it is stored as separate fields, and
+in an array as the numbers of a row.  So it costs the same as its numbers alone.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from feeddrive.language.machine_code import number
 
 
 class RecordArithmetic(Arithmetic):
-    """Makes records, names their fields, and moves them between values and rows of arrays."""
+    """The part of the compiler that constructs records, accesses their fields, and loads and stores them in arrays."""
 
     @abstractmethod
     def expression(self, node: ast.expr) -> Value:
-        """Print an expression with one value (`expressions.py`)."""
+        """Print an expression with one value; implemented by `Expressions`."""
 
     @abstractmethod
     def constant(self, value: object, node: ast.expr) -> Value:
-        """Return a known number or record (`expressions.py`)."""
+        """Return a known number or record; implemented by `Names`."""
 
     def index(self, kind: Type, field: str, node: ast.AST) -> int:
-        """The place of a field among those of a record."""
+        """Return the index of a field of a record."""
         if kind.layout is None or kind.dimensions:
             remedy = "kernels know arrays by len and their indices alone, and records by their fields"
             self.refuse(node, f"'{shown(node)}' is not known", "index it first" if kind.layout else remedy)
@@ -43,46 +43,46 @@ class RecordArithmetic(Arithmetic):
     # rows of arrays
 
     def column(self, place: Value, field: str, node: ast.AST) -> Value:
-        """The place of a field of a record that lies in an array."""
+        """Return the address of a field of a record in an array."""
         index = self.index(place.type, field, node)
         kinds = [*cast(Layout, place.type.layout).fields.values()]
         return self.shifted(place, sum(kind.width for kind in kinds[:index]), kinds[index])
 
     def shifted(self, place: Value, columns: int, kind: Type) -> Value:
-        """The address that lies so many columns behind another one."""
+        """Return the address offset by a number of columns."""
         text = place.text
         if columns:
             text = self.value(f"getelementptr inbounds double, ptr {text}, i64 {columns}")
         return Value(kind, text)
 
     def cells(self, place: Value) -> Iterator[Value]:
-        """The places of the numbers of a record, or of a number, in an array."""
+        """Yield the addresses of the numbers of a record, or of a single number, in an array."""
         for columns, (_, kind) in enumerate(place.type.leaves("")):
             yield self.shifted(place, columns, kind)
 
     def loaded(self, place: Value) -> Value:
-        """The number or the record at a place; a column of bools holds 0.0 or something else."""
+        """Load the number or record at an address; in a column of bools any nonzero number is true."""
         return assembled(place.type, (self.load_cell(cell) for cell in self.cells(place)))
 
     def load_cell(self, cell: Value) -> Value:
-        """The number in a cell."""
+        """Load the number in a cell."""
         if cell.type == BOOL:
             stored = self.emit(f"load double, ptr {cell.text}")
             return Value(BOOL, self.value(f"fcmp une double {stored}, {number(0.0)}"))
         return Value(cell.type, self.emit(f"load {cell.type.llvm}, ptr {cell.text}"))
 
     def put_into(self, place: Value, value: Value) -> None:
-        """Store a number or a record at a place of its type in an array."""
+        """Store a number or record at an address of its type in an array."""
         for cell, leaf in zip(self.cells(place), value.leaves, strict=True):
             kind, text = leaf.type.llvm, leaf.text
             if leaf.type == BOOL:
                 kind, text = "double", self.value(f"uitofp i1 {text} to double")
             self.add(f"store {kind} {text}, ptr {cell.text}")
 
-    # making
+    # constructors
 
     def constructed(self, layout: Layout, node: ast.Call) -> Value:
-        """Stretch(begin, end, peak=v): fields in their order, then by name; others have their defaults."""
+        """Print a constructor call, `Stretch(begin, end, peak=v)`: positional fields, named ones, then defaults."""
         names = [*layout.fields]
         if len(node.args) > len(names):
             what = f"'{shown(node)}' has {len(node.args)} values for {len(names)} fields"
@@ -97,7 +97,7 @@ class RecordArithmetic(Arithmetic):
         return Value(Type("record", 0, layout), "", parts=tuple(fields[name] for name in names))
 
     def replaced(self, node: ast.Call, base: ast.expr) -> Value:
-        """stretch._replace(peak=v): the same record but for the fields that are named."""
+        """Print `stretch._replace(peak=v)`: a copy of the record with the named fields replaced."""
         record = self.expression(base)
         layout = record.type.layout
         if layout is None or record.type.dimensions or node.args:
@@ -107,7 +107,7 @@ class RecordArithmetic(Arithmetic):
         return record._replace(parts=tuple((parts | self.named(layout, node, {})).values()))
 
     def named(self, layout: Layout, node: ast.Call, fields: dict[str, Value]) -> dict[str, Value]:
-        """The fields that are given by position and by name, in the order of the text, each of its type."""
+        """Return the fields passed by position and by name, in source order, checked for type."""
         kind = Type("record", 0, layout)
         for keyword in node.keywords:
             if keyword.arg is None or keyword.arg in fields:
@@ -117,14 +117,14 @@ class RecordArithmetic(Arithmetic):
         return {name: self.fitting(layout, name, value, node) for name, value in fields.items()}
 
     def fitting(self, layout: Layout, name: str, value: Value, node: ast.AST) -> Value:
-        """A value for a field, if it has its type."""
+        """Return a value for a field; reject one of another type."""
         if value.type != layout.fields[name]:
             what = f"'{shown(node)}' gives {value.type} for the field '{name}' of type {layout.fields[name]}"
             self.refuse(node, what, "write 0.0 for 0, float(...), int(...), or give another")
         return value
 
     def constant_record(self, value: tuple[object, ...], node: ast.expr) -> Value:
-        """A record of the module, which is constant."""
+        """Return a constant record defined in the module."""
         layout = self.source.layout(type(value), node)
         parts = [self.constant(entry, node) for entry in value]
         fitting = [self.fitting(layout, name, part, node) for name, part in zip(layout.fields, parts, strict=True)]
@@ -132,7 +132,7 @@ class RecordArithmetic(Arithmetic):
 
 
 class Variable(NamedTuple):
-    """A local name: its type, and the memory of its number, of address and sizes of its array, or of its fields."""
+    """A local variable: its type, and the stack slots of its number, array (address, sizes) or fields."""
 
     type: Type
     slots: tuple[str, ...]
@@ -140,12 +140,12 @@ class Variable(NamedTuple):
 
     @property
     def leaves(self) -> list[Variable]:
-        """The variables of its numbers and arrays."""
+        """The variables of its individual numbers and arrays."""
         return [leaf for part in self.parts for leaf in part.leaves] if self.parts else [self]
 
     @property
     def loads(self) -> list[str]:
-        """The LLVM loads of its value."""
+        """The LLVM load instructions for its value."""
         if self.parts:
             return [load for part in self.parts for load in part.loads]
         kinds = [self.type.llvm, *["i64"] * (len(self.slots) - 1)]
@@ -153,20 +153,20 @@ class Variable(NamedTuple):
 
 
 class Names(RecordArithmetic):
-    """Reads names.  Statements (`statements.py`) keep `variables` and `assigned` up to date."""
+    """The part of the compiler that reads names.  `Statements` keeps `variables` and `assigned` up to date."""
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
-        self.names: frozenset[str] = frozenset()  # all that are local
-        self.fixed: dict[str, Value] = {}  # parameters that keep their value
-        self.counters: frozenset[str] = frozenset()  # local whole numbers that are never below 0
+        self.names: frozenset[str] = frozenset()  # names of all local variables
+        self.fixed: dict[str, Value] = {}  # parameters that are never reassigned
+        self.counters: frozenset[str] = frozenset()  # local integers that are never negative
         self.variables: dict[str, Variable] = {}
-        self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None where no path leads
-        self.stored: set[str] = set()  # variables into whose arrays something is written
+        self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None if unreachable
+        self.stored: set[str] = set()  # variables whose arrays are written to
 
     @abstractmethod
     def place(self, node: ast.Subscript) -> Value:
-        """The address of a cell or row (`expressions.py`)."""
+        """Return the address of a cell or row; implemented by `Expressions`."""
 
     def outside(self, node: ast.expr) -> object:
         """Return the value of a name that is not local; None for anything else."""
@@ -190,7 +190,7 @@ class Names(RecordArithmetic):
         return Value(FLOAT, number(value))
 
     def name(self, node: ast.Name, fields: Sequence[str] = (), whole: ast.AST | None = None) -> Value:
-        """A local variable or a constant of the module, or a field inside; `whole` is then the text with the field."""
+        """Return the value of a local variable, module constant or field; `whole` is the node including the field."""
         whole = whole or node
         if node.id not in self.names:
             value = self.outside(node)
@@ -210,7 +210,7 @@ class Names(RecordArithmetic):
         return self.load(".".join([node.id, *fields]), held)._replace(sure=node.id in self.counters)
 
     def load(self, name: str, held: Variable) -> Value:
-        """The value of a variable."""
+        """Load the value of a variable."""
         if held.parts:
             leaves = zip(held.type.leaves(name), held.leaves, strict=True)
             return assembled(held.type, (self.load(leaf, variable) for (leaf, _), variable in leaves))
@@ -218,13 +218,13 @@ class Names(RecordArithmetic):
         return Value(held.type, text, tuple(sizes), name if held.type.dimensions else "")
 
     def inside(self, value: Value, fields: Iterable[str], node: ast.AST) -> Value:
-        """A field of a record, or of a record inside."""
+        """Return a field of a record, or of a nested record."""
         for field in fields:
             value = value.parts[self.index(value.type, field, node)]
         return value
 
     def attribute(self, node: ast.Attribute) -> Value:
-        """A constant of a module, or a field of a record, of which nothing else is read."""
+        """Return a constant of a module, or a field of a record; only that field is read."""
         fields, first = [node.attr], node.value
         while isinstance(first, ast.Attribute):
             fields.insert(0, first.attr)
@@ -246,7 +246,7 @@ class Names(RecordArithmetic):
 
 
 class Expressions(Names):
-    """Prints expressions."""
+    """The part of the compiler that prints expressions."""
 
     def expression(self, node: ast.expr) -> Value:
         """Print an expression with one value."""
@@ -257,21 +257,21 @@ class Expressions(Names):
         return print_it(self, node)
 
     def number(self, node: ast.expr) -> Value:
-        """An expression that gives a float or a whole number."""
+        """Print an expression that must be a float or an integer."""
         value = self.expression(node)
         if value.type not in (FLOAT, INT):
             self.refuse(node, f"'{shown(node)}' is of type {value.type}", _as_number(value.type))
         return value
 
     def truth(self, node: ast.expr) -> str:
-        """An expression that gives a bool, as an operand."""
+        """Print an expression that must be a bool; return its operand."""
         value = self.expression(node)
         if value.type != BOOL:
             self.refuse(node, f"'{shown(node)}' is of type {value.type}, not bool", "compare it: x != 0.0")
         return value.text
 
     def whole(self, node: ast.expr) -> Value:
-        """An expression that gives a whole number."""
+        """Print an expression that must be an integer."""
         value = self.expression(node)
         if value.type != INT:
             self.refuse(node, f"'{shown(node)}' is of type {value.type}, not int", "write int(...) or floor(...)")
@@ -280,7 +280,7 @@ class Expressions(Names):
     # arithmetic
 
     def unary(self, node: ast.UnaryOp) -> Value:
-        """-x, +x, not x."""
+        """Print `-x`, `+x` or `not x`."""
         if isinstance(node.op, ast.Not):
             return Value(BOOL, self.value(f"xor i1 {self.truth(node.operand)}, true"))
         if isinstance(node.op, ast.Invert):
@@ -295,14 +295,14 @@ class Expressions(Names):
         return self.overflowing("ssub", "0", value.text, node)
 
     def binary(self, node: ast.BinOp) -> Value:
-        """A + b and the like."""
+        """Print a binary operation, such as `a + b`."""
         left = self.number(node.left)
         return self.operation(node.op, left, self.number(node.right), node)
 
     # comparisons and choices
 
     def compare(self, node: ast.Compare) -> Value:
-        """A < b, also in a chain, whose rest is not computed behind the first comparison that is false."""
+        """Print a comparison, `a < b`, or a chain, which short-circuits at the first false comparison."""
         left, ends = self.expression(node.left), list[tuple[str, str]]()
         after, before = self.label(), self.facts
         for place, (op, other) in enumerate(zip(node.ops, node.comparators, strict=True)):
@@ -326,7 +326,7 @@ class Expressions(Names):
         raise AssertionError("a comparison has two sides")
 
     def logic(self, node: ast.BoolOp) -> Value:
-        """And, or; what follows is not computed where the first decides."""
+        """Print `and` or `or`, with short-circuit evaluation."""
         ends, after, before = list[tuple[str, str]](), self.label(), self.facts
         for value in node.values[:-1]:
             truth, onward = self.truth(value), self.label()
@@ -342,7 +342,7 @@ class Expressions(Names):
         return Value(BOOL, self.phi("i1", ends))
 
     def choice(self, node: ast.IfExp) -> Value:
-        """A if c else b."""
+        """Print `a if c else b`."""
         labels = self.label(), self.label()
         after = self.label()
         self.choose(self.truth(node.test), *labels)
@@ -371,7 +371,7 @@ class Expressions(Names):
     # arrays
 
     def place(self, node: ast.Subscript) -> Value:
-        """The address of a cell, with the type of its number, or of a row, with its type and sizes."""
+        """Return the address of a cell with the type of its number, or of a row with its type and sizes."""
         array = self.expression(node.value)
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         if not array.type.dimensions:
@@ -395,7 +395,7 @@ class Expressions(Names):
         return Value(array.type._replace(dimensions=len(rest)), address, rest, array.root)
 
     def counted(self, index: Value, size: str) -> str:
-        """An index counted from the start."""
+        """Return an index counted from the start; a negative one counts from the end."""
         if index.sure:
             return index.text
         if index.literal is None:
@@ -405,7 +405,7 @@ class Expressions(Names):
         return str(index.literal + int(size)) if size.isdigit() else self.value(f"add i64 {index.text}, {size}")
 
     def check_indices(self, places: Iterable[tuple[str, str]], node: ast.AST) -> None:
-        """End with an error if one of several indices is not within its size; known ones are not tested again."""
+        """Print bounds checks of several indices; checks known to hold are not repeated."""
         left: list[str] = []
         for place, size in places:
             if not (place.isdigit() and size.isdigit() and int(place) < int(size)):
@@ -421,21 +421,21 @@ class Expressions(Names):
             self.learn(condition)
 
     def subscript(self, node: ast.Subscript) -> Value:
-        """The number in a cell, the record in a row, or a row of numbers: a view of the same memory."""
+        """Return the number in a cell, the record in a row, or a row of numbers as a view of the same memory."""
         place = self.place(node)
         return place if place.sizes else self.loaded(place)
 
     # calls
 
     def call(self, node: ast.Call) -> Value:
-        """A call with one result."""
+        """Print a call with one result."""
         results = self.results(node)
         if len(results) != 1:
             self.refuse(node, f"'{shown(node)}' gives {len(results)} numbers", "assign them to as many names")
         return results[0]
 
     def results(self, node: ast.Call) -> list[Value]:
-        """A call of a kernel or of a function of the language."""
+        """Print a call of a kernel or of a built-in function of the language."""
         if isinstance(node.func, ast.Attribute) and node.func.attr == "_replace":
             return [self.replaced(node, node.func.value)]
         function = self.outside(node.func)
@@ -459,7 +459,7 @@ class Expressions(Names):
         return [printers[0](self, node)]
 
     def kernel(self, called: Source, node: ast.Call) -> list[Value]:
-        """A call of a kernel, of this file or another; its errors are handed up."""
+        """Print a call of a kernel in this or another file; its errors propagate."""
         wanted = called.signature
         if len(node.args) != len(wanted.parameters):
             numbers = f"{len(node.args)} arguments for {len(wanted.parameters)}"
@@ -488,7 +488,7 @@ class Expressions(Names):
         return [assembled(kind, results) for kind in wanted.results]
 
     def angle(self, function: Elementary, node: ast.Call) -> Value:
-        """A call of sin, cos, tan, atan or atan2."""
+        """Print a call of sin, cos, tan, atan or atan2."""
         if len(node.args) != function.arity:
             self.refuse(node, f"'{shown(node)}' has {len(node.args)} arguments", f"give {function.arity}")
         arguments = ", ".join(f"double {self.as_float(self.number(argument))}" for argument in node.args)
@@ -496,19 +496,19 @@ class Expressions(Names):
         return Value(FLOAT, self.emit(f"call double {function.symbol}({arguments})"))
 
     def one(self, node: ast.Call) -> ast.expr:
-        """The only argument of a call."""
+        """Return the only argument of a call."""
         if len(node.args) != 1 or isinstance(node.args[0], ast.Starred):
             self.refuse(node, f"'{shown(node)}' has {len(node.args)} arguments", "give one")
         return node.args[0]
 
     def sqrt(self, node: ast.Call) -> Value:
-        """The correctly rounded root; a negative number is an error."""
+        """Print the correctly rounded square root; a negative number raises an error."""
         x = self.as_float(self.number(self.one(node)))
         self.check(self.value(f"fcmp uge double {x}, {number(0.0)}"), ValueError, "math domain error", node)
         return Value(FLOAT, self.value(f"call double @llvm.sqrt.f64(double {x})"))
 
     def absolute(self, node: ast.Call) -> Value:
-        """|x|."""
+        """Print `abs(x)`."""
         x = self.number(self.one(node))
         if x.type == FLOAT:
             return Value(FLOAT, self.value(f"call double @llvm.fabs.f64(double {x.text})"))
@@ -517,7 +517,7 @@ class Expressions(Names):
         return Value(INT, self.value(f"select i1 {negative}, i64 {opposite}, i64 {x.text}"))
 
     def extreme(self, node: ast.Call) -> Value:
-        """The least or largest: a later one only if it is really less or more, which matters for NaN and -0.0."""
+        """Print `min` or `max`: a later argument wins only if strictly smaller or larger (NaN, -0.0)."""
         values = [self.number(argument) for argument in node.args]
         kind = values[0].type if len(values) > 1 else None
         if kind is None or any(value.type != kind for value in values):
@@ -525,7 +525,7 @@ class Expressions(Names):
         return self.best(values, ast.Lt if self.outside(node.func) is min else ast.Gt)
 
     def to_whole(self, node: ast.Call) -> Value:
-        """int, floor, ceil: towards zero, down, up."""
+        """Print `int`, `floor` or `ceil`: rounding towards zero, down, up."""
         x = self.expression(self.one(node))
         function = self.outside(node.func)
         if x.type == INT:
@@ -537,11 +537,11 @@ class Expressions(Names):
         return self.rounded(x.text, function, node)
 
     def to_float(self, node: ast.Call) -> Value:
-        """The nearest float of a whole number."""
+        """Print the conversion of an integer to the nearest float."""
         return Value(FLOAT, self.as_float(self.number(self.one(node))))
 
     def length(self, node: ast.Call) -> Value:
-        """The length of an array along its first index."""
+        """Print the length of an array along its first index."""
         array = self.expression(self.one(node))
         if not array.sizes:
             self.refuse(node, f"'{shown(node)}' is given {array.type}", "give an array")
@@ -549,7 +549,7 @@ class Expressions(Names):
 
 
 def _as_number(kind: Type) -> str:
-    """The remedy where something else than a number was used as one."""
+    """Return the remedy for a value of another type used as a number."""
     if kind.layout and not kind.dimensions:
         return "name a field"
     return "write int(...)" if kind == BOOL else "compute cell by cell, in a loop"
@@ -580,21 +580,21 @@ _PRINTERS: dict[type[ast.AST], Callable[..., Value]] = {
 }
 
 
-_LARGEST_LOCAL = 256  # numbers in an array of `zeros`: it lies on the stack
+_LARGEST_LOCAL = 256  # largest size of an array of `zeros`, which is on the stack
 
 
 class Assignments(Expressions):
-    """Prints assignments to names, cells and rows."""
+    """The part of the compiler that prints assignments to names, cells and rows."""
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
-        self.depth = 0  # loops and branches around a statement
-        self.memory: list[str] = []  # of variables, at the start of the function
+        self.depth = 0  # nesting depth of loops and branches
+        self.memory: list[str] = []  # allocations of variables, at the start of the function
         self.count_of_slots = 0
         self.taken_from: dict[str, set[str]] = {}  # array variable -> variables whose arrays it views
 
     def store(self, name: str, value: Value, node: ast.AST) -> None:
-        """Assign a value to a variable, which is created at its first assignment."""
+        """Assign a value to a variable; the first assignment creates it."""
         held = self.variables.get(name)
         if held is None:
             held = self.variables[name] = self.variable(value, f"%x{len(self.variables)}.")
@@ -613,7 +613,7 @@ class Assignments(Expressions):
             self.assigned |= {name}
 
     def variable(self, value: Value, name: str) -> Variable:
-        """Memory for a value of this type, and of its fields one by one."""
+        """Allocate a variable of this type, with separate slots for its fields."""
         if value.parts:
             parts = tuple(self.variable(part, f"{name}{place}.") for place, part in enumerate(value.parts))
             return Variable(value.type, (), parts)
@@ -622,7 +622,7 @@ class Assignments(Expressions):
         return Variable(value.type, slots)
 
     def assign(self, node: ast.Assign) -> None:
-        """A = b, a = b = c, a, b = c, d, row = m[k], m[k] = a, b, name = zeros(3)."""
+        """Print an assignment: `a = b`, `a = b = c`, `a, b = c, d`, `row = m[k]`, `m[k] = a, b`, `name = zeros(3)`."""
         if isinstance(node.value, ast.Call) and self.outside(node.value.func) is zeros:
             return self.local_array(node, node.value)
         several = isinstance(node.value, ast.Tuple)
@@ -642,7 +642,7 @@ class Assignments(Expressions):
         return None
 
     def values(self, node: ast.expr, counts: set[int], target: ast.AST) -> list[Value]:
-        """The numbers of a tuple, of a kernel with several results, of a record or of a row."""
+        """Return the values of a tuple, of a kernel with several results, of a record or of a row."""
         if isinstance(node, ast.Tuple):
             values = [self.expression(element) for element in node.elts]
         elif isinstance(node, ast.Call):
@@ -663,7 +663,7 @@ class Assignments(Expressions):
         return values
 
     def entry(self, row: Value, place: int) -> Value:
-        """A number of a row whose length is known."""
+        """Return an entry of a row of known length."""
         kind = Type(row.type.element)
         address = self.value(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
         return Value(kind, self.emit(f"load {kind.llvm}, ptr {address}"))
@@ -679,7 +679,7 @@ class Assignments(Expressions):
         self.written_cell(target, place, value)
 
     def written_cell(self, target: ast.Subscript, place: Value, value: Value) -> None:
-        """Write a number into a cell, or a record into a row."""
+        """Store a number in a cell, or a record in a row."""
         if place.sizes:
             self.refuse(target, f"'{shown(target)}' is a row", "assign a tuple, or copy cell by cell in a loop")
         if place.type != value.type:
@@ -690,7 +690,7 @@ class Assignments(Expressions):
         self.put_into(place, value)
 
     def fill(self, target: ast.expr, values: Sequence[Value]) -> None:
-        """Write the numbers of a tuple into a row."""
+        """Store the numbers of a tuple in a row."""
         if not isinstance(target, ast.Subscript):
             self.refuse(target, f"'{shown(target)}' is given a tuple", "give each number a name")
         row = self.place(target)
@@ -711,7 +711,7 @@ class Assignments(Expressions):
             self.add(f"store {kind.llvm} {value.text}, ptr {address}")
 
     def local_array(self, node: ast.Assign, call: ast.Call) -> None:
-        """Name = zeros(3, 2): memory on the stack, cleared once a call."""
+        """Print `name = zeros(3, 2)`: memory on the stack, cleared at each call."""
         (target, *more), sizes = node.targets, list[int]()
         for argument in call.args:
             length = argument.value if isinstance(argument, ast.Constant) else self.outside(argument)
@@ -732,7 +732,7 @@ class Assignments(Expressions):
         self.store(target.id, Value(Type("float", len(sizes)), place, tuple(map(str, sizes)), target.id), node)
 
     def change(self, node: ast.AugAssign) -> None:
-        """A += b; the old value is read before b is computed."""
+        """Print `a += b`; the old value is read before b is computed."""
         if isinstance(node.target, ast.Name):
             old = self.number(ast.copy_location(ast.Name(node.target.id, ast.Load()), node.target))
             new = self.operation(node.op, old, self.number(node.value), node)
@@ -749,7 +749,7 @@ class Assignments(Expressions):
         self.written_cell(node.target, place, self.operation(node.op, old, self.number(node.value), node))
 
     def slot(self, value: str) -> str:
-        """Allocate memory for an unnamed whole number."""
+        """Allocate a stack slot for an unnamed integer."""
         self.count_of_slots += 1
         place = f"%r{self.count_of_slots}"
         self.memory.append(f"  {place} = alloca i64")
@@ -757,7 +757,7 @@ class Assignments(Expressions):
         return place
 
     def written(self, parameters: Sequence[str]) -> frozenset[int]:
-        """Places of the parameters or fields whose arrays are written to, directly or through a view."""
+        """Return the indices of the parameters or fields whose arrays are written to, directly or through a view."""
         reached, left = set[str](), [*self.stored]
         while left:
             name = left.pop()
@@ -768,30 +768,30 @@ class Assignments(Expressions):
 
 
 def _instead(target: ast.expr) -> str:
-    """The remedy for an assignment to something that is neither a name nor a cell."""
+    """Return the remedy for an assignment to a target that is neither a name nor a cell."""
     if isinstance(target, ast.Attribute):
         return f"assign to names and cells, and a record as a whole: record = record._replace({target.attr}=...)"
     return "assign to names and cells"
 
 
 class _Loop(NamedTuple):
-    """A loop: the targets of `continue` and `break`, and the assigned names on each way out of it."""
+    """A loop: the targets of `continue` and `break`, and the assigned names on each exit path."""
 
     onward: str
     out: str
     outcomes: list[frozenset[str] | None]
-    facts: dict[str, str]  # that hold at the start of each turn, and so after the loop, too
+    facts: dict[str, str]  # facts that hold at the start of each iteration, and so after the loop
 
 
 class Statements(Assignments):
-    """Prints the body of a kernel."""
+    """The part of the compiler that prints statements, up to the whole kernel."""
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
         self.loops: list[_Loop] = []
 
     def function(self, symbol: str, number: int) -> Function:
-        """The whole kernel as a function of LLVM; `number` is added to the places of its failures."""
+        """Return the whole kernel as an LLVM function; `number` is added to the indices of its failures."""
         tree, signature = self.source.tree, self.source.signature
         stored, upward = assigned(tree)
         self.names = frozenset([*stored, *signature.names])
@@ -838,7 +838,7 @@ class Statements(Assignments):
         return function._replace(text="\n".join([first, *self.memory, *self.lines, "}", ""]))
 
     def block_of(self, body: Iterable[ast.stmt]) -> None:
-        """Statements one after the other."""
+        """Print a sequence of statements."""
         for node in body:
             print_it = _STATEMENTS.get(type(node))
             if print_it is None:
@@ -847,27 +847,27 @@ class Statements(Assignments):
             print_it(self, node)
 
     def inner(self, body: Iterable[ast.stmt]) -> None:
-        """The statements of a loop or branch."""
+        """Print the statements of a loop or branch."""
         self.depth += 1
         self.block_of(body)
         self.depth -= 1
 
     def merged(self, outcomes: Iterable[frozenset[str] | None]) -> frozenset[str] | None:
-        """Return the names that are assigned on all of several paths; None if no path leads here."""
+        """Return the names assigned on all of several paths; None if no path is reachable."""
         ways = [outcome for outcome in outcomes if outcome is not None]
         return frozenset.intersection(*ways) if ways else None
 
     def reached(self) -> bool:
-        """True if a path leads to here."""
+        """Return True if the current point is reachable."""
         return self.assigned is not None
 
     def dead(self) -> None:
-        """Begin a block that is not reached."""
+        """Begin an unreachable block."""
         self.assigned, self.facts = None, {}
         self.begin(self.label())
 
     def branch(self, node: ast.If) -> None:
-        """If, elif, else."""
+        """Print `if`, `elif`, `else`."""
         yes, no, after = self.label(), self.label(), self.label()
         self.choose(self.truth(node.test), yes, no)
         before, outcomes = self.assigned, list[frozenset[str] | None]()
@@ -887,7 +887,7 @@ class Statements(Assignments):
         self.begin(after)
 
     def repeat(self, node: ast.While) -> None:
-        """While."""
+        """Print a `while` loop."""
         head, body, after = self.label(), self.label(), self.label()
         endless = isinstance(node.test, ast.Constant) and node.test.value is True
         self.jump(head)
@@ -900,7 +900,7 @@ class Statements(Assignments):
         self.after(loop)
 
     def count(self, node: ast.For) -> None:
-        """For over a range with a literal step; the range is computed once."""
+        """Print a `for` loop over a range with a literal step; the range is evaluated once."""
         call, target = node.iter, node.target
         if not isinstance(call, ast.Call) or self.outside(call.func) is not range or call.keywords:
             self.refuse(node, f"for over '{shown(call)}'", "loop over range(...)")
@@ -939,7 +939,7 @@ class Statements(Assignments):
         self.after(loop)
 
     def turns(self, start: str, stop: str, step: int) -> str:
-        """The number of turns of a range, unsigned, so that it never leaves 64 bits."""
+        """Return the iteration count of a range, unsigned, so that it never exceeds 64 bits."""
         near, far = (start, stop) if step > 0 else (stop, start)
         some = self.emit(f"icmp slt i64 {near}, {far}")
         span = self.emit(f"sub i64 {far}, {near}")
@@ -949,7 +949,7 @@ class Statements(Assignments):
         return self.emit(f"select i1 {some}, i64 {count}, i64 0")
 
     def turn(self, node: ast.While | ast.For, loop: _Loop) -> None:
-        """The body of a loop."""
+        """Print the body of a loop."""
         if node.orelse:
             self.refuse(node.orelse[0], "a loop with else", "set a bool before break, and test it after the loop")
         self.loops.append(loop)
@@ -958,34 +958,34 @@ class Statements(Assignments):
         self.jump(loop.onward)
 
     def forget(self, loop: ast.While | ast.For) -> set[str]:
-        """Forget the values of the variables that a loop changes, and return their loads."""
+        """Discard the cached values of the variables that a loop changes, and return their loads."""
         held = [self.variables[name] for name in assigned(loop)[0] if name in self.variables]
         changed = {load for variable in held for load in variable.loads}
         self.facts = self.lasting(changed)
         return changed
 
     def lasting(self, changed: set[str]) -> dict[str, str]:
-        """The known facts without the values of some variables."""
+        """Return the known facts without those that involve the given loads."""
         return {fact: value for fact, value in self.facts.items() if fact not in changed}
 
     def after(self, loop: _Loop) -> None:
-        """Begin the block behind a loop."""
+        """Begin the block after a loop."""
         self.assigned, self.facts = self.merged(loop.outcomes), loop.facts
         self.begin(loop.out)
 
     def leave_loop(self, node: ast.Break) -> None:
-        """Break."""
+        """Print `break`."""
         self.loops[-1].outcomes.append(self.assigned)
         self.jump(self.loops[-1].out)
         self.dead()
 
     def go_on(self, node: ast.Continue) -> None:
-        """Continue."""
+        """Print `continue`."""
         self.jump(self.loops[-1].onward)
         self.dead()
 
     def give_back(self, node: ast.Return) -> None:
-        """Return."""
+        """Print `return`."""
         signature = self.source.signature
         wanted = signature.results
         if node.value is None or (isinstance(node.value, ast.Constant) and node.value.value is None):
@@ -1005,7 +1005,7 @@ class Statements(Assignments):
         self.dead()
 
     def leave(self, values: Sequence[Value]) -> None:
-        """Ends the function without an error."""
+        """Return from the function with status 0."""
         returned = struct_type(self.source.signature.results)
         leaves = [leaf for value in values for leaf in value.leaves]
         aggregate = f"{{ {', '.join(['i64 0', *[f'{leaf.type.llvm} poison' for leaf in leaves]])} }}"
@@ -1014,7 +1014,7 @@ class Statements(Assignments):
         self.add(f"ret {returned} {aggregate}")
 
     def throw(self, node: ast.Raise) -> None:
-        """Raise with a fixed text."""
+        """Print `raise` with a constant message."""
         call = node.exc
         if not isinstance(call, ast.Call) or node.cause or call.keywords or len(call.args) != 1:
             self.refuse(node, f"'{shown(node)}'", "write  raise ValueError('a fixed text')")
@@ -1025,13 +1025,13 @@ class Statements(Assignments):
             self.refuse(node, f"the text '{shown(text)}' is not fixed", "write it in quotes, or return a number for it")
         try:
             kind(text.value)
-        except Exception:  # whatever the constructor of an error class raises
+        except Exception:  # the constructor of an error class may raise anything
             self.refuse(node, f"'{shown(call.func)}' is not made of a text alone", "write  raise ValueError(...)")
         self.end_with(str(self.failure(kind, text.value, node)))
         self.dead()
 
     def alone(self, node: ast.Expr) -> None:
-        """A docstring, or a call of a kernel for what it writes."""
+        """Print an expression statement: a docstring, or a kernel call for its side effects."""
         if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             return
         if not isinstance(node.value, ast.Call):
@@ -1039,7 +1039,7 @@ class Statements(Assignments):
         self.results(node.value)
 
     def nothing(self, node: ast.Pass) -> None:
-        """Pass."""
+        """Print nothing, for `pass`."""
 
 
 _STATEMENTS: dict[type[ast.AST], Callable[..., None]] = {
@@ -1058,9 +1058,9 @@ _STATEMENTS: dict[type[ast.AST], Callable[..., None]] = {
 
 
 def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set[str]]:
-    """Names that are assigned, and those that only loops assign, which count up from a written number >= 0.
+    """Return the assigned names, and those assigned only by loops that count up from a literal integer >= 0.
 
-    As an index the latter need no test for it.
+    The latter need no test for negative values when used as an index.
     """
     names, others, left = set[str](), set[str](), list[ast.AST]([tree])
     while left:
@@ -1085,7 +1085,7 @@ def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set
 
 
 def _upward(call: ast.expr) -> bool:
-    """True if a range counts up from a literal number >= 0."""
+    """Return True if a range counts up from a literal integer >= 0."""
     if not isinstance(call, ast.Call):
         return False
     start, step = (call.args[0] if len(call.args) > 1 else None), (call.args[2] if len(call.args) > 2 else None)

@@ -1,4 +1,4 @@
-"""Arrays in a kernel that the interpreter runs: cells are Python's numbers, rows are views or records."""
+"""Arrays of a kernel in the interpreter: cells are Python numbers, rows are views or records."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from feeddrive.language.kernels.source import BOOL, Layout, layout_of
 
 
 class Cells:
-    """An array whose numbers come out as `float` and `int`.
+    """An array whose elements are returned as `float` and `int`.
 
-    Numbers of numpy warn where Python raises (1.0 / 0.0), and whole numbers of numpy wrap around.
+    NumPy numbers warn where Python raises an error (1.0 / 0.0), and NumPy integers wrap around.
     """
 
     __slots__ = ("held",)
@@ -36,7 +36,7 @@ class Cells:
 
 
 class Rows:
-    """An array of records: its rows come out as records and take them."""
+    """An array of records: rows are read and assigned as records."""
 
     __slots__ = ("held", "layout")
 
@@ -55,7 +55,7 @@ class Rows:
 
 
 def _record(layout: Layout, numbers: Iterator[float]) -> Any:
-    """A record from the numbers of a row."""
+    """Return a record built from the numbers of a row."""
     return layout.python(
         *(
             _record(kind.layout, numbers) if kind.layout else bool(next(numbers)) if kind == BOOL else next(numbers)
@@ -65,15 +65,15 @@ def _record(layout: Layout, numbers: Iterator[float]) -> Any:
 
 
 def columns(record: tuple[Any, ...]) -> list[float]:
-    """The numbers of a record as a row of an array holds them, those of records inside one by one."""
+    """Return the numbers of a record as a row of an array; nested records are flattened."""
     return [number for part in record for number in (columns(part) if isinstance(part, tuple) else (float(part),))]
 
 
 def rows_for(record: type, *sizes: int) -> NDArray[np.float64]:
-    """An array of zeros for records: of these sizes, with a column for each number of a record."""
+    """Return an array of zeros for records, of the given sizes, with one column per number of a record."""
     return np.zeros((*sizes, layout_of(record).width))
 
 
 def zeros(*sizes: int) -> NDArray[np.float64]:
-    """A small array of a fixed size as a local variable of a kernel: one to three sizes, 256 numbers at most."""
+    """Return a small array of fixed size for a local variable of a kernel: one to three sizes, at most 256 numbers."""
     return cast(Any, Cells(np.zeros(sizes)))

@@ -44,7 +44,7 @@ _Record = TypeVar("_Record")
 class Records(Protocol[_Record]):
     """An array of records: a float64 array with two indices, whose rows are records and whose columns are fields.
 
-    `Records[Stretch]` annotates a parameter or a field.  From Python a numpy array is given.
+    `Records[Stretch]` annotates a parameter or a field.  Python callers pass a NumPy array.
     """
 
     def __getitem__(self, place: int, /) -> _Record: ...
@@ -53,7 +53,7 @@ class Records(Protocol[_Record]):
 
 
 class Records2(Protocol[_Record]):
-    """Records with two indices: a float64 array with three, of which the last counts the fields."""
+    """An array of records with two indices: a float64 array with three indices, the last of which is the field."""
 
     @overload
     def __getitem__(self, place: int, /) -> Records[_Record]: ...
@@ -64,11 +64,11 @@ class Records2(Protocol[_Record]):
 
 
 class KernelError(FeeddriveError):
-    """A function that is not in the language of kernels; the message names file, line and what to write instead."""
+    """A function outside the kernel language; the message gives file, line and the replacement."""
 
 
 class UnfitError(Exception):
-    """A class that cannot be a record of kernels; the arguments are the reason and what to write instead."""
+    """A class that cannot be a kernel record; the arguments are the reason and the remedy."""
 
 
 class Type(NamedTuple):
@@ -88,21 +88,21 @@ class Type(NamedTuple):
 
     @property
     def llvm(self) -> str:
-        """The type of a number, or of the address of an array."""
+        """The LLVM type of a number, or of the address of an array."""
         return "ptr" if self.dimensions else _LLVM[self.element]
 
     @property
     def cell(self) -> str:
-        """The type of a number of an array."""
+        """The LLVM type of an array element."""
         return _LLVM[self.element]
 
     @property
     def width(self) -> int:
-        """Numbers of a record in a row of an array; 1 for a number."""
+        """The number of columns that a record occupies in a row of an array; 1 for a number."""
         return self.layout.width if self.layout else 1
 
     def leaves(self, name: str) -> list[tuple[str, Type]]:
-        """The numbers and arrays of a variable of this type, with their names; records are flattened."""
+        """Return names and types of the numbers and arrays of a variable of this type; records are flattened."""
         if self.layout is None or self.dimensions:
             return [(name, self)]
         return [leaf for field, kind in self.layout.fields.items() for leaf in kind.leaves(f"{name}.{field}")]
@@ -143,16 +143,16 @@ _KNOWN = "float, int, bool, Floats, Floats2, Floats3, Ints, a NamedTuple of thes
 
 
 def is_record(value: object) -> TypeGuard[type]:
-    """True if a value is a class made by NamedTuple."""
+    """Return True if a value is a NamedTuple class."""
     return isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields")
 
 
 @lru_cache(maxsize=1024)
 def layout_of(record: type) -> Layout:
-    """Return the fields of a NamedTuple; UnfitError if one of them has a type that kernels do not have."""
+    """Return the layout of a NamedTuple. Raise UnfitError if a field has a type that kernels do not support."""
     try:
         hints = get_type_hints(record, include_extras=True)
-    except Exception as error:  # whatever the text of an annotation raises
+    except Exception as error:  # the text of an annotation may raise anything
         raise UnfitError(f"the fields of '{record.__name__}' cannot be read ({error})", "define them above") from error
     fields = dict[str, Type]()
     for name, hint in hints.items():
@@ -169,16 +169,16 @@ def layout_of(record: type) -> Layout:
 
 
 def described(value: object) -> str:
-    """The text of a record or of a constant one, by which machine code on the disk is found."""
+    """Return a description of a record type or constant record, for the cache key of machine code."""
     record, numbers = (value, "") if is_record(value) else (type(value), repr(value))
     try:
         return f"{layout_of(record)!r} {numbers}"
-    except UnfitError as error:  # it is refused where it is used
+    except UnfitError as error:  # it is rejected where it is used
         return f"{error} {numbers}"
 
 
 def type_of(hint: object) -> Type | None:
-    """Return the type that an annotation stands for, or None; UnfitError for a record with a wrong field."""
+    """Return the kernel type of an annotation, or None. Raise UnfitError for a record with an unsupported field."""
     indices = _INDICES.get(get_origin(hint))
     (inner,) = get_args(hint) if indices else (hint,)
     if is_record(inner):
@@ -194,23 +194,23 @@ def type_of(hint: object) -> Type | None:
 
 
 class Signature(NamedTuple):
-    """Names and types of a kernel's parameters, and types of its results."""
+    """The names and types of a kernel's parameters, and the types of its results."""
 
     names: tuple[str, ...]
     parameters: tuple[Type, ...]
     results: tuple[Type, ...]
-    single: bool  # one number or record is returned as it is, several as a tuple
+    single: bool  # a single number or record is returned unchanged, several as a tuple
 
     @property
     def leaves(self) -> list[tuple[str, Type]]:
-        """Names and types of the numbers and arrays among its parameters, records flattened."""
+        """The names and types of the numbers and arrays among its parameters, records flattened."""
         return [leaf for name, kind in zip(self.names, self.parameters, strict=True) for leaf in kind.leaves(name)]
 
 
 def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
-    """The function that begins at a line, if it ends where the first letter of a line next stands at its margin.
+    """Return the function that begins at a line and ends before the next text in the first column, if it parses.
 
-    Where that is not its end, in a text over several lines or in brackets, what stands before cannot be parsed.
+    If that is not its end, within a multi-line string or brackets, the text cannot be parsed and None is returned.
     """
     begun, last = False, first - 1
     for line in lines[first - 1 :]:
@@ -226,7 +226,7 @@ def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
 
 @lru_cache(maxsize=64)
 def _functions(text: str) -> dict[tuple[str, int], ast.FunctionDef]:
-    """The functions of a file at its top level, by name and first line (that of the decorator)."""
+    """Return the top-level functions of a file, by name and first line (that of the decorator)."""
     functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
     return {
         (node.name, min([node.lineno, *[decorator.lineno for decorator in node.decorator_list]])): node
@@ -236,23 +236,23 @@ def _functions(text: str) -> dict[tuple[str, int], ast.FunctionDef]:
 
 @lru_cache(maxsize=1024)
 def _parsed(annotation: str) -> ast.expr:
-    """The expression of an annotation."""
+    """Return the parsed expression of a string annotation."""
     return ast.parse(annotation, mode="eval").body
 
 
 class Source:
-    """A Python function as the compiler reads it."""
+    """A Python function as seen by the compiler."""
 
     def __init__(self, python: FunctionType) -> None:
         self.python = python
         self.name = python.__name__
         self.file = python.__code__.co_filename
-        self.unit: Any = None  # all kernels of its file, once they are asked for (`module.py`)
-        self.part = False  # True for a part of kernels that only the compiler calls
+        self.unit: Any = None  # all kernels of its file, once requested (`kernel.Unit`)
+        self.part = False  # True for a part of kernels that only compiled code calls
 
     @cached_property
     def tree(self) -> ast.FunctionDef:
-        """The function's text, parsed."""
+        """The parsed syntax tree of the function."""
         code = self.python.__code__
         place = ast.Pass(lineno=code.co_firstlineno)
         if self.python.__qualname__ != self.name or self.name == "<lambda>":
@@ -273,7 +273,7 @@ class Source:
 
     @cached_property
     def signature(self) -> Signature:
-        """Types of parameters and results, for which the file need not be parsed."""
+        """The types of parameters and results, determined without parsing the file."""
         code, annotations = self.python.__code__, self.python.__annotations__
         if code.co_flags & _STARS or code.co_kwonlyargcount or code.co_posonlyargcount or self.python.__defaults__:
             what = "defaults, * or / among the parameters"
@@ -283,11 +283,11 @@ class Source:
             return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
         try:
             return self._annotated([_parsed(annotations[name]) for name in names], _parsed(annotations["return"]))
-        except KernelError:  # the line is that of the file
+        except KernelError:  # use the line number in the file
             return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
 
     def _annotated(self, annotations: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:
-        """Types of annotations."""
+        """Return the signature from the annotations."""
         names, parameters = self.python.__code__.co_varnames, list[Type]()
         for place, annotation in enumerate(annotations):
             if annotation is None:
@@ -298,7 +298,7 @@ class Source:
         return Signature(names[: len(annotations)], tuple(parameters), results, single)
 
     def _type(self, node: ast.expr) -> Type:
-        """The type that an annotation names."""
+        """Return the type that an annotation denotes."""
         hint = self.lookup(node)
         if isinstance(node, ast.Subscript):
             array, inner = self.lookup(node.value), self.lookup(node.slice)
@@ -310,14 +310,14 @@ class Source:
         return type_ or self.refuse(node, f"'{ast.unparse(node)}' is no type of a kernel", f"write {_KNOWN}")
 
     def layout(self, record: type, node: ast.AST) -> Layout:
-        """The fields of a record that the function names."""
+        """Return the layout of a record used in the function."""
         try:
             return layout_of(record)
         except UnfitError as error:
             self.refuse(node, *error.args)
 
     def _results(self, node: ast.expr | None) -> tuple[tuple[Type, ...], bool]:
-        """Types of the results, and True if there is one number or record."""
+        """Return the types of the results, and True if there is a single number or record."""
         if node is None:
             self.refuse(self.tree, "no type is said to be returned", "write -> float, -> tuple[float, int] or -> None")
         if isinstance(node, ast.Constant) and node.value is None:
@@ -333,7 +333,7 @@ class Source:
         return types, single
 
     def lookup(self, node: ast.expr) -> object:
-        """Return the value of a name outside of the function, also within a module; None if there is none."""
+        """Return the value of a name defined outside the function, including module attributes; None if undefined."""
         if isinstance(node, ast.Name):
             return self.named[node.id] if node.id in self.named else self._outside(node.id)
         if isinstance(node, ast.Attribute):
@@ -346,7 +346,7 @@ class Source:
 
     @cached_property
     def named(self) -> dict[str, object]:
-        """The values of the names in its code, those in modules, too; read once, at the first use."""
+        """The values of the names in its code, including module attributes; read once, at the first use."""
         names = self.python.__code__.co_names
         values = {name: self._outside(name) for name in names}
         left, seen = list(values.values()), set[int]()
@@ -360,12 +360,12 @@ class Source:
         return values
 
     def _outside(self, name: str) -> object:
-        """Return the value of a name outside of the function; None if there is none."""
+        """Return the value of a name defined outside the function; None if undefined."""
         names = self.python.__globals__
         return names[name] if name in names else getattr(builtins, name, None)
 
     def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
-        """Raise KernelError for something that is not in the language."""
+        """Raise KernelError for a construct outside the kernel language."""
         line = getattr(node, "lineno", self.python.__code__.co_firstlineno)
         raise KernelError(f"{self.file}, line {line}, kernel '{self.name}': {what}; {remedy}")
 
@@ -374,7 +374,7 @@ _Python = TypeVar("_Python", bound=Callable[..., object])
 
 
 def readable(function: _Python) -> _Python:
-    """Mark a function as a part of kernels that only the compiler calls."""
+    """Mark a function as a part of kernels that only compiled code calls."""
     source = Source(cast(FunctionType, function))
     source.part = True
     vars(function)["source"] = source
@@ -382,6 +382,6 @@ def readable(function: _Python) -> _Python:
 
 
 def source_of(value: object) -> Source | None:
-    """The source of a kernel; None for anything else."""
+    """Return the source of a kernel; None for any other object."""
     source = getattr(value, "source", None)
     return source if isinstance(source, Source) else None

@@ -1,4 +1,4 @@
-"""LLVM text of one kernel: its lines, blocks and checks, and the arithmetic of Python in it."""
+"""The LLVM text of one kernel: its lines, blocks and checks, and Python's arithmetic."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from feeddrive.language.machine_code import number
 
 
 class Failure(NamedTuple):
-    """An error that Python would raise, and where."""
+    """An error that Python would raise, with its source and line."""
 
     kind: type[Exception]
     text: str
@@ -22,7 +22,7 @@ class Failure(NamedTuple):
     line: int
 
 
-# What to write instead of what is not in the language.
+# Replacements for constructs outside the language.
 REMEDIES: dict[type[ast.AST], str] = {
     ast.Pow: "write x * x, or sqrt(x)",
     ast.Slice: "loop over the indices",
@@ -50,24 +50,24 @@ REMEDIES: dict[type[ast.AST], str] = {
 
 
 class Value(NamedTuple):
-    """A number; an array, by the address of its first cell and how many entries each index has; or a record."""
+    """A number, an array (the address of its first cell and the size of each index), or a record."""
 
     type: Type
     text: str
     sizes: tuple[str, ...] = ()
-    root: str = ""  # the variable in whose memory an array lies
+    root: str = ""  # the variable that owns the memory of an array
     literal: int | None = None
-    sure: bool = False  # a whole number that is never below 0
+    sure: bool = False  # an integer that is never negative
     parts: tuple[Value, ...] = ()  # the fields of a record
 
     @property
     def leaves(self) -> list[Value]:
-        """The numbers and arrays of which it consists."""
+        """The numbers and arrays of this value, records flattened."""
         return [leaf for part in self.parts for leaf in part.leaves] if self.parts else [self]
 
     @property
     def operands(self) -> list[tuple[str, str]]:
-        """LLVM types and operands by which it is handed to a function, or kept in memory."""
+        """The LLVM types and operands by which it is passed to a function or stored."""
         return [
             word
             for leaf in self.leaves
@@ -89,10 +89,10 @@ class Function(NamedTuple):
     symbol: str
     head: str  # types of results and parameters, as a declaration has them
     text: str  # of its definition, from the types of its results on
-    written: frozenset[int]  # places of the arrays into which it writes, among `Signature.leaves`
-    failures: list[Failure]  # behind its own statuses
-    fails: bool  # its status can be other than 0
-    size: int  # lines, with those of inlined functions
+    written: frozenset[int]  # indices in `Signature.leaves` of the arrays to which it writes
+    failures: list[Failure]  # errors of its own statuses, from 1 on
+    fails: bool  # its status can be nonzero
+    size: int  # number of lines, including inlined functions
     called: list[Source]
     elementary: list[Elementary]  # sin and the like that it calls
 
@@ -108,10 +108,10 @@ _INLINED = 250
 
 
 class Text:
-    """Writes the lines of one function, block after block.
+    """The writer of the lines of one function, block by block.
 
-    A function returns {status, results...}.  Status 0 is success; any other is the place of a `Failure` in the list of
-    a kernel, from 1, and the number of that kernel in the bits above.
+    A function returns {status, results...}.  Status 0 is success; any other status is the 1-based index of a `Failure`
+    in the list of a kernel, with the number of that kernel in the bits above.
     """
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
@@ -119,24 +119,24 @@ class Text:
         self.callee = callee  # the function of another kernel
         self.failures: list[Failure] = []
         self.lines: list[str] = []
-        self.facts: dict[str, str] = {}  # operation computed already on every path to here -> its value
+        self.facts: dict[str, str] = {}  # operation already computed on every path to the current point -> its value
         self.block = "entry"
         self.count = 0
-        self.failed: list[tuple[str, str]] = []  # place of a failure, and block from which it comes
-        self.handed: list[tuple[str, str]] = []  # status of a called kernel, and block from which it comes
+        self.failed: list[tuple[str, str]] = []  # index of a failure, and the block where it occurs
+        self.handed: list[tuple[str, str]] = []  # status of a called kernel, and the block where it occurs
         self.kernels: dict[Source, None] = {}  # that it calls
         self.elementary: list[Elementary] = []  # sin and the like that it calls
         self.size = 0  # lines of inlined functions
 
     def called(self, source: Source) -> Function:
-        """The function of a kernel that is called."""
+        """Return the LLVM function of a called kernel."""
         function = self.callee(source)
         self.kernels[source] = None
         self.size += function.size if function.small else 0
         return function
 
     def emit(self, text: str) -> str:
-        """Add a line that defines a new value, and return the value's name."""
+        """Append a line that defines a new value; return the value's name."""
         self.count += 1
         name = f"%v{self.count}"
         self.lines.append(f"  {name} = {text}")
@@ -150,11 +150,11 @@ class Text:
         return value
 
     def add(self, text: str) -> None:
-        """Add a line that defines no value."""
+        """Append a line that defines no value."""
         self.lines.append(f"  {text}")
 
     def label(self) -> str:
-        """Return a new name of a block."""
+        """Return a new block label."""
         self.count += 1
         return f"b{self.count}"
 
@@ -172,58 +172,58 @@ class Text:
         self.lines.append(f"  br i1 {condition}, label %{yes}, label %{no}")
 
     def phi(self, kind: str, ends: list[tuple[str, str]]) -> str:
-        """Return the value that comes from one of several blocks."""
+        """Return the value selected by the predecessor block (a phi node)."""
         return self.emit(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for value, block in ends)}")
 
     def check(self, good: str, kind: type[Exception], text: str, node: ast.AST) -> None:
-        """Continue if `good`, else end with the error; a condition that is known to hold is not tested again."""
+        """Continue if `good`, else end with the error; a condition known to hold is not tested again."""
         if not self.known(good):
             self.failed.append((str(self.failure(kind, text, node)), self.block))
             self.go_on_if(good, "fail")
             self.learn(good)
 
     def known(self, good: str) -> bool:
-        """Return True if a condition is known to hold on every path to here."""
+        """Return True if a condition is known to hold on every path to the current point."""
         return f"true {good}" in self.facts
 
     def learn(self, good: str) -> None:
-        """Record that a condition holds from here on."""
+        """Record that a condition holds from the current point on."""
         self.facts[f"true {good}"] = good
 
     def failure(self, kind: type[Exception], text: str, node: ast.AST) -> int:
-        """Add an error at a line, and return its place in the list."""
+        """Append an error at a line to the list; return its index."""
         self.failures.append(Failure(kind, text, self.source, getattr(node, "lineno", 0)))
         return len(self.failures)
 
     def hand_up(self, status: str) -> None:
-        """Continue if the status of a called kernel is 0, else end with it."""
+        """Continue if the status of a called kernel is 0, else return that status."""
         self.handed.append((status, self.block))
         self.go_on_if(self.emit(f"icmp eq i64 {status}, 0"), "handed")
 
     def go_on_if(self, good: str, other: str) -> None:
-        """Continue if `good`, else jump to another block, which is marked as the rare case."""
+        """Continue if `good`, else jump to another block, which is marked as unlikely."""
         after = self.label()
         self.lines.append(f"  br i1 {good}, label %{after}, label %{other}, !prof !0")
         self.begin(after)
 
     def end_with(self, failure: str) -> None:
-        """End with the place of an error."""
+        """Return the status of an error."""
         self.failed.append((failure, self.block))
         self.jump("fail")
 
     def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
-        """Raise KernelError for something that is not in the language."""
+        """Raise KernelError for a construct outside the kernel language."""
         self.source.refuse(node, what, remedy)
 
 
 def struct_type(results: Sequence[Type]) -> str:
-    """The LLVM type that a kernel returns: its status and its results, records as their fields."""
+    """Return the LLVM return type of a kernel: its status and its results, records as separate fields."""
     leaves = [leaf.llvm for result in results for _, leaf in result.leaves("")]
     return f"{{ {', '.join(['i64', *leaves])} }}"
 
 
 def shown(node: ast.AST) -> str:
-    """The text of an expression for a message, shortened."""
+    """Return the text of an expression for a message, shortened."""
     text = " ".join(ast.unparse(node).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -260,10 +260,10 @@ _TOO_LARGE = "a whole number beyond 64 bits"
 
 
 class Arithmetic(Text):
-    """Operations on numbers that are computed already."""
+    """The part of the compiler that prints operations on evaluated numbers."""
 
     def operation(self, op: ast.operator, left: Value, right: Value, node: ast.AST) -> Value:
-        """Print an operation on two numbers; a whole number beside a float is converted to float."""
+        """Print an operation on two numbers; an integer combined with a float is converted to float."""
         kind = type(op)
         whole = left.type == INT and right.type == INT
         if whole and kind in _WHOLES:
@@ -290,14 +290,14 @@ class Arithmetic(Text):
         return Value(FLOAT, self.value(f"extractvalue {{ i64, double }} {result}, 1"))
 
     def overflowing(self, operation: str, a: str, b: str, node: ast.AST) -> Value:
-        """+ - * on whole numbers of 64 bits."""
+        """Print `+`, `-` or `*` on 64-bit integers, with an overflow check."""
         both = self.value(f"call {{ i64, i1 }} @llvm.{operation}.with.overflow.i64(i64 {a}, i64 {b})")
         over = self.value(f"extractvalue {{ i64, i1 }} {both}, 1")
         self.check(self.value(f"xor i1 {over}, true"), OverflowError, _TOO_LARGE, node)
         return Value(INT, self.value(f"extractvalue {{ i64, i1 }} {both}, 0"))
 
     def floor_division(self, left_over: bool, left: Value, right: Value, node: ast.AST) -> Value:
-        """// and % of whole numbers: the processor rounds to zero and Python down; by -1 the processor may stop."""
+        """Print integer `//` or `%`: the processor rounds to zero, Python down; division by -1 may trap."""
         a, b = left.text, right.text
         self.check(self.value(f"icmp ne i64 {b}, 0"), ZeroDivisionError, "division by zero", node)
         negated = self.value(f"icmp eq i64 {b}, -1")
@@ -320,7 +320,7 @@ class Arithmetic(Text):
         return Value(INT, self.value(f"select i1 {negated}, i64 {opposite}, i64 {floor}"))
 
     def check_exact(self, value: Value, node: ast.AST) -> None:
-        """Check that a whole number is exact as a float, since Python rounds a quotient of whole numbers once."""
+        """Check that an integer is exact as a float, since Python rounds a quotient of integers only once."""
         if value.literal is not None and abs(value.literal) <= 2**53:
             return
         moved = self.value(f"add i64 {value.text}, {2**53}")
@@ -328,7 +328,7 @@ class Arithmetic(Text):
         self.check(good, OverflowError, "a quotient of whole numbers beyond 2**53", node)
 
     def as_float(self, value: Value) -> str:
-        """A number as a float, as Python rounds it."""
+        """Return a number as a float operand, rounded as in Python."""
         if value.type == FLOAT:
             return value.text
         if value.literal is not None:
@@ -336,7 +336,7 @@ class Arithmetic(Text):
         return self.value(f"sitofp i64 {value.text} to double")
 
     def compared(self, op: ast.cmpop, left: Value, right: Value, node: ast.Compare) -> str:
-        """One comparison, exact also between a whole number and a float."""
+        """Print one comparison, exact also between an integer and a float."""
         kind = type(op)
         if kind not in _ORDER:
             remedy = REMEDIES.get(kind) or REMEDIES[ast.Is if kind is ast.IsNot else ast.In]
@@ -357,7 +357,7 @@ class Arithmetic(Text):
         return self.mixed(kind, left, right)
 
     def mixed(self, kind: type[ast.cmpop], whole: Value, real: Value) -> str:
-        """Compare a whole number with a float, by its nearest float and, where these are equal, as whole numbers."""
+        """Compare an integer with a float: by its nearest float and, if these are equal, as integers."""
         rounded = self.as_float(whole)
         order = self.value(f"fcmp {_FLOAT_ORDER[kind]} double {rounded}, {real.text}")
         if whole.literal is not None and abs(whole.literal) <= 2**53:
@@ -367,12 +367,12 @@ class Arithmetic(Text):
         inside = self.value(f"select i1 {below}, double {rounded}, double {number(0.0)}")
         back = self.value(f"fptosi double {inside} to i64")
         exact = self.value(f"icmp {_ORDER[kind]} i64 {whole.text}, {back}")
-        at_top = "true" if kind in (ast.Lt, ast.LtE, ast.NotEq) else "false"  # 2**63 is above every whole number
+        at_top = "true" if kind in (ast.Lt, ast.LtE, ast.NotEq) else "false"  # 2**63 is above every 64-bit integer
         settled = self.value(f"select i1 {below}, i1 {exact}, i1 {at_top}")
         return self.value(f"select i1 {equal}, i1 {settled}, i1 {order}")
 
     def best(self, values: Sequence[Value], kind: type[ast.cmpop]) -> Value:
-        """The least or largest number; a later one only if it is strictly less or more (NaN, -0.0)."""
+        """Print the minimum or maximum; a later number wins only if strictly smaller or larger (NaN, -0.0)."""
         one = values[0].type
         order = _ORDER if one == INT else _FLOAT_ORDER
         better = order[kind]
@@ -384,7 +384,7 @@ class Arithmetic(Text):
         return Value(one, best)
 
     def rounded(self, x: str, function: object, node: ast.AST) -> Value:
-        """A float as a whole number: towards zero, down or up."""
+        """Print the conversion of a float to an integer: towards zero, down or up."""
         below = self.value(f"fcmp olt double {x}, {_TOP}")
         above = self.value(f"fcmp oge double {x}, {number(-(2.0**63))}")
         bad, good = self.label(), self.label()
