@@ -1,7 +1,7 @@
 """Run all laws with their stored designs on all plants, and compute their scores.
 
-    score(law, figure) = (Π over plants  r)^(1/n),    r = P-PI's figure / the law's, inverted for figures where more is
-    better
+    score(law, figure) = (Π over plants  r)^(1/n),    r = P-PI's figure / the law's (inverted if more is better)
+
 
 so that 1 is P-PI and more is better; over the n plants on which both are ranked with a finite figure.  Figures are
 neither summed nor weighted: stiffness, tracking and computing effort are separate columns.

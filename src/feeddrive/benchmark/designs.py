@@ -94,7 +94,7 @@ class Designs:
     also: tuple[Path, ...] = ()
 
     def design(self, law: str) -> Design | None:
-        """The design of a law; None if there is none. Raises FileError if the file is not a valid design."""
+        """Return the design of a law; None if there is none. Raises FileError if the file is not a valid design."""
         paths = (self._path(law, place) for place in (self.folder, *self.also))
         path = next((path for path in paths if path.is_file()), None)
         if path is None:

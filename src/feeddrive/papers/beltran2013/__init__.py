@@ -436,7 +436,7 @@ def _pictures(
     compensated: Mapping[str, Run],
     sines: Mapping[int, tuple[np.ndarray, np.ndarray]],
 ) -> tuple[Picture, ...]:
-    """All figures, drawn when asked for; `sines` holds frequencies (Hz) and measured |1 - H| by Taylor states."""
+    """Return all figures, drawn on demand; `sines` holds frequencies (Hz) and measured |1 - H| by Taylor states."""
     return (
         Picture(
             "force",
