@@ -56,8 +56,8 @@ FIGURES = (
     of_loops.EFFORT,
 )
 HEADS = tuple(figure.short for figure in FIGURES)
-_DRAWN = 5  # figures of the picture, from the first on
-_MANY = 1.02  # times better than P-PI that is worth a sentence
+_DRAWN = 5  # number of figures in the picture, starting with the first
+_MANY = 1.02  # improvement factor over P-PI above which a law counts as better
 # units of a plant's numbers that are wrong together, and the power of the share that they take: a frequency is a root
 _WRONG = ({"kg": 1.0, "kg m2": 1.0}, {"N/m": 1.0, "Hz": 0.5})
 

@@ -29,8 +29,8 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.tuning.tune import Tuned, own_tunables
 
-STALE = 1e-4  # of a figure: a design whose figures have moved by more belongs to another law, plant or rule
-_LARGEST = 1_000_000  # bytes of a file
+STALE = 1e-4  # of a figure: a design whose figures differ by more belongs to another law, plant or rule
+_LARGEST = 1_000_000  # bytes, largest size of a file
 _KEPT = (ROPE_SNAP, SENSITIVITY_PEAK, NOISE_GAIN)
 
 

@@ -45,8 +45,8 @@ _SHOWN = (
     of_loops.EFFORT,
 )
 """The figures of the short table."""
-_NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
-_NAMED = 4  # criteria in which a law is worse that are named in the advice, the worst first
+_NOISY = 0.02  # share of the force limit above which force noise gets a remark
+_NAMED = 4  # number of criteria in which a law is worse that are named in the advice, the worst first
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,18 +153,18 @@ def compare_laws(
 
     laws               names of the laws to compare, or user-defined classes; P-PI is always included; default: all
     reference, force   the move, and the force in N of rope snap and force step; default: from the machine's limits
-    (`Duty`)
+                       (`Duty`)
     sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one limits the gain
-    from reading noise to force, relative to that of the tuned P-PI
+                       from reading noise to force, relative to that of the tuned P-PI
     seed               seed of the encoder noise, the same for all laws
     starts             number of searches per law; with a single one nothing is ranked, since no second search confirms
-    it
+                       it
     engine             engine that tunes and evaluates the laws and stores finished ones; default: in this process
     progress           reports each step and the number of steps
 
     The present control comes first and is not changed, whether stable or not.  A law that does not fit the axis is
-    refused
-    with the reason, a law without tunables is evaluated as it is.  Raises ParameterError for an unknown axis or law.
+    refused with the reason, a law without tunables is evaluated as it is.  Raises ParameterError for an unknown axis or
+    law.
     """
     if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
         remedy = "run a job with fd.run(job)" if isinstance(machine, Job) else "give what fd.read_machine(...) returns"

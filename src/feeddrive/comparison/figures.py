@@ -21,7 +21,7 @@ from feeddrive.loop.loop import Loop
 
 Values: TypeAlias = Mapping[str, float | None]
 """Figures of a law in SI by key; None where the law has no such figure."""
-TIE = 0.005  # share by which figures must differ to be ranked apart
+TIE = 0.005  # least relative difference of figures that are ranked differently
 
 CRITERIA = (
     of_loops.ROPE_SNAP,

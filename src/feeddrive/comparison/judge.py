@@ -26,7 +26,7 @@ from feeddrive.loop.simulate import Run
 from feeddrive.tuning.candidates import Candidate, Refusal
 from feeddrive.tuning.tune import Tuned
 
-_TRIALS = 6  # in which a compensator learns
+_TRIALS = 6  # number of trials in which a compensator learns
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from feeddrive.plot.chart import (
 )
 
 X, HEIGHTS = TRACKING_RMS, STIFFNESS_AT
-_MOST = 8.0  # a ratio beyond which the color is full
+_MOST = 8.0  # ratio at which the color saturates
 
 
 def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) -> Chart:
@@ -42,7 +42,7 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
     The key of each dot is the name of its law.  A law without these figures has no dot.
 
     rows  name of a law, its figures in SI units by criterion key, and the reason why it is not ranked (drawn as a
-    hollow dot)
+          hollow dot)
     """
     bases = {base: i - 1 for i, base in enumerate(dict.fromkeys(_base(name) for name, _, _ in rows))}
     panels = list[Panel]()

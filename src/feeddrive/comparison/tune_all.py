@@ -23,9 +23,9 @@ from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import HeldBack, Tuned, assess, goal_of, law_tunables, tune_control
 
-_ROOM = 1e-3  # of a bound, for what lines miss
-AGREE = 0.05  # of the goal: whole tunings this near the best agree with it
-NANO = 1e-9  # m: the noise of a reading in which the bound is stated
+_ROOM = 1e-3  # of a bound: tolerance for peaks between the frequency lines
+AGREE = 0.05  # of the goal: complete tunings this close to the best one agree with it
+NANO = 1e-9  # m: the reading noise for which the bound is stated
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Rule:
     starts        number of searches per law
     noise         noise-gain limit in N/m, known once P-PI is tuned; None before
     repeats       number of complete tunings per law, each with its own random starts; with several, a law has settled
-    only if all of them end within 5 % of the best
+                  only if all of them end within 5 % of the best
     also          the axis at further positions or loads: the bounds apply there too, and the worst objective counts
     """
 

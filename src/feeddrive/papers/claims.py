@@ -104,13 +104,13 @@ class Claim:
         return stated(self.got, self.unit)
 
     def cells(self) -> list[str]:
-        """Return the row of a table as texts."""
+        """Return the cells of the table row as texts."""
         expected = Text(f"{self.expected} ({self.bounds})") if self.expected else self.bounds
         verdict = "holds" if self.holds else "DOES NOT HOLD"
         return [self.key, self.claim, self.rule, expected, Text(f"{self.shown}"), verdict]
 
     def row(self) -> list[str | Quantity]:
-        """Return the row of a table, the computed figure as a number."""
+        """Return the table row, with the computed figure as a number."""
         cells = self.cells()
         return [*cells[:4], self.shown, cells[5]]
 
@@ -273,7 +273,7 @@ def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
 
 
 def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
-    """Write the files into a directory that was created before the work began."""
+    """Write the files into a directory that was created before the run started."""
     for paper in reproduced:
         name = "report" if len(reproduced) == 1 else paper.name
         (folder / f"{name}.html").write_text(paper.page, encoding="utf-8")

@@ -27,7 +27,7 @@ from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule
 
-SHORT = 100  # segments of a chain that is planned in two ways
+SHORT = 100  # largest number of segments of a chain that is planned in two ways
 
 
 def planned(
@@ -214,10 +214,10 @@ class Sampler:
         return out
 
 
-_TANGENT = 1e-6  # rad: a smaller corner is none
-_AT_FEED = 0.999  # of the feed: the feed is what limits the speed
-_AT_ONCE = 16384  # samples of a standstill
-_HALF = 0.5  # of a limit: a sample that uses less of all of them is limited by none
+_TANGENT = 1e-6  # rad: a smaller angle is not a corner
+_AT_FEED = 0.999  # of the feed: above it the feed is the limiting cause
+_AT_ONCE = 16384  # largest number of samples of a standstill per block
+_HALF = 0.5  # of a limit: a sample below this share of all limits is limited by none
 
 PAUSES = {
     "Hold": "feed hold",

@@ -199,11 +199,10 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
 
 def lyapunov_weight(law: DADSC, sample_time: float = T) -> float:
     """Return twice the smallest μ for which V = s² + μ F̃² decreases for every s and F̃ under a constant disturbance,
-    m²/(s²
-    N²).
+    m²/(s² N²).
 
-    F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V decreases for all states if
-    1 - AᵀVA is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).
+    F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V decreases for all states if 1 - AᵀVA
+    is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).
     """
     Q = 1.0 + law.reaching_rate * sample_time
     f = 1.0 / (1.0 + law.adaptation_rate * sample_time)

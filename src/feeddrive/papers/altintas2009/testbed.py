@@ -87,7 +87,7 @@ def milling(duration: float, rms: float = 161.0) -> RecordedForce:
     return RecordedForce(force=force * (rms / np.sqrt(np.mean(force**2))), sample_time=T)
 
 
-_PROBE = 1.0  # m between the two readings that find the slope of an affine law
+_PROBE = 1.0  # m between the two readings from which the slope of an affine law is computed
 
 
 class Column(NamedTuple):

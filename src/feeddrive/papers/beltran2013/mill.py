@@ -44,12 +44,12 @@ C_B = {"x": 40.0, "y": 60.0, "z": 30.0}  # N s/m
 COULOMB = {"x": 60.0, "y": 90.0, "z": 40.0}  # N
 INERTIA, LEAD, C_T = 2e-4, 0.010, 2e-4  # kg m², m, N m s/rad
 GRAVITY = 9.81  # m/s²
-TRANSITION = 10e-6  # m/s, of the tanh that replaces the sign
+TRANSITION = 10e-6  # m/s, of the tanh that replaces the sign function
 FEED, LEG = 3e-3, 2e-3  # m/s, m; the paper's legs are 80 mm long
 SPINDLE, CHIP = 1800.0, 5e-5  # rpm, m per tooth
 OMEGA_C, OMEGA_O, ZETA = 12.0, 700.0, 0.7071  # rad/s, rad/s
 T = 1e-4  # s
-SKIPPED = 0.3  # s, in which the observer finds the weight
+SKIPPED = 0.3  # s, in which the observer converges to the weight
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ GOLDEN = {
     2.0: (-250.7488, 674.0345, 143.4674),
     3.0: (216.9431, 376.2670, 86.0768),
 }
-PRINTED_CHIP = 1e-3  # m, as the paper's paragraph on the force has it
+PRINTED_CHIP = 1e-3  # m, as printed in the paper's paragraph on the force
 
 
 @dataclass(frozen=True, eq=False)

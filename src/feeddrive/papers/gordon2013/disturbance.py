@@ -50,7 +50,7 @@ SET_VALUED = Stribeck(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3)
 FED = FrictionFeedforward(
     coulomb_positive=70.0, coulomb_negative=70.0, breakaway=110.0, stribeck_velocity=4e-3, smoothing=2e-4
 )
-ENTRY, STEADY = 0.1, 0.3  # s: the tool enters, and from here on the cut counts as steady
+ENTRY, STEADY = 0.1, 0.3  # s: entry of the tool, and start of the steady cut
 CUTTING_MEAN = 23.0  # N
 
 

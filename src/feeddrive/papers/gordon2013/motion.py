@@ -41,7 +41,7 @@ from feeddrive.plot.chart import LOG, Chart, Curve, Panel
 from feeddrive.plot.curves import bars
 from feeddrive.report.report import Picture
 
-CUT = 0.5  # s, when the rope is cut: the table has settled under it
+CUT = 0.5  # s, when the rope is cut; the table has settled under its force by then
 SETTLED = 0.5e-6  # m
 
 

@@ -278,7 +278,7 @@ def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
     ]
 
 
-NOTCH = (0.92841922, -1.821741947, 0.91251238, -1.821741947, 0.8409316)  # b0 b1 b2 a1 a2, by another program
+NOTCH = (0.92841922, -1.821741947, 0.91251238, -1.821741947, 0.8409316)  # b0 b1 b2 a1 a2, computed by another program
 LOW_PASS = (0.097959253, 0.195918506, 0.097959253, -0.945978228, 0.33781524)
 
 

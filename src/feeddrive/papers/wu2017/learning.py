@@ -182,8 +182,8 @@ def _parameter_table(trials: Trials) -> Table:
 
 
 BANDWIDTH = 50.0  # Hz of the signal's robustness filter
-PULSE = (0.25, 0.30, 150.0)  # s, s, N: a disturbance at the same time in each trial
-STRONG = 20.0  # N of noise where nothing repeats
+PULSE = (0.25, 0.30, 150.0)  # s, s, N: start, end and size of a disturbance that repeats in each trial
+STRONG = 20.0  # N, non-repeating noise
 
 
 def pulsed(trial: int) -> Load:
@@ -300,7 +300,7 @@ def _signal_claims(by_case: dict[tuple[str, str, bool], np.ndarray]) -> list[Cla
 
 AXES = {"x": 0, "y": 90}
 RUN_UP = 0.5  # s
-LEARNED = 4  # trials
+LEARNED = 4  # number of trials
 
 
 class MeasuredCircle(NamedTuple):

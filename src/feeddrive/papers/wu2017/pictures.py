@@ -16,7 +16,7 @@ from feeddrive.plot.tuning import errors_and_parameters_chart, rms_panel
 from feeddrive.report.report import Picture
 
 RADIUS = 0.02  # m
-ZOOM = 400.0  # contour errors in polar pictures are drawn so many times larger
+ZOOM = 400.0  # magnification of contour errors in polar plots
 
 
 def errors(same: Mapping[str, Trials]) -> Picture:

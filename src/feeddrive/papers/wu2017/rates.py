@@ -42,7 +42,7 @@ from feeddrive.report.report import Picture
 TRUE = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
 MASSES = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 EXPECTED_RATES = {0.1: 0.035, 0.5: 0.020, 1.0: 0.0, 2.0: 0.051, 5.0: 0.253, 10.0: 0.66}
-SEEDS, STRONG = 60, 20.0  # runs and N of the row on noise
+SEEDS, STRONG = 60, 20.0  # number of runs and noise in N of the row on noise
 EXPECTED_SCATTER = (0.0008, 0.0115, 0.0067, 0.0059)  # A units, at 20 N
 _RECORDED = ("following_error", "force", "requested", "trip")
 

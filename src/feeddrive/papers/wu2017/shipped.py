@@ -29,7 +29,7 @@ SHORT = move(0.02, 0.1, 3.0, 60.0)
 # powers of 1/z of G_d with a = 0.4 A s²/m, b = 4/3 A s/m, from an independent program
 GOLDEN_TOP = (0.0, 7.810330294e-8, -2.169220359e-11, -7.808161073e-8)
 GOLDEN_BOTTOM = (1.0, -2.951047569, 2.951466492, -1.047252271, 0.046848966)
-OFF = {"mass": 6.0, "viscous": 30.0, "coulomb_positive": 5.0, "coulomb_negative": -4.0}  # of θ0, for a start
+OFF = {"mass": 6.0, "viscous": 30.0, "coulomb_positive": 5.0, "coulomb_negative": -4.0}  # initial deviation from θ0
 
 
 def columns(v: np.ndarray, a: np.ndarray) -> np.ndarray:

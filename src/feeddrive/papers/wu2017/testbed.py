@@ -20,9 +20,9 @@ from feeddrive.loop.loop import Loop
 
 TRANSITION = 2e-4  # m/s, v_t of the tanh friction of the tables
 FORCE_CONSTANT = 300.0  # N/A
-NOISE = 5.0  # N, standard deviation of the force that is added in each sample
+NOISE = 5.0  # N, standard deviation of the force noise added in each sample
 TRIALS = 6
-SAMPLES = 20_000  # of noise, more than any move has
+SAMPLES = 20_000  # number of noise samples, more than in any move
 # columns by set, and as the tables call them
 SETS = {
     "a, b": ("mass", "viscous"),

@@ -25,10 +25,10 @@ from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.segments import hermite, largest_norm, part_of
 
-ENDS = 5  # knots beyond each end
-GRADE = 0.35  # of the step, by the way
-FITTED = 20  # steps before the end that are made to fit it
-_QUARTERS = 4  # of a stretch whose hull is too wide
+ENDS = 5  # number of knots beyond each end
+GRADE = 0.35  # growth of the step per distance
+FITTED = 20  # number of steps before the end that are adapted to it
+_QUARTERS = 4  # subdivisions of an interval whose hull is too wide
 
 
 @kernel
@@ -63,9 +63,9 @@ def place_knots(
     """Place knots up to `total`, with their mirror images, such that the steps follow the goals at the positions `at`;
     return the number of steps.
 
-    The first steps may be fixed: then all knots up to knots[ENDS + fixed] = at[0] are inputs.  Otherwise
-    knots[ENDS] is 0.  There are at least five steps, provided that `largest` is at most total/6; the result is 0 if
-    more than `most` are required.
+    The first steps may be fixed: then all knots up to knots[ENDS + fixed] = at[0] are inputs.  Otherwise knots[ENDS] is
+    0.  There are at least five steps, provided that `largest` is at most total/6; the result is 0 if more than `most`
+    are required.
     """
     if fixed == 0:
         knots[ENDS] = 0.0
@@ -351,14 +351,14 @@ def deviation(
 
 
 LARGEST_STEP = 0.01  # m
-BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
+BLEND = 0.156  # deviation of a blend divided by its length and 2 sin(θ/2)
 _SHARE = 0.999  # of the tolerance
-CROSSED = 0.9  # of it for the corner in which a run ends, where another one begins
+CROSSED = 0.9  # of the tolerance, reserved for the corner at which a run ends and the next one begins
 _ROUNDS = 40
-_ENOUGH = 40  # steps for each line
+_ENOUGH = 40  # largest number of steps per line
 _STRAIGHT = 1e-13  # rad, between lines in one direction
-_LEAVES = 3.2  # first steps in the way from a straight end to the first corner
-NEAR = 10.0  # tolerances on either side of a corner in which it must look like one
+_LEAVES = 3.2  # least number of steps between a straight end and the first corner
+NEAR = 10.0  # tolerances on either side of a corner over which it must look like one
 _ASIDE = 0.25  # of the tolerance
 
 

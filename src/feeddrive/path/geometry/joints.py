@@ -31,15 +31,15 @@ from feeddrive.path.geometry.cluster import (
 from feeddrive.path.geometry.segments import Chain, blend, goes_on, part_of, state_near, trimmed
 from feeddrive.path.motion import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
 
-_CUTS = 8  # pieces of a blend
-LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap
-_AHEAD = 0.05  # m, way of a cluster that is held
-_SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one whose end is not known
-_BENT = 0.2  # rad; next to an arc, where no bump is made, only sharper corners
-SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
-_FIRST, _MOST = 1e5, 100.0  # knots for which there is room at first, and for how many times those that are expected
-_ALMOST = 1e-3  # rad, and of the curvature: arcs that a program writes as parts of one circle, with rounded numbers
-_LITTLE = 0.05  # of the tolerance, for the blend between such arcs: it costs no time there to stay on the circle
+_CUTS = 8  # number of pieces of a blend
+LONELY = 4.5  # multiple of the blend length; between longer lines overlapping runs pass a corner faster
+_AHEAD = 0.05  # m, length of a cluster held back
+_SHORT, _LONG = 6.0, 60.0  # least number of steps of a cluster: of a complete one, and of one with unknown end
+_BENT = 0.2  # rad; next to an arc, where no bump is possible, only sharper corners
+SMOOTH = 1e-9  # rad, and relative to the curvature: a smaller change is not a corner
+_FIRST, _MOST = 1e5, 100.0  # initial space for knots, and its largest multiple of the expected number
+_ALMOST = 1e-3  # rad, and relative to the curvature: arcs written as parts of one circle with rounded numbers
+_LITTLE = 0.05  # of the tolerance, for the blend between such arcs: staying on the circle costs no time there
 
 
 class Joint(NamedTuple):

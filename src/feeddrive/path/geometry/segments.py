@@ -42,9 +42,9 @@ from feeddrive.path.program.moves import (
     ToolChange,
 )
 
-_PARTS = 4  # of each half of a blend, whose hulls are taken one by one
+_PARTS = 4  # parts of each half of a blend, whose hulls are computed separately
 _SEARCH = 30
-_SAME = 1e-12  # of r' .. r''' times the length, next to a spline and between arcs
+_SAME = 1e-12  # relative to r' .. r''' times the length, next to a spline and between arcs
 
 
 @kernel
@@ -310,9 +310,9 @@ def goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: F
 _LETTERS = AXES.upper()
 _COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
 """Axes along which the feed counts: the first of these that move."""
-AT_ONCE = 1000  # segments of a chain
-_CHORDS = 0.1  # of the tolerance: how far the chords of a spline may be from it
-_CUTS = 16  # pieces of a spline that is followed exactly
+AT_ONCE = 1000  # largest number of segments of a chain
+_CHORDS = 0.1  # of the tolerance: largest deviation of a spline's chords from it
+_CUTS = 16  # number of pieces of a spline that is followed exactly
 
 Going = Straight | Arc | Spline
 """Moves along a path."""
@@ -324,7 +324,7 @@ class Chain(NamedTuple):
     tolerance  tolerance of the joint after each segment, m; 0: stop unless the joint is smooth
     ends       True if such a stop follows; otherwise the next chain continues this one
     modes      path mode that requires a stop at each joint, as in `PathMode`, by the stricter move; empty if it has a
-    tolerance
+               tolerance
     """
 
     segments: Pieces

@@ -201,7 +201,7 @@ class Arc:
 
     axes    first and second axis of its plane, and the normal axis, right-handed: 0, 1, 2 in XY
     center  center of the circle, along the first and second axis; radii at start and end may differ by rounding of the
-    program
+            program
     turns   1, 2, ..: counterclockwise seen from the third axis, number of turns begun; -1, -2, ..: clockwise
     """
 

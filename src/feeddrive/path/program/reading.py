@@ -262,7 +262,7 @@ def read_program(
     """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
     axes          axes of the machine with their travel, such as {"X": (0, 0.5), "Z": None}; None: all nine, without
-    travel limits
+                  travel limits
     tools         tool table (.tbl); without one M6 changes to any tool, and G43 H is refused
     offsets       parameter file (.var): work offsets, G28, G30
     tables_inch   both tables are in inches instead of mm
