@@ -66,7 +66,7 @@ def benchmark_report(benchmark: Benchmark) -> Report:
         ("Versions", ", ".join(f"{name} {value}" for name, value in benchmark.versions.items())),
     ]
     plants = [(name, rules.plants[name]) for name in benchmark.plants]
-    # by plant in its own units: the page has plants that move and plants that turn
+    # units by plant: the page has linear and rotary axes
     grids = [plant_table(benchmark, name).grid(_units(benchmark, name)) for name in benchmark.plants]
     described = Facts((name, f"{plant.title}. {plant.source}. {plant.remark}") for name, plant in plants)
     unplaced = Facts((f"{law}, {where}", why) for law, where, why in reasons(benchmark).marked().rows)

@@ -185,7 +185,7 @@ def _pictures(comparison: Comparison) -> list[Picture]:
         )
     ]
     rows = [(law.name, law.snap, law.step) for law in comparison.competitors if law.snap and law.step]
-    # over twice the median of what the laws need to settle, at least 20 samples
+    # twice the median settling time of the laws, at least 20 samples
     times = [row.get(SNAP_SETTLING.key) for row in comparison.figures]
     finite = [time for time in times if time is not None and math.isfinite(time)]
     T, duty = float(comparison.competitors[0].loop.sample_time), comparison.duty

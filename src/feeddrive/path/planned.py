@@ -57,7 +57,7 @@ class Recorder:
             slice(5 * n + 1, 9 * n + 1),
         )
         self._every, self._rows = 1, np.empty((0, 9 * n + 4))
-        self._left: list[np.ndarray] = []  # samples of stretches that are not made yet
+        self._left: list[np.ndarray] = []  # samples not yet reduced to intervals
         self._waiting = 0
 
     def add(self, samples: Samples) -> None:

@@ -46,15 +46,15 @@ def planned(
     """
     joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
     lifter = Lifter(limits) if override is None else None
-    joints: deque[str] = deque()  # modes of the path at those that are not decided
-    modes: deque[str] = deque()  # for which runs end that have not left
+    joints: deque[str] = deque()  # path modes of the undecided joints
+    modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
 
     def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
         for part in parts:
             if isinstance(part, Pause):
                 yield part
                 continue
-            if part.entering is not None:  # both runs have counted it
+            if part.entering is not None:  # it is contained in both runs
                 schedule.time -= float(np.sum(part.motion.duration))
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
@@ -299,9 +299,9 @@ class Setpoints:
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
         self._position = np.zeros(len(limits.axes))
-        self._along: np.ndarray | None = None  # direction in which the run before has ended, and for which mode
+        self._along: np.ndarray | None = None  # final direction of the previous run, and the path mode of its stop
         self._mode = ""
-        self._waits: Pause | None = None  # what the machine waits for since then
+        self._waits: Pause | None = None  # the pause since then
         self._last_line = 0
         self.proven = True
 
@@ -414,7 +414,7 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     far = np.cumsum(pieces.length)
     u = (far - pieces.length)[motion.piece[m]] + motion.x[m]
     v, a, j, s = (row[m] for row in motion[3:])
-    gone: Any = way.python  # plain arithmetic, which takes arrays, too
+    gone: Any = way.python  # plain arithmetic, which also accepts arrays
     u += gone(v, a, j, s, times - begins[m])
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
     return pieces.line[p], pieces.feed[p]

@@ -36,7 +36,7 @@ def smoothed(position: np.ndarray, sample_time: float, average: int, times: np.n
     for _ in range(_AVERAGES):
         sums = np.cumsum(np.concatenate([[0.0], points - points[0]]))
         points = points[0] + (sums[average:] - sums[:-average]) / average
-    # the first point now lies 2 (average - 1) rows after the first of those that were put before
+    # the first point is now 2 (average - 1) rows after the first padded one
     knots = (2 * (average - 1) - around - 3 + np.arange(len(points) + 6)) * sample_time
     curve = BSpline(knots, points, 5)
     inside = np.clip(times, knots[5], knots[-6])

@@ -301,7 +301,7 @@ def compensations() -> list[Claim]:
             expected.append([*now, pushed / m - 2.0 * damping * w * now[1] - w * w * now[0]])
             at = after
         wanted = sign * np.array(expected)
-        # the set position is of 10 mm, the added part of nm: differences of m lose digits
+        # the set position is about 10 mm, the added part a few nm: differences in m lose digits
         claims += [
             Claim(
                 "1.l",

@@ -202,7 +202,7 @@ def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
 
     outs = [block.step(block.start(s), s, T)[1].snap for s in setpoints]
 
-    # a motion through zero velocity, which friction is about
+    # a motion through zero velocity, where friction matters
     slow, share = RandomMotion(3), 1e-2
     v0 = slow(1, middle[40:41])
     v = share * (slow(1, middle) - v0)

@@ -91,7 +91,7 @@ def place_knots(
         knots[ENDS + count] = u
         while p + 1 < many and at[p + 1] < u:
             p = p + 1
-    # the last steps are made shorter to fit the end, the longer ones more
+    # the last steps are shortened to fit the end, longer ones by more
     first = max(fixed, count - FITTED)
     squares = 0.0
     for k in range(first, count):
@@ -430,7 +430,7 @@ def clustered(
     stops there.
     """
     count = 0
-    since = 1e300  # the last such corner
+    since = 1e300  # distance from the last such corner
     for k in range(len(length)):
         inside[k] = 0
         since = since + length[k]
@@ -561,7 +561,7 @@ def fitted(
     at_next[many] = total
     goal_next[many] = min(largest, (total - corner[last]) / _LEAVES) if straight_end else largest
     new = many + 1
-    bounded = False  # whether distances are bounds; as long as those at corners are too large, they will do
+    bounded = False  # True if distances are bounds; sampled ones suffice while those at corners are too large
     for again in range(_ROUNDS):
         many = envelope(at_next, goal_next, new, at, goal)
         count = place_knots(
@@ -572,7 +572,7 @@ def fitted(
         control_points(corner, group, origin, slope, first, last, total, knots, count, x, control, segment, straight)
         states(knots, count, x, control, segment, straight, slope, state)
         if fixed > 0:
-            # to the bit as the pieces before have it
+            # bitwise equal to the value in the preceding pieces
             for i in range(len(begins)):
                 for m in range(1, 4):
                     state[ENDS, i, m] = begins[i, m]
@@ -658,7 +658,7 @@ def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats
     at[0] = begin - u
     goal[0] = step
     count = 1
-    # those near the end that is none are left out
+    # those near the provisional end are omitted
     while p + 1 < many and at[p + 1] < knots[e + FITTED]:
         p = p + 1
         at[count] = at[p] - u

@@ -45,8 +45,8 @@ _LITTLE = 0.05  # of the tolerance, for the blend between such arcs: staying on 
 class Joint(NamedTuple):
     """The type of the joint after each segment."""
 
-    deviation: np.ndarray  # m, proven distance to the corner's segments; 0 where there is no blend
-    stop: np.ndarray  # whether the run ends there
+    deviation: np.ndarray  # m, proven distance to the segments of the joint; 0 without a blend
+    stop: np.ndarray  # True if the run ends there
 
 
 @kernel
@@ -67,7 +67,7 @@ def _passed(
     """
     if k + 1 == len(length) or tolerance[k] < 0.0:
         return 0, 0.0, 0.0
-    if kind[k] == 2 or kind[k + 1] == 2:  # a spline is followed exactly: no blend begins on it
+    if kind[k] == 2 or kind[k + 1] == 2:  # a spline is followed exactly: no blend may start on it
         return (1 if goes_on(k, kind, length, shape, a, b) else 0), 0.0, 0.0
     arcs = kind[k] == 1 and kind[k + 1] == 1
     if arcs and goes_on(k, kind, length, shape, a, b):
@@ -250,7 +250,7 @@ def join(
             else:
                 e = ENDS + steps
                 if goes_on:
-                    # farther on it is not known yet where knots lie, which corners are sharp, where it leaves the line
+                    # beyond, the knots, the sharp corners, and the departure from the line are not known yet
                     e = e - FITTED - 2 * ENDS
                     until = min(corner[last], corner[n] - 2.0 * NEAR * tolerance[last - 1])
                     while e > ENDS and knots[e + 2 * ENDS] > until:
@@ -443,7 +443,7 @@ class _Begun(NamedTuple):
     far: np.ndarray
     at: np.ndarray
     goal: np.ndarray
-    hand: Pieces  # from where it has come to a stop behind the last segment
+    hand: Pieces  # pieces from its current end to a stop after the last segment
 
 
 class Joiner:
@@ -456,7 +456,7 @@ class Joiner:
     def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 5000) -> None:
         self._sharpest, self._lonely, self._most = sharpest, lonely, held
         self._taken, self._flows = 0.0, False
-        self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of a chain that goes on
+        self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of an unfinished chain
         self._begun: _Begun | None = None
 
     @property
@@ -542,7 +542,7 @@ class Joiner:
             except IndexError:
                 if many > _MOST * expected:
                     raise
-                many *= 2  # knots than thought
+                many *= 2  # more knots than expected
         if known < 0:
             return None
         *columns, runs = (array[:count].copy() for array in out)
@@ -556,7 +556,7 @@ class Joiner:
                 corner = CROSSED * corner
             sections.append(Section(Pieces(*(column[i:j] for column in columns)), bool(runs[i] < ended), corner))
         if known == 0 and begun:
-            return sections, joint  # more is waited for
+            return sections, joint  # wait for more segments
         self._taken, self._begun = taken, None
         if places:
             hand = Pieces(*(array[count:every].copy() for array in out[:-1]))

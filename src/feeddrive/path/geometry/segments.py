@@ -221,7 +221,7 @@ def blend_at(
             error = angle * angle
             error = error * error
             error = sqrt(radius) * error * error / 40320.0
-        # r relative to the joint: the polynomials above leave out their first value
+        # r relative to the joint: the polynomials above omit their constant term
         for part in range(_PARTS):
             size = 1.0 / _PARTS
             for i in range(n):
@@ -380,7 +380,7 @@ class _Feeds:
     def __init__(self, axes: str) -> None:
         self._one = set(axes) <= set("XYZ")  # way of counting
         self.feed = Feed(Line("", 0, ""), 0.0, 0.0)
-        self.turns = 0.0  # of the spindle, 1/s; 0 while it stands
+        self.turns = 0.0  # spindle speed, 1/s; 0 at standstill
 
     def speed(self, move: Going, length: float) -> float:
         """Return the largest path speed, m/s, of a move whose path length in all axes is `length`."""
@@ -408,7 +408,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
     columns = [_LETTERS.index(letter) for letter in axes]
     absent = [k for k, letter in enumerate(_LETTERS) if letter not in axes]
     collected, feeds, tolerance, mode = _Collected(), _Feeds(axes), 0.0, "continuous"
-    stops = False  # whether the move before has asked for a stop behind it
+    stops = False  # True if the previous move requires a stop after it
     for move in moves:
         if isinstance(move, Going):
             for column in absent:
@@ -533,7 +533,7 @@ def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]
     sense = math.copysign(1.0, angle)
     shape[[first, second], 0] = x, y
     shape[[first, second], 1] = -sense * y, sense * x
-    # what the circle misses of the end, and the other axes, go linearly along
+    # the remaining distance to the end, and the other axes, vary linearly along the arc
     s, versine = math.sin(abs(angle)), 2.0 * math.sin(0.5 * angle) ** 2
     drift = np.array(way) - (shape[:, 1] * s - shape[:, 0] * versine)
     straight = np.delete(drift, [first, second])

@@ -354,7 +354,7 @@ class Flow:
             self._break(label, arguments)
         else:
             self._skip(label, ("while",))
-            self._frames[-1].reader.go(self._frames[-1].reader.last)  # its condition is still to be read
+            self._frames[-1].reader.go(self._frames[-1].reader.last)  # its condition has yet to be read
 
     def _loop(self, label: str, kind: str) -> Open:
         """Return the innermost loop with the label, and close everything opened inside it."""

@@ -309,7 +309,7 @@ class Frame:
         return Spindle(command.line, self._speed, self._direction)
 
     def _select_tool(self, command: Command) -> None:
-        self._selected = int(float(command.values[0]))  # CHANGE_TOOL of LinuxCNC has a row of the table
+        self._selected = int(float(command.values[0]))  # CHANGE_TOOL of LinuxCNC contains a row of the table
 
     # offsets
 

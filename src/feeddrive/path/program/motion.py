@@ -59,7 +59,7 @@ def drill(
         point[across] = level = clearance
         emit("STRAIGHT_TRAVERSE", *point)
     leave = clearance if state.retract_to_r else level
-    # a cycle runs in exact path mode, as in LinuxCNC; the mode of the program returns behind it
+    # a cycle runs in exact path mode, as in LinuxCNC; the program's mode is restored after it
     if state.path_mode != "CANON_EXACT_PATH":
         emit("SET_MOTION_CONTROL_MODE", "CANON_EXACT_PATH")
     hole = _Hole(state, emit, kept, clearance, depth, leave, across)

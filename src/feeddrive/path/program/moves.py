@@ -172,7 +172,7 @@ def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[fl
     b = math.atan2(end[1] - center[1], end[0] - center[0])
     angle = b - a
     if turns > 0:
-        # an end that equals the start but for rounding is a full turn, not none
+        # an end equal to the start up to rounding is a full turn, not a zero one
         while angle <= 1e-12:
             angle += math.tau
         return angle + math.tau * (turns - 1)

@@ -62,7 +62,7 @@ def needs_rs274(program: Path) -> bool:
             try:
                 text = compact(line.text)[0]
             except BlockError:
-                return False  # the own reader says what is wrong
+                return False  # our own reader reports the error
             if ("g" in text or "m" in text) and _NEEDED.search(_NAME.sub("", text)):
                 return True
     finally:
@@ -101,7 +101,7 @@ def rs274_commands(
         command = [PROGRAM, "-g", *(["-b"] if skip_deleted else [])]
         unit = 1.0 if tables_inch else INCH
         for option, text in (("-t", _tool_table(tools, unit)), ("-v", _parameter_file(numbered, unit))):
-            if text or option == "-t":  # without a table the interpreter has tools of its own
+            if text or option == "-t":  # without a table the interpreter uses default tools
                 table = Path(folder) / f"table{option}"
                 table.write_text(text, encoding="utf-8")
                 command += [option, str(table)]

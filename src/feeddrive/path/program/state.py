@@ -221,7 +221,7 @@ class State:
             axis, level = self.level
             self.level = axis, level + self.position[axis] - before[axis]
 
-    # what the program can ask for
+    # parameters that the program can read
 
     def publish(self) -> None:
         """Publish the parameters that reflect the program's state: #5400 to #5428 and the names that begin with _."""

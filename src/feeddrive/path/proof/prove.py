@@ -608,7 +608,7 @@ def distance(
     derivatives(kind0, length0, shape0, x0, r[1])
     derivatives(kind1, length1, shape1, x1, r[2])
     for i in range(len(shape0)):
-        # q - c, and how far the pieces bend beside their chords to the corner
+        # q - c, and the deviation of the pieces from their chords to the corner
         apart = r[1, i, 0] - r[0, i, 0] + r[2, i, 0]
         gap = gap + apart * apart
         apart = r[2, i, 1] / norm1 - r[0, i, 1] / norm0
@@ -753,7 +753,7 @@ def _prove(
     a = state[2]
     j = state[3]
     for m in range(len(duration) + 1):
-        # what jumps in time, seen by the axes; a run begins and ends at rest, at the ends of its path
+        # jumps in time, for the axes; a run begins and ends at rest, at the ends of its path
         rest = m == len(duration)
         if rest and not ends:
             break
@@ -786,14 +786,14 @@ def _prove(
         T = duration[m]
         low, high = cubic_range(v, a, j, s, 0.0, T)
         if not (T > 0.0) or low < -backwards or not (high < 1e300):
-            # it must not run backwards, but for rounding
+            # it must not move backwards, except for rounding
             return tests, _noted(faults, count, p, m, 0.0, -4.0, low)
         whole = way(v, a, j, s, T)
         begin = x[m]  # of the time piece, from the start of the present piece of the path
         t0 = 0.0
         while True:
             left = length[p] - begin
-            # what ends within rounding of a joint lies before it
+            # an interval that ends within rounding of a joint lies before it
             on = whole > left + sliver and p < last
             t1 = when(left, v, a, j, s, t0, T) if on else T
             if t1 > t0 and alone:
@@ -816,7 +816,7 @@ def _prove(
             ahead = piece[m + 1] == p + 1 if m + 1 < len(duration) else not ends and p + 1 == last
             if not on and not (ahead and p < last):
                 break
-            # the joint of the path: what jumps there, with the speed that is planned
+            # the joint of the path: jumps there, at the planned speed
             v1 = cubic(v, a, j, s, t0)
             a1 = a + t0 * (j + 0.5 * t0 * s)
             j1 = j + t0 * s
@@ -863,7 +863,7 @@ class Fault(NamedTuple):
     """A point at which a motion is not proven."""
 
     line: int  # of the part program
-    time: float  # s from the begin of the run
+    time: float  # s from the start of the run
     what: str
 
     def __str__(self) -> str:
@@ -905,7 +905,7 @@ class Prover:
         axes = len(limits)
         self._limits, self._widened = np.ascontiguousarray(limits, float), widened
         self._state, self._time, self._place = np.zeros(4), 0.0, np.zeros(axes)
-        self._stands = False  # whether a run has ended at `_place`, where the next one must begin
+        self._stands = False  # True if a run has ended at `_place`, where the next one must begin
         self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
         self._room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
         self._both = [np.zeros((3, axes, 5)), np.zeros((2, axes, 5))]

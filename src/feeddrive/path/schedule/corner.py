@@ -183,7 +183,7 @@ def together(
             share = max(share, sqrt(speed) / feed)
             end_left = length0 - (x0 + way(v0, a0, j0, s0, h))
             if distance == 1e300 and (end_left <= far1 or end >= lasts):
-                # the ways become equal here
+                # the distances to the corner become equal here
                 low = 0.0
                 high = h
                 for _ in range(50):
@@ -296,7 +296,7 @@ def shared(
         if left < one[m, 0] - near:
             break
         left = left - one[m, 0]
-    # what is left of both present pieces: no digits are lost where they are long
+    # the remainders of both current intervals, so that no digits are lost in long ones
     left0 = left if left > near else one[m, 0]
     begins = m
     alone = one[m, 0] - left0
@@ -442,7 +442,7 @@ def _peak(stretch: Floats) -> float:
         under = used - length
         if under > 0.0:
             return 0.0
-    # the regula falsi, with an end that stays twice at half its weight
+    # regula falsi (Illinois): an end retained twice gets half its weight
     side = 0
     for _ in range(_PEAKS):
         if high - low <= 1e-12 * high or under >= -_FULL * length:
@@ -659,7 +659,7 @@ def bump(
     reached = 0.0
     for shape in range(4):
         share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
-        low = reached  # slower ramps need a higher speed in the corner
+        low = reached  # slower ramps require a higher speed in the corner
         high = fastest
         above = 1.0  # the largest share of a limit there, 1: not known
         more = 1.0  # that of one before, whose third power is
@@ -715,7 +715,7 @@ def bump(
                 good = most <= 1.0 + 1e-10 and away <= before_tolerance
                 excess = most
             if slower or good:
-                low = v  # smaller ones are slower, too
+                low = v  # lower speeds are slower as well
                 if good:
                     reached = v
                     best = time
@@ -1050,7 +1050,7 @@ def _end(part: Part, last: bool) -> _End:
     if k or not last:
         inside = on.piece == k
         if not last:
-            m = int(np.flatnonzero(inside)[-1])  # it may go on to the next piece
+            m = int(np.flatnonzero(inside)[-1])  # it may continue on the next piece
             there = on.x[m] + way(*(float(column[m]) for column in (*on[3:], on.duration)))
             inside[m] = inside.all() and there <= pieces.length[k]
         on = Motion(*(column[inside] for column in on))

@@ -69,8 +69,8 @@ class Lifter:
 
     def __init__(self, limits: np.ndarray) -> None:
         self._limits = np.ascontiguousarray(limits, float)
-        self.hand: Part | None = None  # what waits
-        self._spans = 0  # time pieces of it that are spans already
+        self.hand: Part | None = None  # the part held back
+        self._spans = 0  # number of its time intervals that are already spans
 
     def add(self, part: Part) -> Iterator[Part]:
         """Yield the parts that are final after this one: all of them if the run ends."""
@@ -132,7 +132,7 @@ class _Path:
         The first `spans` time intervals are already spans.
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
-            return None  # on a line it is the quickest one
+            return None  # on a line it is already time-optimal
         lengths = self._pieces.length
         if begins:
             motion = _divided(motion, 0, _NEAR_REST * float(motion.duration[0]), lengths)
@@ -149,7 +149,7 @@ class _Path:
         """Lift a motion as `lifted` does, without ends at rest; `end` is u' .. u''' at its end."""
         time, knots, coefficient = self._spline(motion, end, spans)
         if np.any(np.diff(knots[3:-3]) <= 0.0):
-            return None  # time pieces that have no way but for rounding
+            return None  # time intervals without motion except for rounding
         n = len(time) - 1
         looked = self._points(time, knots)
         begins, goes_on, ends = _PENALTIES
@@ -164,13 +164,13 @@ class _Path:
                 if _quicker(looked, tried, goes_on, ends, first, last):
                     if last - first == n:
                         return None
-                    # farther from there something has to give way
+                    # changing these spans alone is infeasible: optimize all of them
                     tried, new = coefficient.copy(), [(0, n)]
                     if _quicker(looked, tried, goes_on, ends, 0, n):
                         return None
                     break
             if not in_time(knots, tried, self._begin, ends_of, _TOGETHER, *timed, *more):
-                return None  # between the points that were looked at it runs backwards
+                return None  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
                 return timed if np.sum(timed.duration) < np.sum(motion.duration) else None
@@ -287,7 +287,7 @@ def _around_time(motion: Motion, first: int, last: int) -> float:
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
     """Return the ranges of time intervals that can be lifted: between standstills and plateaus at the highest speed."""
     flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
-    # a time piece that ends at a joint does not see the piece behind it
+    # a time interval that ends at a joint is not affected by the piece after it
     end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)
     end = np.maximum(end, motion.piece)
     for m in np.flatnonzero(flat):

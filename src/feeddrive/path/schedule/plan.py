@@ -132,7 +132,7 @@ def _filling(
             miss_low = 0.5 * miss_low
         if high - low <= 1e-7 * low or again > 50:
             return low
-        # the regula falsi, with the end that stays at half its weight
+        # regula falsi (Illinois): the retained end gets half its weight
         peak = low - miss_low * (high - low) / (miss_high - miss_low) if again > 0 else 0.5 * (low + high)
     return low
 
@@ -157,7 +157,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
     high = fastest
     up = 1.0
     down = 1.0
-    fails = False  # whether the high one does
+    fails = False  # True if the highest peak is infeasible
     if low >= high:
         return stretch
     peak = max(_filling(space, v0, v1, high, left, right, up, down), least)
@@ -178,7 +178,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
                 goes = plateau_end(tried)
                 full = ends - stretch.begin + stretch.end - goes >= _FULL * space
                 if not free:
-                    # no peak a little above the cap of a plateau holds
+                    # no peak slightly above the cap of a plateau is feasible
                     cap = least_cap(path, first, last, ends, goes)
                     good = peak <= cap * (1.0 + 1e-12)
                     full = full or peak >= cap * (1.0 - 1e-9)
@@ -203,7 +203,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
             if wanted <= 1.0005 * low or (fails and wanted >= 0.9995 * high):
                 wanted = sqrt(low * high) if low > 0.0 else max(0.3 * high, least)
             if low == 0.0 and again >= _FAR:
-                # a slow piece is far from where the ramps are looked at: no peak near the high one holds
+                # a slow piece lies beyond the ramps evaluated: no peak near the highest one is feasible
                 wanted = max(min(wanted, 0.3 * high), least)
         peak = wanted
     return best
@@ -333,7 +333,7 @@ def _leaves(
     """
     if ends > goes or ends >= now.end or goes <= now.begin:
         return False
-    # the ramp to the other node alone, as it is
+    # equivalent to the single ramp to the other node
     if (ends <= now.begin and goes == behind) or (goes >= now.end and ends == reached):
         return False
     return least_cap(path, first, low, reached, ends) >= c and least_cap(path, high, last, goes, behind) >= c
@@ -580,7 +580,7 @@ def _phases(
             u = u + T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
             v = v + T * (a + T * (0.5 * j + T * s / 6.0))
             a = a + T * (j + 0.5 * T * s)
-        # in closed form, so that it does not gather rounding
+        # in closed form, so that rounding does not accumulate
         j = sense * jerk_before(number + 1, jerk_most)
     return count, u, p
 

@@ -398,7 +398,7 @@ def lacking(
     t = 0.0  # in the phase, where the piece begins
     while True:
         far = (path.begin[p + 1] - u) if sense > 0 else (u - path.begin[p])
-        # acceleration and jerk of u where the piece begins, then the largest until it ends
+        # acceleration and jerk of u where the piece begins, then their largest values on it
         a_most = a + t * (j + 0.5 * t * s)
         j_most = abs(j + t * s)
         s_most = abs(s)
@@ -468,11 +468,11 @@ def fit(
     slowest = (end - u) * sense / ((low + 0.5 * rise) * (L1 + L2 + L3))
     if slowest < 0.5:
         return False, NO_RAMP, guess
-    shape = 1.0 + 4e-9  # of straight pieces, where it holds exactly
+    shape = 1.0 + 4e-9  # scale for straight pieces, where the ramp is exactly feasible
     least = 0.5 * min(1.0, slowest)
     scale = min(max(guess, least), slowest)
-    slow = 0.0  # the quickest that holds
-    quick = 0.0  # the slowest that does not
+    slow = 0.0  # the fastest feasible one
+    quick = 0.0  # the slowest infeasible one
     for _ in range(_WALKS):
         ramp = Ramp(scale * L1, scale * L2, scale * L3)
         lack = lacking(path, u, first, sense, low, rise, ramp, free, 0.0 if scale >= slowest else 0.5)

@@ -65,7 +65,7 @@ class Schedule:
 
     def _begin(self) -> None:
         """Start a run at rest."""
-        self._pieces: Pieces | None = None  # from the present node on
+        self._pieces: Pieces | None = None  # from the current node on
         self._rooms: list[_Room] = []
         self._u, self._speed, self._wide = 0.0, 0.0, self._window  # u on the first of the pieces
         self._hand: _Plan | None = None  # the rest of the last plan, to its stop
@@ -132,7 +132,7 @@ class Schedule:
         assert self._pieces is not None
         rooms = self._rooms_of(part_of_pieces(self._pieces, 0, last), wanted) if wanted > 0.0 else None
         if rooms and self._planned(last, ends, rooms, self._u, self._speed) is not None:
-            self._turn_to(wanted)  # the motion is slow enough already: something else than the feed limits it here
+            self._turn_to(wanted)  # the motion is slow enough already: it is not limited by the feed here
             return False
         braked = self._braked(last, ends, rooms)
         if braked is not None:
@@ -222,7 +222,7 @@ class Schedule:
         pieces, node = self._pieces, float(kept[-1, 1])
         place = min(int(np.searchsorted(begin, node, side="right")) - 1, len(begin) - 2)
         if place + 1 < len(pieces.length) and node - begin[place] >= pieces.length[place]:
-            place += 1  # at a joint, but for rounding
+            place += 1  # at a joint, up to rounding
         self._u, self._speed = max(node - float(begin[place]), 0.0), float(kept[-1, 3])
         self._pieces = part_of_pieces(pieces, place, len(pieces.length))
         self._rooms = [_Room(room.most[place:], room.caps[place:]) for room in self._rooms]
@@ -258,7 +258,7 @@ def plan_run(pieces: Pieces, limits: np.ndarray, window: int = WINDOW) -> Motion
     for part in Schedule(limits, window).add(Section(pieces, True)):
         assert isinstance(part, Part)  # it holds only with an override
         motions.append(part.motion._replace(piece=part.motion.piece + first))
-        first += len(part.pieces.length) - 1  # where a part ends, the next one begins
+        first += len(part.pieces.length) - 1  # the next part begins on the piece where this one ends
     return Motion(*(np.concatenate(arrays) for arrays in zip(*motions, strict=True)))
 
 

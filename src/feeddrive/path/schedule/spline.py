@@ -138,11 +138,11 @@ def _expanded(
     for i in range(len(r)):
         a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
         if a1 == 0.0 and a2 == 0.0 and s3 == 0.0 and s4 == 0.0:
-            continue  # it stands
+            continue  # the axis does not move
         if full:
             g0 = a2
             g1 = 0.5 * a1
-            # second derivatives of g are left out (Gauss-Newton), so that the Hessian stays positive
+            # second derivatives of g are omitted (Gauss-Newton), so that the Hessian stays positive definite
             first, second = _penalty(g0 * z0 + g1 * z1, loose)
             d0 = d0 + weight * first * g0
             d1 = d1 + weight * first * g1
@@ -536,7 +536,7 @@ def instants(duration: Floats, step: Floats, edge: Floats, out: Floats) -> int:
             t = t + min(step[m], min(edge[m] + GRADE * t, (edge[m + 1] + GRADE * (T - t)) / (1.0 + GRADE)))
         t = t - T
         gone = gone + T
-    # the last one comes too late by less than a step: all are moved a little
+    # the last one is late by less than a step: all are scaled slightly
     for k in range(count):
         out[k] = out[k] * (gone / (gone + t))
     out[count] = gone
@@ -639,7 +639,7 @@ def points(
             x = e
         for c in range(first, count):
             weight[c] = (time[k + 1] - time[k]) / (count - first)
-    full[0] = 0  # where it begins is given
+    full[0] = 0  # the state at the start is given
     return count
 
 
@@ -771,7 +771,7 @@ def in_time(
                 a = a + t * (j + 0.5 * t * s)
                 j = j + t * s
             if again < 2:
-                # the second time for what the first one leaves by rounding
+                # the second pass removes the rounding error of the first
                 miss[0] = knots[last + 3] - knots[first + 3] - u
                 miss[1] = at_knots[last, 0] - v
                 miss[2] = at_knots[last, 1] - a
