@@ -1,4 +1,4 @@
-"""The benchmark of the field: fixed plants, rules with a version, stored designs, one table."""
+"""The benchmark of control laws: fixed plants, versioned rules, stored designs, one table."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -1,9 +1,10 @@
-"""All laws on all plants with their stored designs, and their scores: a comparison over fixed plants.
+"""Run all laws with their stored designs on all plants, and compute their scores.
 
-    score(law, figure) = (Π over plants  r)^(1/n),    r = P-PI's figure / the law's, or its inverse where more is better
+    score(law, figure) = (Π over plants  r)^(1/n),    r = P-PI's figure / the law's (inverted if more is better)
 
-so that 1 is P-PI and more is better; over the n plants on which both have a place and a finite figure.  There is no
-sum of figures and no weight: a law is stiff, or tracks, or is cheap, and the table says which.
+
+so that 1 is P-PI and more is better; over the n plants on which both are ranked with a finite figure.  Figures are
+neither summed nor weighted: stiffness, tracking and computing effort are separate columns.
 """
 
 from __future__ import annotations
@@ -55,18 +56,18 @@ FIGURES = (
     of_loops.EFFORT,
 )
 HEADS = tuple(figure.short for figure in FIGURES)
-_DRAWN = 5  # figures of the picture, from the first on
-_MANY = 1.02  # times better than P-PI that is worth a sentence
+_DRAWN = 5  # number of figures in the picture, starting with the first
+_MANY = 1.02  # improvement factor over P-PI above which a law counts as better
 # units of a plant's numbers that are wrong together, and the power of the share that they take: a frequency is a root
 _WRONG = ({"kg": 1.0, "kg m2": 1.0}, {"N/m": 1.0, "Hz": 0.5})
 
 
 @dataclass(frozen=True)
 class Row:
-    """A law on a plant: its figures in SI, the worst over positions and seeds, and why it has no place.
+    """A row for one law on one plant: its worst figures over positions and seeds in SI units, and why it is not ranked.
 
-    recipe    it follows a rule and was not tuned: its row is shown apart, and may be outside of the rule
-    unplaced  empty for a law that counts
+    recipe    True for gains from a tuning recipe: the row is shown separately and may violate the rule
+    unplaced  empty for a ranked law
     """
 
     plant: str
@@ -82,13 +83,13 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Trial(Case[Row]):
-    """The case of a law on a plant: with its stored design at work at every position, with every seed.
+    """The case of one law on one plant, simulated with its stored design at every position and with every seed.
 
-    candidate  with the tunables of its design; of a recipe that of P-PI
-    design     None for a law with nothing to tune, and for a recipe
-    recipe     the name of the rule that gives the gains; empty for a law
-    rule       with the noise that P-PI makes
-    own        a person's seed; 0: those of the rules
+    candidate  the law with the tunables of its design; for a recipe, P-PI
+    design     None for a law without tunables, and for a recipe
+    recipe     name of the recipe that sets the gains; empty for a law
+    rule       the rule of equal robustness, with the noise limit from P-PI
+    own        a user's seed; 0 for the seeds of the rules
     """
 
     kind: ClassVar[str] = "law_on_plant"
@@ -104,26 +105,26 @@ class Trial(Case[Row]):
 
     @property
     def name(self) -> str:
-        """Plant and law."""
+        """The name of the case: plant and law."""
         return f"{self.plant}: {self.law}"
 
     @property
     def law(self) -> str:
-        """The law, or P-PI and the recipe."""
+        """The name of the law, or of P-PI with its recipe."""
         return f"{PLAIN} by {self.recipe.replace('-', ' ')}" if self.recipe else self.candidate.name
 
     @property
     def digest(self) -> str:
-        """As of all cases; the plant by the files of the rules."""
+        """The digest of the case; the plant enters through the files of the rules."""
         rules = self.rules.digest()
         return content_digest(rules, self.plant, self.candidate, self.design, self.rule, self.own, self.recipe)
 
     def record(self, outcome: Row) -> dict[str, Any]:
-        """The row, with the quantities in its texts."""
+        """Return the row as a record, keeping the quantities in its texts."""
         return {name: marked(value) if isinstance(value, str) else value for name, value in asdict(outcome).items()}
 
     def restored(self, record: Any, progress: Progress) -> Row:
-        """The row of a record."""
+        """Restore the row from a record."""
         entries: dict[str, Any] = {
             name: Text(value) if isinstance(value, str) else value for name, value in record.items()
         }
@@ -131,7 +132,7 @@ class Trial(Case[Row]):
         return Row(**entries)
 
     def outcome(self, progress: Progress) -> Row:
-        """The row of the law."""
+        """Evaluate the law and return its row."""
         plant, design = self.rules.plants[self.plant], self.design
         row = Row(plant.name, self.law, recipe=bool(self.recipe))
         try:
@@ -151,7 +152,7 @@ class Trial(Case[Row]):
         return replace(row, unplaced=next(filter(None, reasons), ""))
 
     def _control(self, plant: Plant) -> tuple[Control, str]:
-        """The control at work, and a remark on it."""
+        """Return the controller adapted to the task, and a remark on it."""
         control = self.candidate.loop.control
         if self.recipe:
             recipe = RECIPES[self.recipe](plant.model, control)
@@ -163,7 +164,9 @@ class Trial(Case[Row]):
         return control, self.candidate.remark
 
     def _judged(self, plant: Plant, control: Control) -> tuple[Competitor, Values]:
-        """The law at work at all positions with all seeds; and its figures, with Ms of wrong plants."""
+        """Evaluate the law at all positions with all seeds; return it with its figures and the Ms of perturbed
+        plants.
+        """
         places = plant.loops(control)
         seeds = [self.rules.seed(plant, f"run {run}", self.own) for run in range(self.rules.seeds)]
         law = judged(Competitor(self.law, places[0][0], None, "", {}), places, plant.duty, self.rule, seeds)
@@ -176,7 +179,8 @@ class Trial(Case[Row]):
 def trials(
     rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0
 ) -> list[Trial | Row]:
-    """The laws of a plant, P-PI first, then the recipes if no laws are named: trials, or rows that need none.
+    """Return the laws of a plant, P-PI first, then the recipes if no laws are named: as trials, or as rows if nothing
+    has to be run.
 
     Raises FileError for a damaged design.
     """
@@ -213,7 +217,7 @@ def trials(
 
 
 def _tuned(candidate: Candidate, designs: Designs) -> tuple[Candidate, Design | None] | str:
-    """A candidate with the tunables of its design, and that; or why there is none."""
+    """Return a candidate with the tunables of its design, and the design; or the reason why there is none."""
     if not own_tunables(candidate.loop.control):
         return candidate, None
     design = designs.design(candidate.name)
@@ -229,7 +233,9 @@ def _tuned(candidate: Candidate, designs: Designs) -> tuple[Candidate, Design | 
 
 
 def robust_peak(loop: Loop, velocity: float, share: float) -> float:
-    """The largest Ms with all masses, or all stiffnesses, of the plant wrong by a share; infinite if unstable."""
+    """Return the largest Ms with all masses, or all stiffnesses, of the plant perturbed by ±`share`; infinite if
+    unstable.
+    """
     peaks: list[float] = []
     for powers, factor in product(_WRONG, (1.0 - share, 1.0 + share)):
         plant = loop.axis.plant
@@ -250,7 +256,9 @@ def robust_peak(loop: Loop, velocity: float, share: float) -> float:
 
 @dataclass(frozen=True)
 class Score:
-    """A law by one figure: how many times better than P-PI, over how many plants; on how many more it never settles."""
+    """The score of a law by one figure: improvement factor over P-PI, number of plants, and number of further plants on
+    which it never settles.
+    """
 
     value: float | None
     plants: int
@@ -258,7 +266,7 @@ class Score:
 
     @property
     def cell(self) -> Quantity | str | None:
-        """The score as a cell of a table."""
+        """The score as a table cell."""
         value = None if self.value is None else Quantity(self.value, form=".2f")
         if not self.never:
             return value
@@ -267,7 +275,7 @@ class Score:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Benchmark(Result):
-    """All rows under the rules; `own` is a person's seed, 0 that of the rules."""
+    """The result of the benchmark: all rows; `own` is a user's seed, 0 for the seeds of the rules."""
 
     rules: Rules
     plants: tuple[str, ...]
@@ -277,12 +285,12 @@ class Benchmark(Result):
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """The laws that have a place on a plant, least rope-snap error first."""
+        """The laws that are ranked on at least one plant, least rope-snap error first."""
         return self._ordered(recipe=False)
 
     @property
     def recipes(self) -> tuple[str, ...]:
-        """The rules that gave gains without a search."""
+        """The tuning recipes, which set gains without a search."""
         return self._ordered(recipe=True)
 
     def _ordered(self, *, recipe: bool) -> tuple[str, ...]:
@@ -290,16 +298,16 @@ class Benchmark(Result):
         return tuple(sorted(filter(self.counted, names), key=lambda law: -(self.score(law, FIGURES[0]).value or 0.0)))
 
     def row(self, plant: str, law: str) -> Row | None:
-        """The row of a law on a plant."""
+        """Return the row of a law on a plant; None if there is none."""
         return next((row for row in self.rows if (row.plant, row.law) == (plant, law)), None)
 
     def counted(self, law: str) -> list[Row]:
-        """The rows of a law that count: all with a place, and of a recipe all with figures."""
+        """Return the rows of a law that count: all ranked ones, and for a recipe all with figures."""
         rows = [row for row in self.rows if row.law == law]
         return [row for row in rows if not row.unplaced or (row.recipe and FIGURES[0].key in row.figures)]
 
     def ratios(self, law: str, criterion: Figure) -> dict[str, float]:
-        """By plant how many times better than P-PI; infinite where the law never comes to rest, and P-PI does."""
+        """Return by plant the improvement factor over P-PI; infinite where the law never settles but P-PI does."""
         ratios: dict[str, float] = {}
         for row in self.counted(law):
             plain = self.row(row.plant, PLAIN)
@@ -310,31 +318,31 @@ class Benchmark(Result):
         return ratios
 
     def score(self, law: str, criterion: Figure) -> Score:
-        """The geometric mean over plants of the ratio to P-PI, as at the top of this file."""
+        """Return the geometric mean over plants of the ratio to P-PI, as defined in the module docstring."""
         ratios = self.ratios(law, criterion).values()
         finite = [ratio for ratio in ratios if math.isfinite(ratio)]
         mean = math.exp(math.fsum(map(math.log, finite)) / len(finite)) if finite else None
         return Score(mean, len(finite), len(ratios) - len(finite))
 
     def robust(self, law: str) -> float | None:
-        """The largest Ms on any plant with masses or stiffness wrong by the share of the rules."""
+        """Return the largest Ms over all plants with masses or stiffnesses perturbed by the share in the rules."""
         peaks = (row.figures.get(ROBUST) for row in self.counted(law))
         return max((peak for peak in peaks if peak is not None), default=None)
 
     def table(self) -> Table:
-        """Scores of the laws that were tuned, at equal robustness."""
+        """Return the scores of the tuned laws, at equal robustness."""
         return self.scores(self.laws, f"Rules {self.rules.version}: times better than {PLAIN} at equal robustness")
 
     def recipe_table(self) -> Table:
-        """Scores of the recipes, which may be outside of the rule."""
+        """Return the scores of the recipes, which may violate the rule."""
         return self.scores(self.recipes, f"Recipes without a search, against tuned {PLAIN}; not at equal robustness")
 
     def tables(self) -> list[Table]:
-        """Scores of the laws, and of recipes if there are some."""
+        """Return the score tables of the laws, and of the recipes if there are any."""
         return [self.table(), *([self.recipe_table()] if self.recipes else [])]
 
     def scores(self, laws: Sequence[str], title: str) -> Table:
-        """A row a law: how many plants, the score by each figure, the robust Ms."""
+        """Return a table with one row per law: number of plants, score by each figure, robust Ms."""
         rows: list[list[Cell]] = []
         for law in laws:
             count = sum(not row.unplaced for row in self.counted(law))
@@ -346,7 +354,7 @@ class Benchmark(Result):
         return Table(title, ["law", "plants", *HEADS, varied], rows)
 
     def winners(self) -> Table:
-        """By plant and figure the law that was tuned with the best figure, and how far it is before P-PI."""
+        """Return a table of the best tuned law per plant and figure, with its improvement factor over P-PI."""
         rows = [[plant, *(self._winner(plant, criterion) for criterion in FIGURES[:-1])] for plant in self.plants]
         return Table("Best law by plant and figure, and how many times better than P-PI", ["plant", *HEADS[:-1]], rows)
 
@@ -364,7 +372,7 @@ class Benchmark(Result):
         return Text(f"{law} {Quantity(_times_better(criterion, value, theirs)):.2f}")
 
     def unplaced(self) -> dict[str, dict[str, list[str]]]:
-        """By law and reason the plants on which it has no place."""
+        """Return, by law and reason, the plants on which the law is not ranked."""
         plants: dict[str, dict[str, list[str]]] = {}
         for row in self.rows:
             if row.unplaced and not row.recipe:
@@ -378,7 +386,7 @@ def _times_better(criterion: Figure, ours: float, theirs: float) -> float:
 
 @chart_of.register
 def _chart(benchmark: Benchmark) -> Chart:
-    """Every law against P-PI, plant by plant."""
+    """Plot every law relative to P-PI, plant by plant."""
     from feeddrive.comparison import pictures
 
     def row(law: str, criterion: Figure) -> tuple[list[float], float | None]:
@@ -391,7 +399,7 @@ def _chart(benchmark: Benchmark) -> Chart:
 
 @frame_of.register
 def _frame(benchmark: Benchmark) -> Any:
-    """One row a law and plant, in SI."""
+    """Return a data frame with one row per law and plant, in SI units."""
     names = [f"{row.plant}: {row.law}" for row in benchmark.rows]
     keys = [*(figure.key for figure in FIGURES), ROBUST]
     return frame_of_figures("row", names, [row.figures for row in benchmark.rows], keys)
@@ -409,14 +417,14 @@ def score(
 ) -> Benchmark:
     """Run every law with its stored design, and every recipe, on every plant.
 
-    plants    default: all of the rules
-    laws      those that are wanted, P-PI always among them; default: all, and the recipes
-    designs   folders of designs that come before those that are stored in the package
-    own       a user's seed, from which all seeds of the runs follow; 0: those of the rules
-    engine    where laws are run, and where finished ones are kept; default: in this process
+    plants    default: all plants of the rules
+    laws      the laws to run, P-PI always included; default: all laws and the recipes
+    designs   folders of designs that take precedence over those stored in the package
+    own       a user's seed, from which all seeds of the runs are derived; 0 for the seeds of the rules
+    engine    engine that runs the laws and stores finished ones; default: in this process
 
     The same rules, designs and seed give the same bits, for any number of workers.
-    Raises ParameterError for a law that no plant knows, CancelledError at a cancel.
+    Raises ParameterError for an unknown law, CancelledError if cancelled.
     """
     rules = rules or read_rules()
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
@@ -436,9 +444,9 @@ def score(
 
 
 def advice(benchmark: Benchmark, *, asked: bool = False) -> Advice:
-    """Who has the least rope-snap error on all plants, and on how many P-PI is not beaten.
+    """State which law has the least rope-snap error over all plants, and on how many plants no law beats P-PI.
 
-    asked  laws were named: that none of them has a place is a bad judgment
+    asked  True if laws were named explicitly: it is then a failure if none of them is ranked
     """
     snap, laws, plants = FIGURES[0], benchmark.laws, benchmark.plants
     tried = {row.law for row in benchmark.rows if not row.recipe and row.law != PLAIN}

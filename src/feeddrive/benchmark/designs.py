@@ -1,4 +1,4 @@
-"""Stored designs: the tunables of a law on a plant to the last bit, with their figures; and the searches for them."""
+"""Stored designs, with exact tunables and figures per law and plant, and the searches for them."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.tuning.tune import Tuned, own_tunables
 
-STALE = 1e-4  # of a figure: a design whose figures have moved by more belongs to another law, plant or rule
-_LARGEST = 1_000_000  # bytes of a file
+STALE = 1e-4  # of a figure: a design whose figures differ by more belongs to another law, plant or rule
+_LARGEST = 1_000_000  # bytes, largest size of a file
 _KEPT = (ROPE_SNAP, SENSITIVITY_PEAK, NOISE_GAIN)
 
 
 @dataclass(frozen=True)
 class Design:
-    """What a law came to on a plant under the rules; `refused` says why it has no design.
+    """The tuned design of a law on a plant under the rules; `refused` is the reason if there is none.
 
-    tunables   by dotted name of the control
-    figures    by key of a criterion, at the nominal position: a design is stale once they have moved
-    noise      N/m: the bound that it was tuned to; None for P-PI, which makes the bound
-    held       the bounds that hold it back, in sentences
+    tunables   by dotted name within the control
+    figures    by criterion key, at the nominal position; the design is stale once the recomputed figures differ
+    noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
+    held       the active constraints, as sentences
     """
 
     law: str
@@ -59,11 +59,13 @@ class Design:
     versions: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def control(self, candidate: Candidate) -> Control:
-        """The control of a candidate with these tunables. Raises ParameterError if it has others."""
+        """Return the control of a candidate with these tunables. Raises ParameterError if its tunables are
+        different.
+        """
         return tree.vary(candidate.loop.control, dict(self.tunables))
 
     def moved(self, figures: Values) -> str:
-        """Which stored figure has another value now; empty if none has."""
+        """Return a sentence on the first stored figure whose value has changed; empty if none has."""
         for key, stored in self.figures.items():
             now = figures.get(key)
             if now is None or abs(now - stored) > STALE * abs(stored):
@@ -72,7 +74,7 @@ class Design:
         return ""
 
     def stale(self, loop: Loop, rule: Rule) -> str:
-        """Why it does not belong to the present code: a figure or the bound that has moved; empty if it does."""
+        """Return why the design does not match the present code (a changed figure or noise limit); empty if it does."""
         moved = self.moved(_figures(loop, rule))
         if moved or self.noise is None or rule.noise is None or abs(self.noise / rule.noise - 1.0) <= STALE:
             return moved
@@ -84,7 +86,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Designs:
-    """A directory of designs of one plant: a JSON file a law. `also` are directories that are read only."""
+    """A directory of designs for one plant, one JSON file per law. The directories in `also` are only read from."""
 
     folder: Path
     plant: str
@@ -92,7 +94,7 @@ class Designs:
     also: tuple[Path, ...] = ()
 
     def design(self, law: str) -> Design | None:
-        """The design of a law; None if there is none. Raises FileError for a file that is not one."""
+        """Return the design of a law; None if there is none. Raises FileError if the file is not a valid design."""
         paths = (self._path(law, place) for place in (self.folder, *self.also))
         path = next((path for path in paths if path.is_file()), None)
         if path is None:
@@ -108,7 +110,7 @@ class Designs:
         return design if (design.plant, design.rules) == (self.plant, self.rules) else None
 
     def write(self, design: Design) -> None:
-        """Write a design, whole or not at all. Raises FileError if the directory cannot be written."""
+        """Write a design atomically. Raises FileError if the directory cannot be written."""
         content = asdict(design)
         content["tunables"] = {name: float(value).hex() for name, value in design.tunables.items()}
         content["values"] = {name: float(f"{value:.6g}") for name, value in design.tunables.items()}
@@ -117,7 +119,9 @@ class Designs:
         write_whole(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
     def known(self, case: Tuning, progress: Progress) -> Tuned | Refusal | None:
-        """What a law came to, if its design is not stale; for the engine, whose store of searches this is."""
+        """Return the stored result of a law if its design is not stale. Called by the engine, for which this object is
+        the result store.
+        """
         design = self.design(case.name)
         if design is None:
             return None
@@ -131,7 +135,7 @@ class Designs:
         return replace(case.assessed(design.tunables, progress), unsettled=design.unsettled, spread=design.spread)
 
     def keep(self, case: Tuning, outcome: Tuned | Refusal) -> None:
-        """Keep what a law came to; for the engine."""
+        """Store the result of tuning a law. Called by the engine."""
         design = Design(case.name, self.plant, self.rules, noise=case.rule.noise, versions=versions())
         if isinstance(outcome, Refusal):
             self.write(replace(design, refused=outcome.reason))
@@ -159,7 +163,7 @@ def _figures(loop: Loop, rule: Rule) -> dict[str, float]:
 
 
 def searched(plant: Plant, laws: Sequence[str] = ()) -> list[Candidate]:
-    """The laws that are searched on a plant, P-PI among them; `laws` are those that are wanted; default: all."""
+    """Return the laws to be tuned on a plant, P-PI included; `laws` restricts the selection; default: all."""
     possible, _ = candidates(plant.model)
     wanted = {PLAIN, *laws, *(law.like for law in possible if law.name in laws)} if laws else None
     return [
@@ -170,7 +174,7 @@ def searched(plant: Plant, laws: Sequence[str] = ()) -> list[Candidate]:
 
 
 def own_laws(plant: Plant, laws: Sequence[str] = ()) -> tuple[str, ...]:
-    """The names of laws that are not shipped with feeddrive, of those that are wanted."""
+    """Return the names of the selected laws that are not shipped with feeddrive."""
     own = set(members(Law).values()) - set(shipped()[Law].values())
     names = (law.name for law in candidates(plant.model)[0] if type(law.loop.control.law) in own)
     return tuple(name for name in names if not laws or name in laws)
@@ -186,13 +190,13 @@ def search(
     stored: bool = False,
     progress: Progress | None = None,
 ) -> None:
-    """Search laws on plants and keep each design in `keep` as it is found.
+    """Tune laws on plants, and write each design to `keep` as soon as it is found.
 
-    stored  take the designs of the package as known
+    stored  use the designs stored in the package as well
 
-    A design that is known and not stale is not searched again, so that a search that was stopped goes on; `engine` is
-    where laws are searched, whatever its store is.
-    Raises FileError if the folder cannot be written, CancelledError at a cancel.
+    A law whose stored design is not stale is not tuned again, so an interrupted search can be resumed. `engine` runs
+    the searches; its own store is replaced.
+    Raises FileError if the folder cannot be written, CancelledError if cancelled.
     """
     engine, progress = engine or Engine(), progress or Progress()
     for plant in plants:

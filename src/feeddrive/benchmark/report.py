@@ -1,4 +1,4 @@
-"""The table of the benchmark for people: report page, CSV, JSON, and Markdown and LaTeX to be cited in a paper."""
+"""The benchmark results for readers: report page, CSV, JSON, and Markdown and LaTeX tables for papers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LATEX = str.maketrans({"%": r"\%", "&": r"\&", "_": r"\_", "±": r"$\pm$", "½"
 
 
 def write_benchmark(benchmark: Benchmark, out: str | Path) -> Path:
-    """Write the directory whole or not at all, and return the path of the report.
+    """Write the result directory atomically, and return the path of the report.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -32,7 +32,7 @@ def write_benchmark(benchmark: Benchmark, out: str | Path) -> Path:
 
 
 def citation(benchmark: Benchmark) -> str:
-    """What a paper says beside the table."""
+    """Return the citation to be printed with the table."""
     seed = f", seed {benchmark.own}" if benchmark.own else ""
     return (
         f"{CITE}, rules {benchmark.rules.version} (sha256 {benchmark.rules.digest()[:12]}), feeddrive "
@@ -66,7 +66,7 @@ def benchmark_report(benchmark: Benchmark) -> Report:
         ("Versions", ", ".join(f"{name} {value}" for name, value in benchmark.versions.items())),
     ]
     plants = [(name, rules.plants[name]) for name in benchmark.plants]
-    # by plant in its own units: the page has plants that move and plants that turn
+    # units by plant: the page has linear and rotary axes
     grids = [plant_table(benchmark, name).grid(_units(benchmark, name)) for name in benchmark.plants]
     described = Facts((name, f"{plant.title}. {plant.source}. {plant.remark}") for name, plant in plants)
     unplaced = Facts((f"{law}, {where}", why) for law, where, why in reasons(benchmark).marked().rows)
@@ -90,7 +90,7 @@ def _units(benchmark: Benchmark, plant: str) -> Units:
 
 
 def reasons(benchmark: Benchmark) -> Table:
-    """Which law has no place on which plants, and why."""
+    """Return a table of the laws that are not ranked, with plants and reasons."""
     rows = [
         [law, "all" if len(plants) == len(benchmark.plants) else ", ".join(plants), why]
         for law, plants_by_reason in benchmark.unplaced().items()
@@ -100,7 +100,7 @@ def reasons(benchmark: Benchmark) -> Table:
 
 
 def plant_table(benchmark: Benchmark, plant: str) -> Table:
-    """Return all figures of one plant."""
+    """Return a table of all figures on one plant."""
     rows: list[list[Cell]] = []
     for row in benchmark.rows:
         if row.plant == plant and row.figures.get(FIGURES[0].key):
@@ -112,7 +112,7 @@ def plant_table(benchmark: Benchmark, plant: str) -> Table:
 
 
 def summary(benchmark: Benchmark) -> dict[str, Any]:
-    """Everything as plain numbers in SI; what is infinite is the text "infinite"."""
+    """Return all results as plain numbers in SI units; infinity is the text "infinite"."""
     return {
         "citation": citation(benchmark),
         "rules": benchmark.rules.numbers(),
@@ -141,13 +141,13 @@ def summary(benchmark: Benchmark) -> dict[str, Any]:
 
 
 def figures_csv(benchmark: Benchmark) -> str:
-    """A line a plant and law, in SI; of axes that turn m is rad, N is N m."""
+    """Return CSV with one line per plant and law, in SI units; for rotary axes read rad for m, and N m for N."""
     labels = {name: [getattr(row, name) for row in benchmark.rows] for name in ("plant", "law", "unplaced")}
     return csv_of(labels, [row.figures for row in benchmark.rows], Units())
 
 
 def markdown(benchmark: Benchmark) -> str:
-    """The tables of scores in Markdown."""
+    """Return the score tables in Markdown."""
     tables = [*benchmark.tables(), benchmark.winners()]
     return "\n\n".join([*map(_markdown, tables), f"{citation(benchmark)}."]) + "\n"
 
@@ -159,7 +159,7 @@ def _markdown(table: Table) -> str:
 
 
 def latex(benchmark: Benchmark) -> str:
-    """The table of scores as a LaTeX tabular (booktabs), its source in a comment."""
+    """Return the score table as a LaTeX tabular (booktabs), with the citation in a comment."""
     grid = benchmark.table().grid()
 
     def line(cells: Iterable[object]) -> str:

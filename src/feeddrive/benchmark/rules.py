@@ -1,4 +1,6 @@
-"""The rules of the benchmark: bounds, searches, seeds, and the plants with their work; a folder of files a version."""
+"""The rules of the benchmark: limits, searches, seeds, and the plants with their tasks, in one folder of files per
+version.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ VERSION = 1  # of the present rules
 
 @dataclass(frozen=True)
 class Place:
-    """A position of an axis: as it runs, and as it is tuned, without forces that have no slope there."""
+    """An axis at one position: `axis` as simulated, and `model` as used for tuning, without forces that cannot be
+    linearized there.
+    """
 
     name: str
     axis: Axis
@@ -37,9 +41,9 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A fixed axis with its work; `places` are its positions, the nominal one first.
+    """A benchmark axis with its task; `places` are its positions, the nominal one first.
 
-    loop     the axis under the control of its machine file, whose filters, limit and guard all laws keep
+    loop     the axis with the control of its machine file; all laws keep its filters, force limit and guard
     without  kinds of forces that act in the runs and not in the model of margins and tuning
     """
 
@@ -55,11 +59,11 @@ class Plant:
 
     @property
     def model(self) -> Loop:
-        """The loop that is tuned, at the nominal position."""
+        """The loop used for tuning, at the nominal position."""
         return replace(self.loop, axis=self.places[0].model)
 
     def loops(self, control: Control) -> list[tuple[Loop, Loop]]:
-        """The loop that runs and its model under a control, at each position."""
+        """Return the simulated loop and its tuning model with a given control, at each position."""
         loop = replace(self.loop, control=control)
         return [(replace(loop, axis=place.axis), replace(loop, axis=place.model)) for place in self.places]
 
@@ -122,12 +126,12 @@ class Rules(Section):
 
     @cached_property
     def plants(self) -> Mapping[str, Plant]:
-        """The plants by name."""
+        """The plants, by name."""
         plants = (section.plant(folder(self.version) / "plants", self.noise) for section in self.plant)
         return {plant.name: plant for plant in plants}
 
     def rule(self, plant: Plant, noise: float | None = None) -> Rule:
-        """What all laws on a plant are tuned to; `noise` in N/m once that of P-PI is known."""
+        """Return the rule for all laws on a plant; `noise` is the noise gain of P-PI in N/m, once known."""
         return Rule(
             self.sensitivity_peak,
             self.delay_margin_samples,
@@ -140,20 +144,21 @@ class Rules(Section):
         )
 
     def seed(self, plant: Plant, use: str, own: int = 0) -> int:
-        """A seed that follows from rules, plant and use by a hash: no search and no trial of a learner sees another's.
+        """Return a seed hashed from rules, plant and use, so that no two searches or learning trials share a noise
+        sequence.
 
-        `own` is a person's number, which gives other seeds throughout.
+        `own` is a user's number; it changes all seeds.
         """
         content = f"feeddrive benchmark, rules {self.version}, {plant.name}, {use}, {own}"
         return int.from_bytes(hashlib.sha256(content.encode()).digest()[:4], "big") >> 1
 
     def digest(self) -> str:
-        """SHA-256 of all files of the rules and machines: two tables with the same digest may be compared."""
+        """Return the SHA-256 of all files of the rules and machines; tables with the same digest are comparable."""
         texts = [file.text for plant in self.plants.values() for file in plant.files]
         return hashlib.sha256("\0".join([repr(self.numbers()), *texts]).encode()).hexdigest()
 
     def numbers(self) -> dict[str, Any]:
-        """The numbers of the rules, and by plant its force (N) and its band (m)."""
+        """Return the settings of the rules, and the force (N) and settling band (m) of each plant."""
         plants = {
             name: {"force": plant.duty.force, "near": plant.duty.near, "places": [place.name for place in plant.places]}
             for name, plant in self.plants.items()
@@ -161,7 +166,7 @@ class Rules(Section):
         return {name: getattr(self, name) for name in declarations(Rules) if name != "plant"} | {"plants": plants}
 
     def chosen(self, names: tuple[str, ...]) -> tuple[Plant, ...]:
-        """Plants by name, all of them if none is named. Raises ParameterError for one that is not there."""
+        """Return the plants by name, or all if none is named. Raises ParameterError for an unknown name."""
         for name in names:
             if name not in self.plants:
                 raise ParameterError(
@@ -172,13 +177,13 @@ class Rules(Section):
 
 
 def folder(version: int = VERSION) -> Path:
-    """Where a version of the rules stands, with its plants and the stored designs."""
+    """Return the folder of a version of the rules, with its plants and stored designs."""
     return Path(__file__).parent / f"rules_{version}"
 
 
 @cache
 def read_rules(version: int = VERSION) -> Rules:
-    """The rules of a version. Raises ParameterError for one that there is not."""
+    """Return the rules of a version. Raises ParameterError for an unknown version."""
     path = folder(version) / "rules.toml"
     if not path.is_file():
         raise ParameterError(f"there are no rules {version} of the benchmark; the present ones are rules {VERSION}")
@@ -186,7 +191,7 @@ def read_rules(version: int = VERSION) -> Rules:
 
 
 def _noisy(loop: Loop, noise: float) -> Loop:
-    """A loop whose encoders have noise, in counts."""
+    """Return the loop with noise in its encoders, in counts."""
     encoders = {name: getattr(loop.axis, name) for name in ("encoder_motor", "encoder_load")}
     noisy = {
         name: replace(encoder, noise=noise * encoder.resolution)

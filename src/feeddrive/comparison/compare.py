@@ -1,4 +1,6 @@
-"""The comparison: the present gains first, then each law tuned under the same rule, for the same motions and loads."""
+"""Compare control laws on one axis: the present gains first, then each law tuned under the same rule, with identical
+motions and loads.
+"""
 
 from __future__ import annotations
 
@@ -43,15 +45,15 @@ _SHOWN = (
     of_loops.EFFORT,
 )
 """The figures of the short table."""
-_NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
-_NAMED = 4  # criteria in which a law is worse that are named in the advice, the worst first
+_NOISY = 0.02  # share of the force limit above which force noise gets a remark
+_NAMED = 4  # number of criteria in which a law is worse that are named in the advice, the worst first
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Result):
-    """All competitors, today's control first, the laws that do not fit, and what must be said.
+    """The result of a comparison: all competitors, the present control first, the refused laws, and the remarks.
 
-    `velocity` in m/s is the speed at which margins and stiffness are taken: the axis slides.
+    `velocity` in m/s is the speed at which margins and stiffness are taken: the axis must be sliding.
     """
 
     machine: MachineFile
@@ -83,21 +85,21 @@ class Comparison(Result):
 
     @property
     def rotary(self) -> bool:
-        """True if the axis turns."""
+        """True for a rotary axis."""
         return self.machine.loops[self.axis].axis.rotary
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """What a person wrote in the machine file."""
+        """The texts quoted from the machine file."""
         return self.machine.quoted
 
     @property
     def title(self) -> str:
-        """Machine and axis."""
+        """The title, with machine and axis."""
         return f"{self.machine.name}, axis {self.axis}: all laws at equal robustness"
 
     def table(self) -> Table:
-        """Robustness, and the most important figures."""
+        """Return a table of robustness and the most important figures per law."""
         rows = [
             [law.name, *(law.figures.get(figure.key) for figure in _SHOWN), law.unplaced.partition(":")[0]]
             for law in self.competitors
@@ -105,7 +107,7 @@ class Comparison(Result):
         return Table(self.title, ["law", *(figure.column(figure.short) for figure in _SHOWN), ""], rows)
 
     def ranking(self) -> Table:
-        """The place of each law by each criterion."""
+        """Return a table of the rank of each law by each criterion."""
         places = zip(*map(self.places, CRITERIA), strict=True)
         rows = [
             [law.name, *(law.unplaced or place for place in row)]
@@ -114,13 +116,13 @@ class Comparison(Result):
         return Table("Places by criterion, 1 is best", ["law", *(criterion.title for criterion in CRITERIA)], rows)
 
     def places(self, criterion: Figure) -> list[int | None]:
-        """The place of each law by a criterion; none for one that has not settled or breaks the rule."""
+        """Return the rank of each law by a criterion; None for a law that has not settled or violates the rule."""
         return ranks(criterion, [{} if law.unplaced else law.figures for law in self.competitors])
 
 
 @chart_of.register
 def _chart(comparison: Comparison) -> Chart:
-    """Stiffness against tracking, a dot for each law."""
+    """Plot stiffness versus tracking error, one dot per law."""
     from feeddrive.comparison import pictures
 
     return pictures.tradeoff_chart([(law.name, law.figures, law.unplaced) for law in comparison.competitors])
@@ -128,7 +130,7 @@ def _chart(comparison: Comparison) -> Chart:
 
 @frame_of.register
 def _frame(comparison: Comparison) -> Any:
-    """One row a law, in SI."""
+    """Return a data frame with one row per law, in SI units."""
     return frame_of_figures("law", comparison.names, comparison.figures, keys_of(comparison.figures))
 
 
@@ -147,19 +149,22 @@ def compare_laws(
     engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Put all laws on an axis of a machine.
+    """Tune and compare all laws on one axis of a machine.
 
-    laws               names of those that are wanted, P-PI always among them, or user-defined classes; default: all
-    reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Duty`)
-    sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one bounds the noise in
-                       the force per noise of the readings, by that of the tuned P-PI
-    seed               of the encoders' noise, the same for all laws
-    starts             searches for each law; with one nothing is ranked, since nothing confirms it
-    engine             where laws are tuned and judged, and where finished ones are kept; default: in this process
-    progress           reports each step, and how many there are
+    laws               names of the laws to compare, or user-defined classes; P-PI is always included; default: all
+    reference, force   the move, and the force in N of rope snap and force step; default: from the machine's limits
+                       (`Duty`)
+    sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one limits the gain
+                       from reading noise to force, relative to that of the tuned P-PI
+    seed               seed of the encoder noise, the same for all laws
+    starts             number of searches per law; with a single one nothing is ranked, since no second search confirms
+                       it
+    engine             engine that tunes and evaluates the laws and stores finished ones; default: in this process
+    progress           reports each step and the number of steps
 
-    The present control comes first and is not changed, stable or not.  A law that does not fit the axis is refused
-    with the reason, one with nothing to tune is judged as it is.  Raises ParameterError for an unknown axis or law.
+    The present control comes first and is not changed, whether stable or not.  A law that does not fit the axis is
+    refused with the reason, a law without tunables is evaluated as it is.  Raises ParameterError for an unknown axis or
+    law.
     """
     if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
         remedy = "run a job with fd.run(job)" if isinstance(machine, Job) else "give what fd.read_machine(...) returns"
@@ -200,7 +205,7 @@ def compare_laws(
 
 
 def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-    """The laws by name, plain P-PI and those whose gains they take over always among them."""
+    """Select the laws by name; plain P-PI, and any law whose gains another one takes over, are always included."""
     own = tuple(law for law in laws or () if not isinstance(law, str))
     possible, refused = candidates(loop, own)
     if laws is None:
@@ -220,7 +225,7 @@ def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[C
 
 
 def _outside(rows: tuple[Competitor, ...]) -> list[str]:
-    """Rows that are not at equal robustness, today's gains first."""
+    """Return remarks on the rows that are not at equal robustness, the present gains first."""
     today = rows[0]
     remarks: list[str] = []
     if today.unfit:
@@ -241,7 +246,7 @@ def _outside(rows: tuple[Competitor, ...]) -> list[str]:
 
 
 def _against(rows: tuple[Competitor, ...]) -> list[str]:
-    """Where each law loses to plain P-PI under the same rule, and where it wins."""
+    """Return remarks on the criteria by which each law is worse or better than plain P-PI under the same rule."""
     plain = next((row for row in rows if row.name == PLAIN and not row.unfit), None)
     remarks: list[str] = []
     for row in rows[1:]:
@@ -256,7 +261,9 @@ def _against(rows: tuple[Competitor, ...]) -> list[str]:
 
 
 def losses(ours: Competitor, other: Competitor, *, swapped: bool = False) -> list[tuple[Figure, float, float]]:
-    """Return the criteria by which a law is worse than another one, with the values of both, or of both swapped."""
+    """Return the criteria by which a law is worse than another one, with the values of both (in reverse order if
+    `swapped`).
+    """
     worse: list[tuple[Figure, float, float]] = []
     for criterion in CRITERIA:
         a, b = ours.figures.get(criterion.key), other.figures.get(criterion.key)
@@ -272,7 +279,7 @@ def _ratio(a: float, b: float) -> str:
 
 
 def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
-    """Competitors whose force noise is too large for practical use, independent of their margins."""
+    """Return remarks on competitors whose force noise is too large for practical use, independent of their margins."""
     remarks: list[str] = []
     for row in rows:
         limit, noise = row.loop.control.force_limit, row.figures.get(of_loops.FORCE_NOISE.key)
@@ -288,7 +295,7 @@ def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
 
 
 def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
-    """What of a tuning is not proven."""
+    """Return remarks on the lines of each tuning's proof that do not hold, and on searches that did not settle."""
     remarks: list[str] = []
     for row in rows:
         if row.tuned is None:
@@ -310,7 +317,9 @@ _REMARKS: tuple[Callable[[tuple[Competitor, ...]], list[str]], ...] = (_outside,
 
 
 def advice(comparison: Comparison) -> Advice:
-    """The law with the least rope-snap error, and first in what it is worse than P-PI, or P-PI than today's gains."""
+    """Recommend the law with the least rope-snap error, and first state where it is worse than P-PI (or P-PI worse than
+    the present gains).
+    """
     snaps = {law.name: snap for law in comparison.competitors if (snap := law.figures.get(of_loops.ROPE_SNAP.key))}
     ranked = [name for name in snaps if not comparison[name].unplaced]
     if set(ranked) <= {TODAY}:
@@ -336,5 +345,5 @@ def advice(comparison: Comparison) -> Advice:
 
 
 def _times(ratio: float) -> str:
-    """Two digits, or three near 1: 0.83, 1.05."""
+    """Format a ratio with two significant digits, or three near 1: 0.83, 1.05."""
     return number(ratio, 3) if 0.9 < ratio < 1.1 else two_digits(ratio)

@@ -1,4 +1,4 @@
-"""The figures by which laws are ranked, those of a law that come from its linear model, and both as text and frame."""
+"""The figures by which laws are ranked: computation from the linear model, and output as text and data frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from feeddrive.loop.loop import Loop
 
 Values: TypeAlias = Mapping[str, float | None]
 """Figures of a law in SI by key; None where the law has no such figure."""
-TIE = 0.005  # share by which figures must differ to be ranked apart
+TIE = 0.005  # least relative difference of figures that are ranked differently
 
 CRITERIA = (
     of_loops.ROPE_SNAP,
@@ -54,9 +54,9 @@ LINEAR = (
 
 
 def ranks(criterion: Figure, figures: Sequence[Values]) -> list[int | None]:
-    """Return the place of each law, 1 for the best; ties share a place, and a law without the figure has none.
+    """Return the rank of each law, 1 for the best; ties share a rank, and a law without the figure has none.
 
-    An infinite figure (a law that never settles, a force that is never held) counts: it has the last place.
+    An infinite figure (a law that never settles, a force that is never held) counts and ranks last.
     """
     values = [row.get(criterion.key) for row in figures]
     known = [value for value in values if value is not None]
@@ -64,7 +64,7 @@ def ranks(criterion: Figure, figures: Sequence[Values]) -> list[int | None]:
 
 
 def beats(criterion: Figure, a: float, b: float) -> bool:
-    """Return True if a is better than b by more than a tie; two infinite values are equal."""
+    """Return True if a is better than b by more than the tie tolerance; two infinite values are equal."""
     better, worse = (b, a) if criterion.higher else (a, b)
     if math.isinf(better) or math.isinf(worse):
         return better < worse
@@ -72,13 +72,13 @@ def beats(criterion: Figure, a: float, b: float) -> bool:
 
 
 def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
-    """Return margins, rope-snap error, stiffness by band, noise in the force and effort of a stable loop."""
+    """Return margins, rope-snap error, stiffness by band, force noise and computing effort of a stable loop."""
     model = LinearLoop(loop, known=both)
     return effort_of(loop) | {figure.key: figure.value(model) for figure in LINEAR if _below(figure, model.nyquist)}
 
 
 def _below(figure: Figure, nyquist: float) -> bool:
-    """Return True for a figure whose frequencies lie below half the sample rate."""
+    """Return True for a figure whose frequencies lie below the Nyquist frequency."""
     of: Any = figure.of
     if isinstance(of, of_loops.StiffnessAt):
         return of.frequency < nyquist
@@ -86,12 +86,12 @@ def _below(figure: Figure, nyquist: float) -> bool:
 
 
 def effort_of(loop: Loop) -> dict[str, float | None]:
-    """Return the operations of one sample."""
+    """Return the number of operations per sample."""
     return {of_loops.EFFORT.key: of_loops.EFFORT.read(LinearLoop(loop))}
 
 
 def worst(figures: Sequence[Values]) -> dict[str, float | None]:
-    """Return by key the worst value; None if one of them has none."""
+    """Return the worst value of each figure by key; None if any row lacks the figure."""
     known, worst_values = catalogue(), dict[str, float | None]()
     for key in figures[0]:
         values = [value for row in figures if (value := row.get(key)) is not None]
@@ -101,17 +101,17 @@ def worst(figures: Sequence[Values]) -> dict[str, float | None]:
 
 
 def plain(value: float | None) -> float | str | None:
-    """Return a figure as JSON has it: an infinite one is the text "infinite"."""
+    """Return a figure in its JSON form: infinity becomes the text "infinite"."""
     return "infinite" if value is not None and math.isinf(value) else value
 
 
 def keys_of(figures: Sequence[Values]) -> list[str]:
-    """Return the keys of all figures, in the order in which they first occur."""
+    """Return the keys of all figures, in order of first occurrence."""
     return list(dict.fromkeys(key for row in figures for key in row))
 
 
 def csv_of(labels: Mapping[str, Sequence[str]], figures: Sequence[Values], units: Units) -> str:
-    """Return columns of labels and all figures as CSV; what does not occur is empty."""
+    """Return label columns and all figures as CSV; missing figures are empty cells."""
     keys, text = keys_of(figures), io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*labels, *(figure_key(key, units) for key in keys)])
@@ -122,7 +122,7 @@ def csv_of(labels: Mapping[str, Sequence[str]], figures: Sequence[Values], units
 
 
 def frame_of_figures(index: str, names: list[str], figures: Sequence[Values], keys: Sequence[str]) -> Any:
-    """Return a pandas frame of figures in SI."""
+    """Return a pandas data frame of figures in SI units."""
     from feeddrive.plot.frames import frame
 
     return frame(names, {key: np.array([row.get(key) for row in figures], float) for key in keys}, index)

@@ -1,4 +1,4 @@
-"""One law at work on one axis: how it is completed for the work, and its figures."""
+"""The evaluation of one law on one axis: final adaptation to the task, and its figures."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ from feeddrive.loop.simulate import Run
 from feeddrive.tuning.candidates import Candidate, Refusal
 from feeddrive.tuning.tune import Tuned
 
-_TRIALS = 6  # in which a compensator learns
+_TRIALS = 6  # number of trials in which a compensator learns
 
 
 @dataclass(frozen=True, eq=False)
 class Competitor:
-    """One law: its loop, how it was tuned (None: as it is today), its figures in SI, and its runs.
+    """A law in a comparison: its loop, its tuning (None for the present control), its figures in SI units, and its
+    runs.
 
-    unfit    why there are no figures: the loop is not stable, or left its bounds
-    outside  the bounds of the rule that it exceeds, as today's gains may, and a compensation that was not tuned
+    unfit    reason why there are no figures: the loop is unstable or the motion left its bounds
+    outside  the bounds of the rule that it exceeds, as the present gains or an untuned compensation may
     """
 
     name: str
@@ -51,19 +52,19 @@ class Competitor:
 
     @property
     def held_by(self) -> str:
-        """The bounds that held its tuning back."""
+        """The active constraints of its tuning."""
         if self.tuned is None:
             return "not tuned"
         return ", ".join(dict.fromkeys(bound.what for bound in self.tuned.held)) or "none"
 
     @property
     def settled(self) -> bool:
-        """True if it can be ranked: it was not tuned, or independent searches ended within 5 % of its best."""
+        """True if the law can be ranked: it was not tuned, or independent searches ended within 5 % of its best."""
         return self.tuned is None or self.tuned.settled
 
     @property
     def unplaced(self) -> str:
-        """Why it has no place by any criterion; empty if it has."""
+        """The reason why the law is not ranked; empty if it is."""
         if not self.settled:
             return "not settled"
         return Text(f"outside of the rule: {self.outside}") if self.outside else ""
@@ -71,9 +72,9 @@ class Competitor:
 
 @dataclass(frozen=True, eq=False)
 class AtWork(Case["Competitor | Refusal"]):
-    """The case of a law at work: with the gains of its tuning, completed for the work, run and judged.
+    """The case of one law on the task: with its tuned gains, adapted to the task, simulated and evaluated.
 
-    tuned  of the candidate, or of the one whose gains it takes over; None: it is judged as it is
+    tuned  tuning of the candidate, or of the law whose gains it takes over; None: evaluated without tuning
     """
 
     kind: ClassVar[str] = "law_at_work"
@@ -88,11 +89,11 @@ class AtWork(Case["Competitor | Refusal"]):
 
     @property
     def name(self) -> str:
-        """The law, at work."""
+        """The name of the case: the law, followed by ": the work"."""
         return f"{self.candidate.name}: the work"
 
     def outcome(self, progress: Progress) -> Competitor | Refusal:
-        """The law with its figures; refused if it cannot be completed for the work."""
+        """Return the law with its figures, or a refusal if it cannot be adapted to the task."""
         candidate, tuned = self.candidate, self.tuned
         loop = candidate.loop if tuned is None else tuned.loops[0]
         if candidate.like:
@@ -106,7 +107,9 @@ class AtWork(Case["Competitor | Refusal"]):
 
 
 def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
-    """The loop of a candidate that differs from another one in the setpoint's path only, with the law of that one."""
+    """Return the loop of a candidate that differs from another one only in its setpoint path, with the law of the
+    other.
+    """
     loop = replace(candidate.loop, control=replace(candidate.loop.control, law=law))
     if candidate.then == "trials":
         return iterate_trials(loop, duty.move, _TRIALS, seed=seed).loop
@@ -121,11 +124,11 @@ def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
 def judged(
     law: Competitor, places: Sequence[tuple[Loop, Loop]], duty: Duty, rule: Rule, seeds: Iterable[int]
 ) -> Competitor:
-    """Return a law with its figures, the worst over places and seeds, and the runs of the first of them.
+    """Return a law with its worst figures over all places and seeds, and the runs of the first place and seed.
 
-    places  the loop that runs and that of the linear figures, which differ for an axis with play
+    places  pairs of the simulated loop and the loop for the linear figures, which differ for an axis with backlash
 
-    A loop that is not stable by its eigenvalues, or leaves its bounds, at one of them is `unfit`.
+    A loop that has unstable eigenvalues or leaves its bounds for any of them is `unfit`.
     """
     competitors: list[Competitor] = []
     for (loop, model), seed in product(places, seeds):
@@ -139,7 +142,7 @@ def judged(
 
 
 def _judged(law: Competitor, loop: Loop, model: Loop, duty: Duty, rule: Rule, seed: int) -> Competitor:
-    """The figures of a law at one place, with the noise of one seed."""
+    """Return a law with its figures at one place, with the noise of one seed."""
     figures, both = effort_of(loop), None
     verdict = stability(model, velocity=rule.velocity)
     if not verdict.stable:

@@ -1,4 +1,6 @@
-"""Plots of laws: what stiffness costs in tracking, every figure against P-PI on one axis and on many, the recovery."""
+"""Plots of control laws: stiffness versus tracking, every figure relative to P-PI on one axis or many, and disturbance
+recovery.
+"""
 
 from __future__ import annotations
 
@@ -30,15 +32,17 @@ from feeddrive.plot.chart import (
 )
 
 X, HEIGHTS = TRACKING_RMS, STIFFNESS_AT
-_MOST = 8.0  # a ratio beyond which the color is full
+_MOST = 8.0  # ratio at which the color saturates
 
 
 def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) -> Chart:
-    """Stiffness at 10 and at 100 Hz over the RMS tracking error, a dot for each law: better is left and up.
+    """Plot stiffness at 10 and 100 Hz versus the RMS tracking error, one dot per law; the better laws are at the upper
+    left.
 
-    The key of a dot is the name of its law.  A law without these figures has no dot.
+    The key of each dot is the name of its law.  A law without these figures has no dot.
 
-    rows  name of a law, its figures in SI by the key of a criterion, and why it is not ranked: its dot is then hollow
+    rows  name of a law, its figures in SI units by criterion key, and the reason why it is not ranked (drawn as a
+          hollow dot)
     """
     bases = {base: i - 1 for i, base in enumerate(dict.fromkeys(_base(name) for name, _, _ in rows))}
     panels = list[Panel]()
@@ -65,7 +69,9 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
 
 
 def _around(values: Sequence[float], part: float) -> tuple[float, float]:
-    """A range around positive values on a logarithmic scale, with room on both sides; a decade if there is none."""
+    """Return a range around positive values with margins on a logarithmic scale; one decade for a single value or
+    none.
+    """
     ends = np.log10([min(values), max(values)]) if values else np.zeros(2)
     low, high = (
         style.padded(float(ends[0]), float(ends[1]), part) if np.ptp(ends) > 0.0 else (ends[0] - 0.5, ends[1] + 0.5)
@@ -74,14 +80,14 @@ def _around(values: Sequence[float], part: float) -> tuple[float, float]:
 
 
 def _base(name: str) -> str:
-    """The law without what stands beside it: laws of one base have one color."""
+    """Return the base name of a law, without additions; laws with one base name share a color."""
     return name.partition(" + ")[0].partition(",")[0]
 
 
 def ratios_chart(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: str) -> Chart:
-    """One cell for each law and criterion: the ratio to law `base`, blue where better and orange where worse.
+    """Draw one cell per law and criterion: the ratio to law `base`, blue if better and orange if worse.
 
-    rows  name of a law, and its figures in SI by the key of a criterion
+    rows  name of a law, and its figures in SI units by criterion key
     """
     reference = next((figures for name, figures in rows if name == base), rows[0][1])
     cells = list[Box]()
@@ -95,7 +101,7 @@ def ratios_chart(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: s
 
 
 def _cell(value: float | None, base: float | None, higher: bool) -> tuple[str, float]:
-    """Text and level of a cell: -1 where much better, 1 where much worse."""
+    """Return text and color level of a cell: -1 for much better, 1 for much worse."""
     if value is None or base is None:
         return "-", 0.0
     if np.isinf(value) or np.isinf(base) or base == 0.0 or value == 0.0:
@@ -107,10 +113,10 @@ def _cell(value: float | None, base: float | None, higher: bool) -> tuple[str, f
 
 
 def recovery_chart(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: float, span: float) -> Chart:
-    """The error of the table after the rope was cut, and after a force was switched on, of all laws.
+    """Plot the table's position error of all laws after a rope snap and after a force step.
 
     rows   name of a law, its run of the rope snap, its run of the force step
-    begin  s, when the force changed; near  m, within which a law counts as settled; span  s, that is shown
+    begin  time of the force change, s; near  settling band, m; span  time range shown, s
     """
     limits = tuple(Level(side * 1e6 * near, dashed=True) for side in (-1.0, 1.0))
     panels = list[Panel]()
@@ -126,9 +132,9 @@ def recovery_chart(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: 
 
 
 def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequence[float], float | None]]]) -> Chart:
-    """A panel a figure and a row a law: a small dot for each plant, a large one for the geometric mean.
+    """Plot one panel per figure with one row per law: a small dot per plant and a large one for the geometric mean.
 
-    panels  by headline, for each law its ratios to P-PI and their mean
+    panels  for each heading and each law, the ratios to P-PI and their mean
     """
     shown = list[Panel]()
     for head, rows in panels.items():

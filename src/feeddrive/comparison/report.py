@@ -37,7 +37,7 @@ _ROBUSTNESS = (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN, CROSSOVER)
 
 
 def contents(comparison: Comparison) -> LawsContents:
-    """What the report is made from."""
+    """Return the contents of the report."""
     loop = comparison.competitors[0].loop
     duty = comparison.duty
     facts = {
@@ -91,7 +91,7 @@ def comparison_report(comparison: Comparison) -> Report:
 
 
 def _entry(comparison: Comparison, law: Competitor) -> Entry:
-    """A competitor as a law of a report."""
+    """Return the report entry of a competitor."""
     assert law.move is not None
     nyquist = 0.5 / law.loop.sample_time
     frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
@@ -108,7 +108,7 @@ def _entry(comparison: Comparison, law: Competitor) -> Entry:
 
 
 def _ranked(comparison: Comparison, criteria: tuple[Figure, ...]) -> Marked:
-    """Figures, each with its place in brackets."""
+    """Tabulate the figures, each with its rank in brackets."""
     rows: list[list[Cell]] = [[name] for name in comparison.names]
     best: list[int | None] = []
     for criterion in criteria:
@@ -122,14 +122,14 @@ def _ranked(comparison: Comparison, criteria: tuple[Figure, ...]) -> Marked:
 
 
 def figure(value: float, criterion: Figure) -> str:
-    """Return a figure without its unit, as a marked text."""
+    """Return a figure without its unit, as marked text."""
     if math.isinf(value):
         return "never" if criterion.unit == "s" else "∞"
     return f"{replace(criterion.shown(value), bare=True)}"
 
 
 def _tuning(comparison: Comparison) -> Marked:
-    """Robustness, what held the tuning back, and its proof."""
+    """Tabulate robustness, the active constraints of the tuning, and its proof."""
     rows: list[list[Cell]] = []
     for law in comparison.competitors:
         values = (law.figures.get(figure.key) for figure in _ROBUSTNESS)
@@ -151,7 +151,7 @@ def _tuning(comparison: Comparison) -> Marked:
 
 
 def _tunables(comparison: Comparison) -> list[Marked]:
-    """The tunables of each law, before and after, and the laws that were refused."""
+    """Tabulate the tunables of each law before and after tuning, and the refused laws."""
     rows = [
         [law.name, name, *(Quantity(x, unit, form="SI") for x in (law.tuned.started[name], value)), UNIT]
         for law in comparison.competitors
@@ -185,7 +185,7 @@ def _pictures(comparison: Comparison) -> list[Picture]:
         )
     ]
     rows = [(law.name, law.snap, law.step) for law in comparison.competitors if law.snap and law.step]
-    # over twice the median of what the laws need to settle, at least 20 samples
+    # twice the median settling time of the laws, at least 20 samples
     times = [row.get(SNAP_SETTLING.key) for row in comparison.figures]
     finite = [time for time in times if time is not None and math.isfinite(time)]
     T, duty = float(comparison.competitors[0].loop.sample_time), comparison.duty
@@ -204,9 +204,9 @@ def _pictures(comparison: Comparison) -> list[Picture]:
 
 
 def write_comparison(comparison: Comparison, out: str | Path, more: Mapping[str, str] | None = None) -> Path:
-    """Write the directory whole or not at all, and return the path of the report.
+    """Write the result directory atomically, and return the path of the report.
 
-    more  texts of other files in it, by name
+    more  texts of further files in it, by name
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -223,7 +223,7 @@ def write_comparison(comparison: Comparison, out: str | Path, more: Mapping[str,
 
 
 def write_page(out: str | Path, report: Report, summary: str, figures: str, more: Mapping[str, str]) -> Path:
-    """Write a directory with a report, its figures as JSON and CSV and further texts, and return the report's path.
+    """Write a directory with a report, its figures as JSON and CSV, and further texts; return the path of the report.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -236,7 +236,7 @@ def write_page(out: str | Path, report: Report, summary: str, figures: str, more
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:
-    """All figures as plain numbers; what does not occur is null, what is infinite the text "infinite"."""
+    """Return all figures as plain numbers; missing ones are null, and infinity is the text "infinite"."""
     places = {criterion.key: comparison.places(criterion) for criterion in CRITERIA}
     return {
         "title": comparison.title,
@@ -280,5 +280,5 @@ def _tuned(law: Competitor) -> dict[str, Any]:
 
 
 def figures_csv(comparison: Comparison) -> str:
-    """The figures as CSV; what does not occur is empty."""
+    """Return the figures as CSV; missing ones are empty cells."""
     return csv_of({"law": comparison.names}, comparison.figures, Units(rotary=comparison.rotary))

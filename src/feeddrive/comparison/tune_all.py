@@ -23,23 +23,23 @@ from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import HeldBack, Tuned, assess, goal_of, law_tunables, tune_control
 
-_ROOM = 1e-3  # of a bound, for what lines miss
-AGREE = 0.05  # of the goal: whole tunings this near the best agree with it
-NANO = 1e-9  # m: the noise of a reading in which the bound is stated
+_ROOM = 1e-3  # of a bound: tolerance for peaks between the frequency lines
+AGREE = 0.05  # of the goal: complete tunings this close to the best one agree with it
+NANO = 1e-9  # m: the reading noise for which the bound is stated
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What all laws are tuned to.
+    """The rule of equal robustness to which all laws are tuned.
 
     sensitivity_peak, delay_margin_samples   bounds of Ms and delay margin
-    noise_ratio   how much more noise than P-PI a law may make in the force
-    velocity      m/s of the axis
-    starts        searches for each law
-    noise         N/m: the bound that follows once P-PI is tuned; None before
-    repeats       whole tunings of each law, each with its own random starts; with several a law has settled only if
-                  all of them end within 5 % of the best
-    also          the axis at further positions or loads: the bounds hold there too, and the worst goal counts
+    noise_ratio   largest force noise of a law relative to P-PI
+    velocity      velocity of the axis, m/s
+    starts        number of searches per law
+    noise         noise-gain limit in N/m, known once P-PI is tuned; None before
+    repeats       number of complete tunings per law, each with its own random starts; with several, a law has settled
+                  only if all of them end within 5 % of the best
+    also          the axis at further positions or loads: the bounds apply there too, and the worst objective counts
     """
 
     sensitivity_peak: float
@@ -68,14 +68,14 @@ class Rule:
         )
 
     def limits(self) -> Limits:
-        """The bounds of one tuning; the noise in the force is measured where it is not bounded."""
+        """Return the limits of one tuning; force noise is computed even where it is not limited."""
         bounds = [Limit(SENSITIVITY_PEAK, self.sensitivity_peak), Limit(DELAY_MARGIN, self.delay_margin_samples)]
         if self.noise is not None:
             bounds.append(Limit(FORCE_NOISE, NANO * self.noise))
         return Limits(bounds, reading_noise=(NANO, NANO))
 
     def broken(self, figures: Mapping[str, float | None]) -> str:
-        """The bounds that a loop exceeds, in words; empty if it keeps all."""
+        """Return the bounds that a loop exceeds, in words; empty if it meets all."""
         peak, delay, noise = (figures.get(figure.key) for figure in (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN))
         if peak is None or delay is None or noise is None:
             return "it has no margins"
@@ -89,7 +89,7 @@ class Rule:
         return joined(", ", exceeded)
 
     def with_noise_of(self, plain: Tuned | Refusal) -> Rule:
-        """The rule for all others, once P-PI is tuned."""
+        """Return the rule for the other laws, with the noise limit taken from the tuned P-PI."""
         if not isinstance(plain, Tuned) or plain.after[0].force_noise is None:
             return self
         return replace(self, noise=self.noise_ratio * plain.after[0].force_noise / NANO)
@@ -97,7 +97,7 @@ class Rule:
 
 @dataclass(frozen=True, eq=False)
 class Tuning(Case["Tuned | Refusal"]):
-    """The case of a law that is tuned under the rule; refused with the reason if no setting keeps it."""
+    """The case of tuning one law under the rule; refused with the reason if no setting satisfies it."""
 
     kind: ClassVar[str] = "law"
     common: ClassVar[tuple[str, ...]] = ("rule",)
@@ -108,16 +108,16 @@ class Tuning(Case["Tuned | Refusal"]):
 
     @property
     def name(self) -> str:
-        """The law."""
+        """The name of the law."""
         return self.candidate.name
 
     @property
     def points(self) -> list[Loop]:
-        """The axis at all positions of the rule."""
+        """The loop at all positions of the rule."""
         return [self.candidate.loop, *(replace(self.candidate.loop, axis=axis) for axis in self.rule.also)]
 
     def outcome(self, progress: Progress) -> Tuned | Refusal:
-        """The best of all searches."""
+        """Return the best result of all searches, or a refusal."""
         try:
             return self.repeated(progress)
         except CancelledError:
@@ -126,7 +126,7 @@ class Tuning(Case["Tuned | Refusal"]):
             return Refusal(self.name, Text(f"{error}"))
 
     def record(self, outcome: Tuned | Refusal) -> dict[str, Any]:
-        """Values of the tunables to the last bit, and how they were found."""
+        """Return a record with the exact values of the tunables and details of the search."""
         if isinstance(outcome, Refusal):
             return {"refused": outcome.reason}
         return {
@@ -141,7 +141,7 @@ class Tuning(Case["Tuned | Refusal"]):
         }
 
     def restored(self, record: Any, progress: Progress) -> Tuned | Refusal:
-        """The tuning of a record; figures and proof are computed again."""
+        """Restore the tuning from a record; figures and proof are recomputed."""
         if record["refused"] is not None:
             return Refusal(self.name, str(record["refused"]))
         tunables = {str(name): float.fromhex(value) for name, value in record["tunables"].items()}
@@ -157,14 +157,16 @@ class Tuning(Case["Tuned | Refusal"]):
         )
 
     def assessed(self, tunables: Mapping[str, float], progress: Progress) -> Tuned:
-        """The law with known tunables: figures and proof without a search."""
+        """Compute figures and proof of the law with known tunables, without a search."""
         control = tree.vary(self.candidate.loop.control, dict(tunables))
         progress.step("as it was kept")
         known = assess(control, self.points, rule="kept", limits=self.rule.limits(), velocity=self.rule.velocity)
         return replace(known, tunables=dict(tunables), recipe="")
 
     def repeated(self, progress: Progress) -> Tuned:
-        """The best of whole tunings, settled if all of them agree. Raises UnstableError if none keeps the rule."""
+        """Return the best of several complete tunings, settled if all of them agree. Raises UnstableError if none
+        satisfies the rule.
+        """
         rule = self.rule
         tunings: list[Tuned] = []
         errors: list[FeeddriveError] = []
@@ -206,9 +208,9 @@ class Tuning(Case["Tuned | Refusal"]):
 def tuned_all(
     candidates: Sequence[Candidate], rule: Rule, engine: Engine, bar: Bar
 ) -> tuple[dict[str, Tuned | Refusal], Rule]:
-    """Tune every candidate, and return by name what it came to, with the rule that has the noise of P-PI.
+    """Tune every candidate; return the results by name, and the rule with the noise limit from P-PI.
 
-    P-PI is first, since its noise bounds that of the others.  `bar` counts the stages of all of them.
+    P-PI comes first, since its noise sets the limit for the others.  `bar` counts the stages of all candidates.
     """
 
     def tuned(some: Iterable[Candidate]) -> dict[str, Tuned | Refusal]:

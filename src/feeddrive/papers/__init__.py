@@ -1,1 +1,1 @@
-"""The experiments of the four papers, each with a table of its claims."""
+"""The experiments that reproduce the four papers, each with a table of claims."""

@@ -1,6 +1,7 @@
-"""Claims of a paper with the rule that decides them; the experiments by name, run in parallel, and their files.
+"""The claims of a paper and the rules that decide them, with parallel execution of the experiments and their output
+files.
 
-A page for each paper, an index of all claims, and the figures as JSON.
+The output is one page per paper, an index of all claims, and the figures as JSON.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ _STATED = {
 
 
 def stated(value: float, unit: str = "", digits: str = "4", *, bare: bool = False) -> Quantity:
-    """Return a figure in the unit of its paper as a quantity in SI, which is read in that unit."""
+    """Convert a figure in the unit of its paper to an SI quantity that is displayed in that unit."""
     si, name = _STATED.get(unit, (unit, unit))
     size = 100.0 if si == "share" else factor(si, name) if si != name else 1.0
     return Quantity(value / size, si, form=f"{digits} {name}", bare=bare)
@@ -55,14 +56,14 @@ def stated(value: float, unit: str = "", digits: str = "4", *, bare: bool = Fals
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement that can fail: it holds if  least <= got <= most  (a bound may be absent).
+    """A falsifiable statement: it holds if  least <= got <= most  (a bound may be absent).
 
-    key        of the row, as "1.d"
-    claim      what is stated, as a sentence
-    rule what makes the two sides comparable; plant, noise and seed
-    got the figure that was computed, in `unit`
-    expected   what was expected, in words; absent: the bounds
-    equations  of shipped blocks, as "DADSC (4)", a change of which must break the claim
+    key        key of the row, e.g. "1.d"
+    claim      the statement, as a sentence
+    rule       the conditions that make both sides comparable; plant, noise and seed
+    got        the computed figure, in `unit`
+    expected   the expected result in words; empty: the bounds
+    equations  equations of shipped blocks, such as "DADSC (4)"; the claim must fail if one of them is changed
     """
 
     key: str
@@ -99,17 +100,17 @@ class Claim:
 
     @property
     def shown(self) -> Quantity:
-        """The computed figure as a quantity in SI, which is read in `unit`."""
+        """The computed figure as a quantity in SI, displayed in `unit`."""
         return stated(self.got, self.unit)
 
     def cells(self) -> list[str]:
-        """Return the row of a table as texts."""
+        """Return the cells of the table row as texts."""
         expected = Text(f"{self.expected} ({self.bounds})") if self.expected else self.bounds
         verdict = "holds" if self.holds else "DOES NOT HOLD"
         return [self.key, self.claim, self.rule, expected, Text(f"{self.shown}"), verdict]
 
     def row(self) -> list[str | Quantity]:
-        """Return the row of a table, the computed figure as a number."""
+        """Return the table row, with the computed figure as a number."""
         cells = self.cells()
         return [*cells[:4], self.shown, cells[5]]
 
@@ -121,7 +122,7 @@ CELLS = ("row", "claim", "rule", "expected", "got", "holds?")
 class Experiment(Result):
     """The experiments of one paper: claims, further tables, pictures, facts on the runs, and remarks.
 
-    name      as on the command line, "altintas2009"
+    name      name on the command line, e.g. "altintas2009"
     citation  authors, title, journal, year
     """
 
@@ -140,11 +141,11 @@ class Experiment(Result):
         return [claim for claim in self.claims if not claim.holds]
 
     def table(self) -> Table:
-        """The claims."""
+        """Return the table of claims."""
         return Table(self.title, CELLS, [claim.row() for claim in self.claims])
 
     def sentence(self) -> str:
-        """A sentence on how many claims hold, and which do not."""
+        """Return a sentence stating how many claims hold and which do not."""
         held = len(self.claims) - len(self.broken)
         if not self.broken:
             return f"All {held} claims hold."
@@ -153,7 +154,7 @@ class Experiment(Result):
 
 
 def paper_report(experiment: Experiment) -> Report:
-    """Return the report of an experiment: its claims, those that do not hold marked."""
+    """Return the report of an experiment: with the claims that do not hold marked."""
     first, further = experiment.pictures[:1], experiment.pictures[1:]
     return Report(
         experiment.title,
@@ -170,7 +171,7 @@ def paper_report(experiment: Experiment) -> Report:
 
 
 def claims_table(claims: Sequence[Claim]) -> Marked:
-    """Tabulate claims; those that do not hold stand out."""
+    """Tabulate claims; those that do not hold are highlighted."""
     broken = [number for number, claim in enumerate(claims) if not claim.holds]
     return Marked(Table("", CELLS, [claim.cells() for claim in claims]), alert=broken, text=True)
 
@@ -191,7 +192,7 @@ class Reproduced:
 
 
 def chosen(paper: str) -> tuple[str, ...]:
-    """Return the papers of a name; `all` means every one. Raises ParameterError for an unknown name."""
+    """Return the papers selected by a name; `all` means every one. Raises ParameterError for an unknown name."""
     if paper == "all":
         return PAPERS
     if paper in PAPERS:
@@ -272,7 +273,7 @@ def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
 
 
 def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
-    """Write the files into a directory that was created before the work began."""
+    """Write the files into a directory that was created before the run started."""
     for paper in reproduced:
         name = "report" if len(reproduced) == 1 else paper.name
         (folder / f"{name}.html").write_text(paper.page, encoding="utf-8")

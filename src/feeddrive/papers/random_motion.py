@@ -15,7 +15,7 @@ RANDOM = f"{SAMPLES} samples of random readings and forces, seed 7, along a set 
 
 
 class RandomMotion:
-    """A set motion of the fourth degree in time, whose derivatives are exact: x in m over t in s."""
+    """A set motion x(t), a random polynomial of fourth degree with exact derivatives; x in m, t in s."""
 
     def __init__(self, seed: int = 7) -> None:
         sizes = np.array([1e-2, 0.1, 1.0, 30.0, 800.0])
@@ -32,7 +32,9 @@ class RandomMotion:
 
 
 class RandomReadings:
-    """Random readings of two encoders (m), and forces applied and requested (N), each of shape (n,); at rest first."""
+    """Random readings of two encoders (m), and forces applied and requested (N), each of shape (n,); the forces are
+    initially 0.
+    """
 
     def __init__(self, way: RandomMotion, t: np.ndarray, seed: int = 7, size: float = 1e-4) -> None:
         random = np.random.default_rng(seed)
@@ -41,7 +43,7 @@ class RandomReadings:
         self.applied[0] = self.requested[0] = 0.0
 
     def readings(self) -> list[Reading]:
-        """Return the readings in the form that blocks take."""
+        """Return the readings as the blocks' input type."""
         rows = np.stack([self.motor, self.load, self.applied, self.requested], axis=1).tolist()
         return [Reading(*row) for row in rows]
 
@@ -49,7 +51,7 @@ class RandomReadings:
 def stepped(
     law: Law, T: float, setpoints: Sequence[Setpoint], readings: Sequence[Reading]
 ) -> tuple[list[Any], np.ndarray]:
-    """Return states and forces of a law that starts at the first reading; both of the samples from the second on."""
+    """Return states and forces of a law that starts at the first reading; both from the second sample on."""
     prepared = law.prepare(T)
     state = law.start(prepared, setpoints[0], readings[0])
     states, forces = [], []
@@ -61,5 +63,5 @@ def stepped(
 
 
 def misfit(actual: Sequence[Any] | np.ndarray, expected: np.ndarray) -> float:
-    """Return the largest difference over the largest expected value."""
+    """Return the largest absolute difference relative to the largest expected value."""
     return float(np.max(np.abs(np.asarray(actual, dtype=float) - expected)) / np.max(np.abs(expected)))

@@ -1,4 +1,4 @@
-"""From a part program to setpoints."""
+"""Planning of motions: from a part program to setpoints."""
 
 # written by `make stubs`
 

@@ -1,4 +1,4 @@
-"""The limits of a machine's axes: what a plan keeps, where the travel ends, what the encoder resolves.
+"""The limits of a machine's axes: velocity to snap, travel, and resolution of the encoder.
 
 [axis.x.limits]                    # in a machine file, or in a file of its own
 velocity_mm_per_s = 500
@@ -8,8 +8,8 @@ snap_mm_per_s4 = 5e7
 travel_least_mm = 0                # soft limits, in machine coordinates; absent for none
 travel_most_mm = 600
 
-[axis.c.limits]                    # a, b and c turn
-velocity_rpm = 60                  # deg_per_s, rad_per_s ... likewise
+[axis.c.limits]                    # a, b and c are rotary axes
+velocity_rpm = 60                  # deg_per_s, rad_per_s ... are equivalent
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ class AxisLimits(Block):
     )
 
     def rules(self) -> Iterator[Rule]:
-        """Check that the travel has two ends and a length."""
+        """Check that the travel has two ends and a positive length."""
         yield from travel_rules("limits", self.travel_least, self.travel_most)
 
 
 @dataclass(frozen=True)
 class MachineLimits:
-    """The limits of all axes by letter: X, Y, Z ..., in the order of the setpoints."""
+    """The limits of all axes, by letter: X, Y, Z ..., in the order of the setpoints."""
 
     axes: Mapping[str, AxisLimits]
 
@@ -82,7 +82,7 @@ class MachineLimits:
 
     @property
     def rotary(self) -> bool:
-        """True if any axis turns."""
+        """True if any axis is rotary."""
         return any(letter in ROTARY for letter in self.axes)
 
     @property
@@ -98,22 +98,22 @@ class MachineLimits:
 
     @property
     def travel(self) -> dict[str, tuple[float, float] | None]:
-        """The soft limits, as `read_program` takes them; a missing end is 1e6 m."""
+        """The soft limits in the form `read_program` expects; a missing end is set to 1e6 m."""
         return {letter: _travel(axis) for letter, axis in self.axes.items()}
 
     @property
     def causes(self) -> list[str]:
-        """The causes that may limit a motion: each limit of each axis, the feed, none of them, a standstill."""
+        """The possible causes that limit a motion: each limit of each axis, the feed, none, or a standstill."""
         return [*(f"{what} of {letter}" for letter in self.axes for what in DERIVATIVES), FEED, NONE, STANDSTILL]
 
     def named(self, text: str) -> str:
-        """Replace `axis 0`, as the planner counts axes, by the letter of the axis."""
+        """Replace the planner's numbering, such as `axis 0`, by the letter of the axis."""
         return re.sub(r"\baxis (\d+)", lambda match: f"axis {self.letters[int(match[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """Yield the moves; refuse a path tolerance below the resolution of an axis or rounding, or an absurd one.
+        """Yield the moves; refuse a path tolerance that is too large, or below the resolution of an axis or rounding.
 
-        Raises ProgramError at the line of a tolerance that is.
+        Raises ProgramError at the line of an unsuitable tolerance.
         """
         for move in moves:
             unfit = self.unfit(move.tolerance) if isinstance(move, PathMode) else ""

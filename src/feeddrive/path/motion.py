@@ -1,8 +1,8 @@
-"""A path r(x) in pieces, and a motion along it in pieces of constant snap in time.
+"""A path r(x) in pieces, and a motion along it in time intervals of constant snap.
 
-A piece of path is a line, an arc or a polynomial of seventh degree, one row of arrays a piece.  It counts x from its
-own start and holds displacements from its own origin, so that no digit is lost to the distance from the machine's zero.
-x is in m and nearly the length of the path; |r'| need not be 1.
+A piece of the path is a line, an arc or a seventh-degree polynomial, one row of arrays per piece.  x is measured from
+the start of each piece, and displacements from its own origin, so that no digits are lost to a large distance from the
+machine zero.  x is in m and nearly the arc length; |r'| need not be 1.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ _HALF_PI_LOW = float.fromhex("0x1.0b4611a626331p-34")
 
 
 class Pieces(NamedTuple):
-    """n pieces of a path of N axes; in each 0 <= x <= length, and ξ = x / length.
+    """The n pieces of a path of N axes; in each piece 0 <= x <= length, and ξ = x / length.
 
-        line, polynomial   r_i = origin_i + Σ_{k=1..7} shape_ik ξᵏ; a line has k = 1 alone
+        line, polynomial   r_i = origin_i + Σ_{k=1..7} shape_ik ξᵏ; a line has only k = 1
         arc, helix         r_i = origin_i + E1_i (cos θ - 1) + E2_i sin θ + slope_i x,   θ = κ x
 
     kind    LINE, ARC or POLYNOMIAL, shape (n,)
     length  m, shape (n,)
     origin  r(0), m, shape (n, N)
-    shape   (n, N, 8), m; of an arc E1, E2, slope and κ in 1/m (on each axis) are columns 0 to 3
+    shape   (n, N, 8), m; for an arc columns 0 to 3 are E1, E2, slope and κ in 1/m (same for each axis)
     feed    the largest path speed |r'| u', m/s, shape (n,)
-    line    of the part program, shape (n,)
+    line    line number in the part program, shape (n,)
     """
 
     kind: np.ndarray
@@ -46,9 +46,9 @@ class Pieces(NamedTuple):
 
 
 class Section(NamedTuple):
-    """A section of a run: pieces that go on from the section before; `ends` says that the run does.
+    """A section of a run: pieces that continue the previous section; `ends` is True if the run ends with it.
 
-    tolerance  of the corner in which it ends then, m; 0: it stops there
+    tolerance  tolerance of the corner at which the run ends, m; 0: a stop
     """
 
     pieces: Pieces
@@ -57,7 +57,7 @@ class Section(NamedTuple):
 
 
 def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
-    """Return the pieces `first` to before `last`."""
+    """Return the pieces from `first` up to but excluding `last`."""
     return Pieces(*(column[first:last] for column in pieces))
 
 
@@ -68,7 +68,7 @@ def one_after_the_other(pieces: Sequence[Pieces]) -> Pieces:
 
 @kernel
 def turned(theta: float) -> tuple[float, float]:
-    """Return sin θ and 1 - cos θ, which keeps its digits at small angles; θ in rad, |θ| < 1e6."""
+    """Return sin θ and 1 - cos θ, the latter without cancellation at small angles; θ in rad, |θ| < 1e6."""
     # reduce to |r| <= π/4, where the series below are short
     k = floor(theta * 0.6366197723675814 + 0.5)
     r = (theta - k * _HALF_PI_HIGH) - k * _HALF_PI_LOW
@@ -138,12 +138,12 @@ def derivatives(kind: int, length: float, shape: Floats2, x: float, out: Floats2
 
 
 class Motion(NamedTuple):
-    """u(t) along a path as m pieces of constant u''''.
+    """A motion u(t) along a path as m time intervals of constant u''''.
 
     duration  s, shape (m,)
-    piece     index of the piece of the path in which each begins, shape (m,)
-    x         m, where in it
-    speed, acceleration, jerk, snap  u' .. u'''' at its begin, m/s .. m/s⁴
+    piece     index of the path piece in which each interval begins, shape (m,)
+    x         start position within that piece, m
+    speed, acceleration, jerk, snap  u' .. u'''' at the start of each interval, m/s .. m/s⁴
     """
 
     duration: np.ndarray
@@ -156,12 +156,12 @@ class Motion(NamedTuple):
 
 
 class Entering(NamedTuple):
-    """The next run, which starts from rest while a part ends the previous run: q is the sum of both, less the corner
-    between them.
+    """The next run, which starts from rest while a part ends the previous run: q is the sum of both minus the corner
+    position between them.
 
-    Its pieces of time are those of that part, and each of both stays on one piece of its path.
+    Its time intervals are those of that part, and both motions stay on one piece of their path.
 
-    tolerance  m, of the distance between q and the two pieces, which is proven, too
+    tolerance  largest distance between q and the two pieces, m, which is proven, too
     """
 
     pieces: Pieces
@@ -170,12 +170,12 @@ class Entering(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A part of a run from rest to rest: some pieces of its path and the motion on them.
+    """A part of a run: some pieces of its path and the motion on them; a run starts and ends at rest.
 
-    The first piece of the path is the one on which the part before ended.  `ends` says that the run does.  If the next
-    run is `entering` then, the part behind goes on from where that one has come.
+    The first piece is the one on which the previous part ended.  `ends` is True if the run ends with this part.  If the
+    next run is `entering` at the same time, the following part continues from the position it has reached.
 
-    mode  of the path (`PathMode`) for which the run ends; empty where its tolerance is not enough
+    mode  path mode (`PathMode`) that requires the stop; empty if the stop is due to a too small tolerance
     """
 
     pieces: Pieces
@@ -186,7 +186,7 @@ class Part(NamedTuple):
 
 
 class Pause(NamedTuple):
-    """A standstill: a dwell or a hold of `duration` s, or 0 s where the program waits for something else."""
+    """A standstill: a dwell or a hold of `duration` s, or 0 s if the program waits for another event."""
 
     duration: float
     why: str
@@ -194,9 +194,7 @@ class Pause(NamedTuple):
 
 
 def rows(motion: Motion) -> np.ndarray:
-    """Return duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the
-    piece.
-    """
+    """Return duration, x, speed, acceleration, jerk and snap as columns of one array, without the piece index."""
     table = np.empty((len(motion.duration), 6))
     table[:, 0] = motion.duration
     for k, column in enumerate(motion[2:]):
@@ -205,7 +203,7 @@ def rows(motion: Motion) -> np.ndarray:
 
 
 def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
-    """Return the motion of such rows from x on, on one piece of the path."""
+    """Return the motion on one path piece, starting at x, from rows as returned by `rows`."""
     duration, place, *state = new.T.copy()
     place += x
     return Motion(duration, np.full(len(new), piece), place, *state)
@@ -213,20 +211,20 @@ def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
 
 @kernel
 def cubic(a: float, b: float, c: float, d: float, t: float) -> float:
-    """Evaluate a + b t + c t²/2 + d t³/6: u' from u' .. u'''' at t = 0."""
+    """Evaluate a + b t + c t²/2 + d t³/6, which is u'(t) for u' .. u'''' = a .. d at t = 0."""
     return a + t * (b + t * (0.5 * c + t * d / 6.0))
 
 
 @kernel
 def way(v: float, a: float, j: float, s: float, t: float) -> float:
-    """Return ∫ u' from 0 to t."""
+    """Return the distance ∫ u' from 0 to t, for u' .. u'''' = v, a, j, s at 0."""
     return t * (v + t * (0.5 * a + t * (j / 6.0 + t * s / 24.0)))
 
 
 @kernel
 def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: float) -> float:
-    """Return the time in [t0, t1] at which a rising u has come this far: bisection, with Newton's step where it stays
-    inside.
+    """Return the time in [t0, t1] at which an increasing u reaches the distance `far`, by Newton's method
+    safeguarded by bisection.
     """
     low = t0
     high = t1
@@ -250,8 +248,8 @@ def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: floa
 
 @kernel
 def chain(v: float, a: float, j: float, s: float, r: Floats2, out: Floats2) -> int:
-    """Write q' .. q'''' of each axis, from u' .. u'''' and r' .. r'''' in columns 1 to 4 of r, into columns 1 to 4 of
-    `out`.
+    """Compute q' .. q'''' of each axis by the chain rule from u' .. u'''' and r' .. r'''' (columns 1 to 4 of r),
+    into columns 1 to 4 of `out`.
     """
     for i in range(len(r)):
         out[i, 1] = r[i, 1] * v

@@ -1,4 +1,4 @@
-"""Feed override and feed hold: the factor of the feed as a function of time."""
+"""Feed override and feed hold: the feed factor as a function of time."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ MOST = 2.0
 class Override(NamedTuple):
     """The feed factor as steps over time; constructed by `override`.
 
-    time    at which each begins, s from the start of the program, the first at 0, shape (n,)
-    factor  of the feed from then on, 0 .. 2; 0 holds the motion, shape (n,)
+    time    start of each step, s from the start of the program, the first at 0, shape (n,)
+    factor  feed factor from then on, 0 .. 2; 0 holds the motion, shape (n,)
     """
 
     time: np.ndarray
@@ -29,7 +29,7 @@ class Override(NamedTuple):
         return float(self.factor[np.searchsorted(self.time, time, side="right") - 1])
 
     def moves_again(self, time: float) -> float:
-        """Return the first time from `time` on at which the factor is not 0, s."""
+        """Return the first time at or after `time` at which the factor is not 0, s."""
         k = int(np.searchsorted(self.time, time, side="right")) - 1
         if self.factor[k] > 0.0:
             return time
@@ -39,7 +39,7 @@ class Override(NamedTuple):
 def override(steps: Sequence[tuple[float, float]]) -> Override:
     """Return an override from pairs of time (s) and factor; before the first pair the factor is 1.
 
-    Raises ParameterError for times that do not rise, a factor outside 0 .. 2, and a hold that never ends.
+    Raises ParameterError for times that do not increase, a factor outside 0 .. 2, and a hold that never ends.
     """
     time, factor = [0.0], [1.0]
     for k, (begin, value) in enumerate(steps):
@@ -63,9 +63,9 @@ def override(steps: Sequence[tuple[float, float]]) -> Override:
 
 
 def read_steps(text: str) -> Override:
-    """Parse the text of an override: steps of time in s, a colon and the feed in %, as `1:50, 2:0, 3.5:120`.
+    """Parse the text of an override: steps of time in s, a colon and the feed in %, e.g. `1:50, 2:0, 3.5:120`.
 
-    Raises ParameterError as `override` does, and for what is no such text.
+    Raises ParameterError as `override` does, and for malformed text.
     """
     steps: list[tuple[float, float]] = []
     for step in text.split(","):

@@ -1,4 +1,4 @@
-"""The result of a plan: cycle time, largest use of each limit, stops, and the course of the motion for pictures."""
+"""The result of a plan: cycle time, largest use of each limit, stops, and a reduced record of the motion for plots."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ FEW = 1000
 
 
 class Course(NamedTuple):
-    """A motion reduced to n stretches of samples; m .. m/s⁴.
+    """A motion reduced to n intervals of samples; m .. m/s⁴.
 
-    time      at the begin of each, s, shape (n,)
-    position  at the begin of each, shape (n, N)
-    speed     along the path, the largest in each, m/s, shape (n,)
-    low, high  least and most of velocity .. snap of each axis, shape (n, N, 4)
-    feed      the largest path speed that the program asks for, m/s; inf on a traverse, 0 at a standstill, shape (n,)
-    line      of the part program at its begin, shape (n,)
+    time      start of each interval, s, shape (n,)
+    position  position at the start of each interval, shape (n, N)
+    speed     largest speed along the path in each interval, m/s, shape (n,)
+    low, high  minimum and maximum of velocity .. snap of each axis, shape (n, N, 4)
+    feed      the largest programmed path speed, m/s; inf on a traverse, 0 at a standstill, shape (n,)
+    line      line of the part program at its start, shape (n,)
     """
 
     time: np.ndarray
@@ -43,7 +43,9 @@ class Course(NamedTuple):
 
 
 class Recorder:
-    """Reduces samples, chunk by chunk, to at most 16,384 stretches, which grow with the motion."""
+    """A recorder that reduces samples, chunk by chunk, to at most 16,384 intervals, whose length grows with the
+    motion.
+    """
 
     def __init__(self, axes: int) -> None:
         n = self._axes = axes
@@ -55,7 +57,7 @@ class Recorder:
             slice(5 * n + 1, 9 * n + 1),
         )
         self._every, self._rows = 1, np.empty((0, 9 * n + 4))
-        self._left: list[np.ndarray] = []  # samples of stretches that are not made yet
+        self._left: list[np.ndarray] = []  # samples not yet reduced to intervals
         self._waiting = 0
 
     def add(self, samples: Samples) -> None:
@@ -102,7 +104,9 @@ class Recorder:
 
 
 def _limit(limit: float, unit: str, per: str) -> Quantity:
-    """Return a limit in m or rad per s^n, read in mm without unit (which stands in the head) or in degrees with it."""
+    """Return a limit in m or rad per s^n, displayed in mm without its unit (given in the table head) or in degrees
+    with it.
+    """
     if unit == "mm":
         return Quantity(limit, f"m/{per}", form=f"mm/{per}", stays=True, bare=True)
     return Quantity(limit, f"rad/{per}", form=f"{unit}/{per}", stays=True)
@@ -110,20 +114,20 @@ def _limit(limit: float, unit: str, per: str) -> Quantity:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Planned(Result):
-    """A part program as a motion.
+    """The planned motion of a part program.
 
     program, machine  their names
-    limits            of the axes
-    sample_time       of the setpoints, s
+    limits            limits of the axes
+    sample_time       sample time of the setpoints, s
     samples           number of setpoints
-    cycle_time        s, dwells included
-    blocks            of the program that move
-    runs              from rest to rest
-    proof             of all runs; what it does not prove is not written
+    cycle_time        cycle time, dwells included, s
+    blocks            number of program blocks with a motion
+    runs              number of runs from rest to rest
+    proof             proof for all runs; unproven samples are not written
     stops             the first 1,000 standstills; `stop_count` of all
-    stop_reasons      how many there are of each kind
-    seconds           of cycle time by what limits it: the limit that is used most in a sample, the feed, a standstill
-    course            for pictures
+    stop_reasons      number of stops of each kind
+    seconds           cycle time by limiting cause: the limit used most in a sample, the feed, or a standstill
+    course            reduced motion for plots
     """
 
     program: str
@@ -142,7 +146,7 @@ class Planned(Result):
     course: Course
 
     def table(self) -> Table:
-        """The limits of each axis, and the largest share of each that the motion uses."""
+        """Return a table of the limits of each axis and the largest share of each used by the motion."""
         columns = (self.limits.letters, self.limits.shown, self.limits.array, self.proof.use)
         rows = [
             [
@@ -169,7 +173,7 @@ Take: TypeAlias = Callable[[Samples, Sequence[Standstill]], None]
 
 
 def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | None = None) -> Planned:
-    """Sum up the samples of a program; every chunk of samples is passed to `take`, with the stops in it."""
+    """Summarize the planned motion of a program; every chunk of samples is passed to `take`, with the stops in it."""
     recorder = Recorder(len(setpoints.limits.axes))
     few: list[Standstill] = []
     reasons: Counter[str] = Counter()

@@ -1,7 +1,7 @@
-"""A part program as setpoints, section by section in constant memory: planned, proven, sampled.
+"""Setpoints of a part program: planned, proven and sampled section by section in constant memory.
 
-A section leaves the planner only after its proof.  If the proof fails, sampling goes on with `proven` False so that all
-faults are counted; the samples must then not be used.
+A section leaves the planner only after its proof.  If the proof fails, sampling continues with `proven` False so that
+all faults are counted; these samples must not be used.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule
 
-SHORT = 100  # segments of a chain that is planned in two ways
+SHORT = 100  # largest number of segments of a chain that is planned in two ways
 
 
 def planned(
@@ -35,25 +35,26 @@ def planned(
 ) -> Iterator[Part | Pause]:
     """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
-    Segments come in windows, and a part leaves as soon as it is fixed: memory does not grow with the program.
+    Segments are planned in windows, and a part is yielded as soon as it is final, so memory does not grow with the
+    program.
 
     axes      letters of the machine's axes, in the order of `limits`
-    limits    of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    override  of the feed; with it nothing is lifted, so that what is fixed is never far ahead
+    limits    limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    override  feed override; with it motions are not lifted, so that the planned motion is final only a short time ahead
 
-    Raises ProgramError as `chains` does.  What is yielded is planned, not proven: give it to a `Prover`.
+    Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
     """
     joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
     lifter = Lifter(limits) if override is None else None
-    joints: deque[str] = deque()  # modes of the path at those that are not decided
-    modes: deque[str] = deque()  # for which runs end that have not left
+    joints: deque[str] = deque()  # path modes of the undecided joints
+    modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
 
     def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
         for part in parts:
             if isinstance(part, Pause):
                 yield part
                 continue
-            if part.entering is not None:  # both runs have counted it
+            if part.entering is not None:  # it is contained in both runs
                 schedule.time -= float(np.sum(part.motion.duration))
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
@@ -75,7 +76,7 @@ def planned(
 def _planned_along(
     sections: list[Section], ends: bool, schedule: Schedule, lifter: Lifter | None, crossings: Crossings
 ) -> Iterator[Part | Pause]:
-    """Yield the parts that are final when these sections of a chain are known: all where it `ends`."""
+    """Yield the parts that are final after these sections of a chain: all of them if it `ends`."""
     for section in sections:
         line = crossings.add_line(section) if lifter and schedule.rests else None
         if line is not None:
@@ -93,9 +94,10 @@ def _planned_along(
 
 
 def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
-    """Plan a short chain in both ways, with splines and blends or with all its corners in time; return the quicker one.
+    """Plan a short chain both with splines and blends and with all corners passed by overlapping runs; return the
+    faster plan.
 
-    None if it is not short, or if both are the same.
+    None if the chain is not short, or if both plans are identical.
     """
     if len(chain.tolerance) > SHORT:
         return None
@@ -132,8 +134,8 @@ def _sample(
     out: Floats3,
     r: Floats2,
 ) -> int:
-    """Write samples `first`, `first` + 1 ... of a motion that begins at the time `begin`; return how many lie within
-    it.
+    """Write samples `first`, `first` + 1 ... of a motion that starts at time `begin`; return the number of samples
+    within it.
     """
     count = 0
     since = begin
@@ -164,18 +166,20 @@ def _sample(
 
 
 class Sampler:
-    """Samples the parts of runs one after the other at k T, k = 0, 1, 2 ...; `sample_time` in s."""
+    """A sampler for consecutive parts of runs at k T, k = 0, 1, 2 ...; `sample_time` in s."""
 
     def __init__(self, sample_time: float) -> None:
         self._sample_time = sample_time
         self._begin, self._first = 0.0, 0
 
     def sample(self, part: Part) -> np.ndarray:
-        """Return position, velocity .. snap of each axis at the instants within a part, m .. m/s⁴, shape (n, N, 5)."""
+        """Return position, velocity .. snap of each axis at the sampling instants within a part, m .. m/s⁴, shape
+        (n, N, 5).
+        """
         return np.concatenate(list(self.slices(part)))
 
     def slices(self, part: Part, most: int = 16384) -> Iterator[np.ndarray]:
-        """As `sample`, in chunks of limited size, as a part may last for hours."""
+        """Yield the result of `sample` in chunks of limited size, as a part may last for hours."""
         ends = self._begin + float(np.sum(part.motion.duration))
         full = True
         while full:
@@ -199,7 +203,9 @@ class Sampler:
         return out[:count]
 
     def rest(self, position: np.ndarray, duration: float) -> np.ndarray:
-        """As `sample`, for a standstill of `duration` s at a position (m, shape (N,)), as at a dwell or at the end."""
+        """Return samples, in the form of `sample`, of a standstill of `duration` s at a position (m, shape (N,)),
+        e.g. for a dwell.
+        """
         ends = self._begin + duration
         count = max(0, int(np.ceil(ends / self._sample_time)) - self._first)
         out = np.zeros((count, len(position), 5))
@@ -208,10 +214,10 @@ class Sampler:
         return out
 
 
-_TANGENT = 1e-6  # rad: a smaller corner is none
-_AT_FEED = 0.999  # of the feed: the feed is what limits the speed
-_AT_ONCE = 16384  # samples of a standstill
-_HALF = 0.5  # of a limit: a sample that uses less of all of them is limited by none
+_TANGENT = 1e-6  # rad: a smaller angle is not a corner
+_AT_FEED = 0.999  # of the feed: above it the feed is the limiting cause
+_AT_ONCE = 16384  # largest number of samples of a standstill per block
+_HALF = 0.5  # of a limit: a sample below this share of all limits is limited by none
 
 PAUSES = {
     "Hold": "feed hold",
@@ -235,7 +241,7 @@ REASONS = (*CORNERS.values(), *BENDS.values(), *PAUSES.values())
 class Standstill(NamedTuple):
     """A standstill of the machine: its start and duration (s), line and position (m), and reason.
 
-    angle  of the corner, rad; 0 where it is none
+    angle  angle of the corner, rad; 0 if the stop is not at a corner
     """
 
     time: float
@@ -252,13 +258,13 @@ class Standstill(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Consecutive samples.
+    """A block of consecutive samples.
 
-    first     number of the first one; sample k is at k T
+    first     number of the first sample; sample k is at k T
     values    position, velocity .. snap of each axis, m .. m/s⁴, shape (n, N, 5)
-    line      of the part program, shape (n,)
-    feed      the path speed that the program asks for, m/s; inf on a traverse, 0 at a standstill, shape (n,)
-    proven    whether the proof holds up to here
+    line      line of the part program, shape (n,)
+    feed      the programmed path speed, m/s; inf on a traverse, 0 at a standstill, shape (n,)
+    proven    True if the proof holds up to here
     """
 
     first: int
@@ -269,14 +275,14 @@ class Samples(NamedTuple):
 
 
 class Setpoints:
-    """The samples of a program, to be iterated once; counts are complete when the iteration has ended.
+    """The samples of a program, to be iterated once; the counts are complete after the iteration.
 
-    moves        of `read_program`
-    sample_time  of the loop, s
-    stops        so far: those since `stops` was emptied last
-    blocks       moves of the program that go somewhere
-    line         that is read
-    seconds      of cycle time by cause: which limit is used most, the feed, a standstill
+    moves        moves from `read_program`
+    sample_time  sample time of the loop, s
+    stops        stops since `stops` was last emptied
+    blocks       number of program moves with a motion
+    line         program line being read
+    seconds      cycle time by cause: the limit used most, the feed, or a standstill
 
     Raises ProgramError as `read_program` and `planned` do, at the line.
     """
@@ -293,9 +299,9 @@ class Setpoints:
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
         self._position = np.zeros(len(limits.axes))
-        self._along: np.ndarray | None = None  # direction in which the run before has ended, and for which mode
+        self._along: np.ndarray | None = None  # final direction of the previous run, and the path mode of its stop
         self._mode = ""
-        self._waits: Pause | None = None  # what the machine waits for since then
+        self._waits: Pause | None = None  # the pause since then
         self._last_line = 0
         self.proven = True
 
@@ -311,7 +317,7 @@ class Setpoints:
 
     @property
     def seconds(self) -> dict[str, float]:
-        """The seconds of cycle time by cause."""
+        """The cycle time by limiting cause, s."""
         counted = zip(self.limits.causes, self._counts, strict=True)
         return {name: float(n * self.sample_time) for name, n in counted if n}
 
@@ -379,16 +385,16 @@ class Setpoints:
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
     def _attribute(self, samples: Samples) -> None:
-        """Count each sample for the cause that limits it most."""
+        """Attribute each sample to the cause that limits it most."""
         speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
         reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
         self._counts += np.bincount(reasons, minlength=len(self._counts))
 
 
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
-    """Return what limits a motion, by its index in `MachineLimits.causes`.
+    """Return the limiting cause of each sample as an index into `MachineLimits.causes`.
 
-    share  of each limit that is used, shape (n, N, 4); speed and feed along the path, m/s, shape (n,); the feed is 0
+    share  used share of each limit, shape (n, N, 4); speed and feed along the path, m/s, shape (n,); the feed is 0
            at a standstill
     """
     rows = share.reshape(len(share), math.prod(share.shape[1:]))
@@ -401,21 +407,21 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return line and feed at times since the start of a part, s."""
+    """Return program line and feed at times from the start of a part, s."""
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
     far = np.cumsum(pieces.length)
     u = (far - pieces.length)[motion.piece[m]] + motion.x[m]
     v, a, j, s = (row[m] for row in motion[3:])
-    gone: Any = way.python  # plain arithmetic, which takes arrays, too
+    gone: Any = way.python  # plain arithmetic, which also accepts arrays
     u += gone(v, a, j, s, times - begins[m])
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
     return pieces.line[p], pieces.feed[p]
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """Return position and direction at the end of a part that rests there."""
+    """Return position and direction at the end of a part that ends at rest."""
     pieces, motion = part.pieces, part.motion
     p, last = int(motion.piece[-1]), len(pieces.length) - 1
     x = float(motion.x[-1] + way(*(float(column[-1]) for column in (*motion[3:], motion.duration))))
@@ -428,7 +434,7 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _along(r: np.ndarray, length: float, side: float) -> np.ndarray:
-    """Return the direction of a path at the start (`side` 1) or end (-1) of a piece, where r' of a spline may be 0."""
+    """Return the path direction at the start (`side` 1) or end (-1) of a piece, also where r' of a spline is 0."""
     for k in (1, 2, 3):
         size = float(np.linalg.norm(r[:, k]))
         if size * length ** (k - 1) > _TANGENT:

@@ -1,13 +1,13 @@
-"""Recorded setpoints, smoothed: a planner that jumps in acceleration or jerk, with derivatives to snap.
+"""Smoothing of recorded setpoints whose acceleration or jerk jumps, with exact derivatives up to snap.
 
     q(t) = Σ c_k B₆(t/h - k),    c = p averaged four times over n rows
 
-p are the recorded positions, one every h; B₆ is the B-spline of sixth order (degree five) on whole numbers.  q has
-four continuous derivatives, all of them known exactly.  It moves by nothing in time.  Where p is a straight line in
-time q is p; where p has the acceleration a, q lies off by a h² ((n² - 1)/6 + 1/4): on a circle of radius R at the speed
-v inside by v²/R times that.
+p are the recorded positions with spacing h in time; B₆ is the B-spline of sixth order (degree five) on integer knots.
+q has four continuous derivatives, all known exactly, and no delay.  Where p is linear in time, q equals p; where p has
+the acceleration a, q deviates by a h² ((n² - 1)/6 + 1/4): on a circle of radius R at speed v it lies inside by v²/R
+times that.
 
-When not: to hide that a planner exceeds its limits; the peaks of its steps become lower, over 4 n h.
+Do not use it to hide that a planner exceeds its limits; it lowers the peaks of its steps by spreading them over 4 n h.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ _AVERAGES = 4
 
 
 def reach(average: int) -> int:
-    """Return the number of rows on each side of an instant that act on it."""
+    """Return the number of rows on each side of an instant that influence it."""
     return _AVERAGES * (average - 1) // 2 + 3
 
 
 def smoothed(position: np.ndarray, sample_time: float, average: int, times: np.ndarray) -> np.ndarray:
     """Return position .. snap of one axis at times (s, from the first row on), m .. m/s⁴, shape (n, 5).
 
-    position  m, one row every `sample_time` s; before the first and after the last row it rests, so that the motion
-              begins up to `reach` rows before and ends as many after
-    average   rows of each of the four averages, 1 or more
+    position  m, one row every `sample_time` s; constant before the first and after the last row, so that the motion
+              starts up to `reach` rows earlier and ends as many later
+    average   number of rows of each of the four averages, 1 or more
     """
     from scipy.interpolate import BSpline
 
@@ -36,7 +36,7 @@ def smoothed(position: np.ndarray, sample_time: float, average: int, times: np.n
     for _ in range(_AVERAGES):
         sums = np.cumsum(np.concatenate([[0.0], points - points[0]]))
         points = points[0] + (sums[average:] - sums[:-average]) / average
-    # the first point now lies 2 (average - 1) rows after the first of those that were put before
+    # the first point is now 2 (average - 1) rows after the first padded one
     knots = (2 * (average - 1) - around - 3 + np.arange(len(points) + 6)) * sample_time
     curve = BSpline(knots, points, 5)
     inside = np.clip(times, knots[5], knots[-6])

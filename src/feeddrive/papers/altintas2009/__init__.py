@@ -12,7 +12,7 @@ from feeddrive.papers.claims import Experiment
 
 
 def altintas2009(progress: Progress) -> Experiment:
-    """All rows; `progress` reports each step."""
+    """Run all experiments of the paper; `progress` reports each step."""
     progress.step("equations in the ideal loop")
     algebra, poles = equations()
     progress.step("shipped blocks against their equations")

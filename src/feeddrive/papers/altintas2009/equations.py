@@ -38,7 +38,7 @@ IDEAL = f"ideal loop (force answers the reading of the same sample), {PLANT}"
 
 
 def residual_6(law: DADSC, run: Ideal) -> np.ndarray:
-    """(6) as a residual in m/s: (Q + g1 R) s(k) - (1 + Q + g2 R) s(k-1) + s(k-2) + R (F_d(k) - F_d(k-1))."""
+    """Return the residual of (6) in m/s: (Q + g1 R) s(k) - (1 + Q + g2 R) s(k-1) + s(k-2) + R (F_d(k) - F_d(k-1))."""
     g1, g2 = law.prepare(T)
     Q = 1.0 + law.reaching_rate * T
     s = law.tracking_rate * run.position_error + run.velocity_error
@@ -46,7 +46,9 @@ def residual_6(law: DADSC, run: Ideal) -> np.ndarray:
 
 
 def residual_7(law: CascadePPI, run: Ideal) -> np.ndarray:
-    """(7) as a residual in m/s: Q' Δs(k) - Δs(k-1) - Kv T Δe_v(k) + R (Kp T/Tn) s(k) + R ΔF_d(k), Q' = 1 + Kp R."""
+    """Return the residual of (7) in m/s: Q' Δs(k) - Δs(k-1) - Kv T Δe_v(k) + R (Kp T/Tn) s(k) + R ΔF_d(k), Q' = 1 +
+    Kp R.
+    """
     assert law.Tn is not None
     s = law.Kv * run.position_error + run.velocity_error
     moved = np.diff(s)
@@ -55,7 +57,9 @@ def residual_7(law: CascadePPI, run: Ideal) -> np.ndarray:
 
 
 def recovered(law: DADSC, run: Ideal) -> np.ndarray:
-    """F_d from sample 1 on, N: [(Q + g1 R) F̂d(k) - Q F̂d(k-1) - (g2 Q - g1) s(k-1)] / (g1 R), the inverse of (6)."""
+    """Return F_d from sample 1 on, N: [(Q + g1 R) F̂d(k) - Q F̂d(k-1) - (g2 Q - g1) s(k-1)] / (g1 R), the inverse of
+    (6).
+    """
     g1, g2 = law.prepare(T)
     Q = 1.0 + law.reaching_rate * T
     estimate = np.array([state.estimate for state in run.states])
@@ -64,7 +68,7 @@ def recovered(law: DADSC, run: Ideal) -> np.ndarray:
 
 
 def cascade_recovered(law: CascadePPI, run: Ideal) -> np.ndarray:
-    """As `recovered`, under the cascade, whose integral is -F̂d, with Q' = 1 + Kp R and g1' = Kp T/Tn."""
+    """Return F_d as `recovered` does, for the cascade, whose integral is -F̂d, with Q' = 1 + Kp R and g1' = Kp T/Tn."""
     assert law.Tn is not None
     Q, g1 = 1.0 + law.Kp * R, law.Kp * T / law.Tn
     estimate = -np.array([state.integral for state in run.states])
@@ -89,7 +93,7 @@ def _run(law: DADSC | CascadePPI, disturbance: np.ndarray, setpoint: np.ndarray 
 
 
 def equations() -> tuple[list[Claim], list[Picture]]:
-    """Claims and pictures of rows 1.a to 1.c."""
+    """Return the claims and pictures of rows 1.a to 1.c."""
     law, ppi = dadsc(300.0), cascade(300.0)
     coupled = replace(law, adaptation_ratio=0.9)
     disturbance = 100.0 * np.random.default_rng(1).normal(size=3000)
@@ -135,7 +139,7 @@ def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndar
 
 
 def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
-    """Check x/x_r = 1, the estimate without and with the coupling term, and the Lyapunov function."""
+    """Check x/x_r = 1, the disturbance estimate without and with the coupling term, and the Lyapunov function."""
     still = np.zeros(2000)
     way = 0.05 * np.sin(2.0 * np.pi * 5.0 * T * np.arange(still.size)) ** 3
     rule = f"{IDEAL}; x_r = 50 mm · sin³ at 5 Hz, no disturbance"
@@ -194,11 +198,11 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
 
 
 def lyapunov_weight(law: DADSC, sample_time: float = T) -> float:
-    """Return twice the least μ with which V = s² + μ F̃² falls for every s and F̃ under a constant disturbance, m²/(s²
-    N²).
+    """Return twice the smallest μ for which V = s² + μ F̃² decreases for every s and F̃ under a constant disturbance,
+    m²/(s² N²).
 
-    F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V falls for all states if
-    1 - AᵀVA is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).
+    F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V decreases for all states if 1 - AᵀVA
+    is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).
     """
     Q = 1.0 + law.reaching_rate * sample_time
     f = 1.0 / (1.0 + law.adaptation_rate * sample_time)
@@ -230,7 +234,7 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
 
 
 def _pole_map() -> tuple[list[Claim], list[Picture]]:
-    """λ = Kv = 200, both laws with the same r2 and r4."""
+    """Map the poles of both laws with the same r2 and r4, λ = Kv = 200 1/s."""
     ours, theirs = [], []
     for r2, r4 in SWEEP:
         K = r2 / MASS

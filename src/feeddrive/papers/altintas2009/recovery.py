@@ -1,6 +1,6 @@
-"""Rows 1.e and 1.f: the effect of the recovered disturbance, alone and for the modes of the machine.
+"""Rows 1.e and 1.f: disturbance recovery, alone and for the compensation of machine modes.
 
-Row 1.e: under a step and under interrupted milling.  Row 1.f: a mode of the machine, compensated by the axis.
+Row 1.e: force step and interrupted milling.  Row 1.f: a machine mode, compensated by the axis.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def _run(load: Load, resolution: float | None) -> Run:
 
 
 def adaptation(law: DADSC, run: Run) -> Observation:
-    """Compute F̂d of a law along a run: its step is repeated with the recorded readings, since a run does not record
-    states.
+    """Compute F̂d of a law along a run by repeating its steps with the recorded readings, since a run does not
+    record states.
     """
     prepared = law.prepare(T)
     position, force, wanted = run["reading_load"], run["force"], run["requested"]
@@ -77,7 +77,7 @@ def _observed(run: Run) -> dict[str, Observation]:
 
 
 def estimation() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Claims, table and pictures of row 1.e."""
+    """Return the claims, table and pictures of row 1.e."""
     cutting = milling(DURATION)
     cut = {q: _run(cutting, q) for q in (None, RESOLUTION)}
     seen = {q: _observed(run) for q, run in cut.items()}
@@ -137,7 +137,9 @@ def estimation() -> tuple[list[Claim], list[Table], list[Picture]]:
 
 
 def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim]:
-    """Claim each cell of the table within 20 %: the cutting force of the expected figures is not stated in full."""
+    """Return a claim for each table cell with bounds of ±20 %, since the cutting force behind the expected figures
+    is not fully specified.
+    """
     return [
         Claim(
             "1.e",
@@ -155,7 +157,7 @@ def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim
 
 
 def _steps() -> list[Claim]:
-    """Return how long the estimates of a step of 200 N take to reach 90 %."""
+    """Check the time that the estimates of a 200 N step take to reach 90 %."""
     run = _run(StepForce(force=200.0, start=0.1), None)
     seen = _observed(run)
     first = round(0.1 / T)
@@ -204,7 +206,7 @@ def swing(mode: MachineMode, force: np.ndarray, sample_time: float = T) -> np.nd
 
 
 def mode(frequency: float = 35.0, tuned: float = 1.0) -> MachineMode:
-    """Return the machine's mode, or a model of it whose frequency is wrong by a factor."""
+    """Return the machine mode, or a model of it with its frequency scaled by `tuned`."""
     return MachineMode(frequency=tuned * frequency, damping_ratio=DAMPING, stiffness=STIFFNESS)
 
 
@@ -217,8 +219,8 @@ def compensated(
 
 
 def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, frequency: float = 35.0) -> np.ndarray:
-    """Return x - x_s - x_r at the tool in m: the tool side of the machine deflects under the reaction of the drive
-    force.
+    """Return x - x_s - x_r at the tool in m, where x_s is the deflection of the tool side under the reaction of the
+    drive force.
     """
     control = loop(dadsc(rate), compensation=compensation)
     run = simulate(control, REST, load=load, duration=MODE_DURATION, record=("position_load", "load_force"))
@@ -230,7 +232,7 @@ def _rms(error: np.ndarray, skip: int = MODE_SKIP) -> float:
 
 
 def machine_modes() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Claims, table and picture of row 1.f."""
+    """Return the claims, table and picture of row 1.f."""
     sine = SineForce(amplitude=100.0, frequency=35.0)
     named = {
         "no compensation": tool_error(600.0, (), sine),

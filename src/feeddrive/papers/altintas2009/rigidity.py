@@ -1,4 +1,6 @@
-"""Rows 1.d and 1.g to 1.i: dynamic stiffness and its limit by dead time, tracking, and a step that saturates."""
+"""Rows 1.d and 1.g to 1.i: dynamic stiffness and its limit due to dead time, tracking, and a step with force
+saturation.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,7 @@ def _ideal(law: Law, lines: np.ndarray = F) -> np.ndarray:
 
 
 def rigidity() -> tuple[list[Claim], list[Picture]]:
-    """Claims and pictures of row 1.d."""
+    """Return the claims and pictures of row 1.d."""
     claims, pictures = _equal_velocity_gain()
     return [*claims, *_literal(), *_equal_integral(), *_fair(), *_rejection()], pictures
 
@@ -171,7 +173,7 @@ def _random_cases() -> tuple[float, float]:
 
 
 def _equal_integral() -> list[Claim]:
-    """Compare at equal integral action: Kp = m K, Kv = λ, 1/Tn = ω_d, with λ at half of the other two."""
+    """Compare at equal integral action: Kp = m K, Kv = λ, 1/Tn = ω_d, with λ half of the other two."""
     law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=150.0, reaching_rate=300.0, adaptation_rate=300.0)
     ppi = CascadePPI(Kv=150.0, Kp=MASS * 300.0, Tn=1.0 / 300.0, viscous=VISCOUS)
     ours, theirs = _compliance(law), _compliance(ppi)
@@ -238,7 +240,7 @@ def _fair() -> list[Claim]:
 
 
 def _rejection() -> list[Claim]:
-    """Check disturbance recovery under another law: a P-PI with moderate gains."""
+    """Check disturbance recovery with another law: a P-PI with moderate gains."""
     law = CascadePPI(Kv=100.0, Kp=24e3, Tn=0.01, viscous=VISCOUS)
     recovery = DisturbanceRecovery(mass=MASS, viscous=VISCOUS, frequency=500.0)
     alone = robustness(loop(law))
@@ -253,7 +255,7 @@ def _rejection() -> list[Claim]:
 
 
 def delays() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Claims, table and picture of row 1.i."""
+    """Return the claims, table and picture of row 1.i."""
     samples = (0, 1, 2, 3)
     names = [f"axis.x.control.law.{name}" for name in DADSC.tunables]
     delay = delay_map(loop(dadsc(RATE)), names, [d * T for d in samples])
@@ -319,7 +321,7 @@ STEP, LIMIT, LENGTH = 5e-3, 400.0, 6000
 
 
 def motion() -> tuple[list[Claim], list[Picture]]:
-    """Claims and pictures of rows 1.g and 1.h."""
+    """Return the claims and pictures of rows 1.g and 1.h."""
     claims, pictures = _tracking()
     more, other = _saturation()
     return claims + more, pictures + other
@@ -365,12 +367,12 @@ def _tracking() -> tuple[list[Claim], list[Picture]]:
 
 
 def step_response(law: DADSC, windup: str) -> np.ndarray:
-    """Return the position in m after a raw step of the setpoint with limited force; `windup`: the estimate at the
-    limit.
+    """Return the position in m after an unfiltered setpoint step with limited force; `windup`: treatment of the
+    estimate in saturation.
 
-    none it continues without regard to the limit
-    freezing it is held in samples with limited force
-    back-calculation that of the law, by `applied` and `requested`
+    none              it continues regardless of the limit
+    freezing          it is held in saturated samples
+    back-calculation  the law's own, by `applied` and `requested`
     """
     axis = Axis(plant=Rigid(mass=MASS, viscous=VISCOUS))
     timing = axis.timing(T)

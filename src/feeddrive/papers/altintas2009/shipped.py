@@ -1,4 +1,4 @@
-"""Rows 1.j to 1.l: the shipped blocks against an independent evaluation of their equations."""
+"""Rows 1.j to 1.l: the shipped blocks, compared with an independent evaluation of their equations."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _signals() -> tuple[np.ndarray, RandomMotion, RandomReadings]:
 
 
 def law_equations() -> list[Claim]:
-    """Compare DADSC by (3) to (5), and the cascade, sample by sample."""
+    """Check DADSC against (3) to (5), and the cascade, sample by sample."""
     t, way, read = _signals()
     states, force = stepped(LAW, T, way.setpoints(t), read.readings())
     v = np.diff(read.motor) / T
@@ -115,7 +115,7 @@ def law_equations() -> list[Claim]:
 
 
 def ideal_poles() -> list[Claim]:
-    """Compare the poles of the ideal loop under the shipped law."""
+    """Check the poles of the ideal loop with the shipped law."""
     law, w = dadsc(300.0), 300.0
     law = DADSC(mass=law.mass, viscous=law.viscous, tracking_rate=200.0, reaching_rate=350.0, adaptation_rate=w)
     poles = np.sort(np.real(ideal_model(law).poles()))
@@ -166,7 +166,7 @@ def ideal_poles() -> list[Claim]:
 
 
 def recoveries() -> list[Claim]:
-    """The exact recovery, its filters, and the Kalman filter."""
+    """Check the exact recovery, its filters, and the Kalman filter."""
     from scipy.linalg import expm, solve_discrete_are
     from scipy.signal import butter, lfilter
 
@@ -268,7 +268,7 @@ def recoveries() -> list[Claim]:
 
 
 def compensations() -> list[Claim]:
-    """Mode compensation at the three places, with lead, and the subtracted estimate."""
+    """Check the mode compensation of position, velocity and acceleration, with lead, and the subtracted estimate."""
     from scipy.linalg import expm
 
     t, way, read = _signals()
@@ -301,7 +301,7 @@ def compensations() -> list[Claim]:
             expected.append([*now, pushed / m - 2.0 * damping * w * now[1] - w * w * now[0]])
             at = after
         wanted = sign * np.array(expected)
-        # the set position is of 10 mm, the added part of nm: differences of m lose digits
+        # the set position is about 10 mm, the added part a few nm: differences in m lose digits
         claims += [
             Claim(
                 "1.l",
@@ -327,7 +327,7 @@ def compensations() -> list[Claim]:
 
 
 def _moved(block: ModeCompensation, setpoints: list[Setpoint], readings: list[Reading]) -> np.ndarray:
-    """Return the part added to position, velocity and acceleration, from the second sample on."""
+    """Return the corrections to position, velocity and acceleration, from the second sample on."""
     prepared = block.prepare(T)
     held, moves = block.start(prepared, setpoints[0], readings[0]), []
     for setpoint, reading in zip(setpoints[1:], readings[1:], strict=True):

@@ -1,7 +1,7 @@
 """The axis of all experiments, its laws under the comparison rules, its cutting force, and the paper's ideal loop.
 
-In the ideal loop the force answers the reading of the same sample; `Loop` simulates what a machine does, where the
-force acts after the reading.  The ideal loop uses the law's own step, too: it is affine in the reading, so that two
+In the ideal loop the force depends on the reading of the same sample, while `Loop` simulates a real machine, where the
+force acts after the reading.  The ideal loop uses the law's own step, which is affine in the reading, so that two
 evaluations solve a sample.
 """
 
@@ -34,7 +34,7 @@ REST = Polynomial7(distance=0.0, travel_time=1.0)
 
 
 def dadsc(rate: float, mass: float = MASS) -> DADSC:
-    """Return the law with three equal rates: λ = K = ω_d = rate."""
+    """Return the DADSC law with three equal rates: λ = K = ω_d = rate."""
     return DADSC(mass=mass, viscous=VISCOUS, tracking_rate=rate, reaching_rate=rate, adaptation_rate=rate)
 
 
@@ -56,8 +56,8 @@ def loop(
     compensation: tuple[Compensation, ...] = (),
     friction: Friction | None = None,
 ) -> Loop:
-    """Return the loop of a law on the axis; a cascade gets acceleration feedforward with a mass in kg, which DADSC
-    includes.
+    """Return the loop of a law on the axis; a law without acceleration feedforward of its own gets one with `mass`
+    in kg.
     """
     feedforward = () if "acceleration" in law.feeds else (Inertia(mass=mass),)
     return Loop(
@@ -87,11 +87,11 @@ def milling(duration: float, rms: float = 161.0) -> RecordedForce:
     return RecordedForce(force=force * (rms / np.sqrt(np.mean(force**2))), sample_time=T)
 
 
-_PROBE = 1.0  # m between the two readings that find the slope of an affine law
+_PROBE = 1.0  # m between the two readings from which the slope of an affine law is computed
 
 
 class Column(NamedTuple):
-    """r1 ... r5 of the paper's table 1: the coefficients of a law in the general transfer function (8)."""
+    """The coefficients r1 ... r5 of a law in the general transfer function (8), a column of the paper's table 1."""
 
     r1: float
     r2: float
@@ -101,25 +101,25 @@ class Column(NamedTuple):
 
 
 def dadsc_column(law: DADSC, T: float) -> Column:
-    """(λT + 1, mK, λT + 1, g1, g2)."""
+    """Return the coefficients of DADSC: (λT + 1, mK, λT + 1, g1, g2)."""
     g1, g2 = law.prepare(T)
     rate = law.tracking_rate * T + 1.0
     return Column(rate, law.mass * law.reaching_rate, rate, g1, g2)
 
 
 def cascade_column(Kv: float, Kp: float, Tn: float, T: float) -> Column:
-    """(1, Kp, Kv T + 1, Kp T/Tn, 0)."""
+    """Return the coefficients of the cascade: (1, Kp, Kv T + 1, Kp T/Tn, 0)."""
     return Column(1.0, Kp, Kv * T + 1.0, Kp * T / Tn, 0.0)
 
 
 class Fraction(NamedTuple):
-    """Numerator and denominator in falling powers of z."""
+    """A transfer function: numerator and denominator in descending powers of z."""
 
     numerator: np.ndarray
     denominator: np.ndarray
 
     def response(self, frequency: np.ndarray, T: float) -> np.ndarray:
-        """Return the response at z = e^(j2πfT)."""
+        """Return the frequency response at z = e^(j2πfT)."""
         z = np.exp(2j * np.pi * frequency * T)
         return np.polyval(self.numerator, z) / np.polyval(self.denominator, z)
 
@@ -135,7 +135,7 @@ class Fraction(NamedTuple):
 
 
 def transfer(column: Column, mass: float, T: float, *, printed: bool = False) -> Fraction:
-    """x/F_d by (8).
+    """Return x/F_d by (8).
 
         T² z² (z - 1) / {m (z - 1)² (r1 z - 1) + r2 T (z² - z)(r3 z - 1) + T z (r4 z - r5)(r3 z - 1)}
 
@@ -149,20 +149,22 @@ def transfer(column: Column, mass: float, T: float, *, printed: bool = False) ->
 
 
 def closed_form_poles(law: DADSC, T: float) -> np.ndarray:
-    """1/(1 + λT), 1/Q, Q/(Q + g1 T/m): the poles of (8) with g2 = g1/Q."""
+    """Return the poles of (8) with g2 = g1/Q: 1/(1 + λT), 1/Q, Q/(Q + g1 T/m)."""
     Q = 1.0 + law.reaching_rate * T
     g1 = law.prepare(T).g1
     return np.array([1.0 / (1.0 + law.tracking_rate * T), 1.0 / Q, Q / (Q + g1 * T / law.mass)])
 
 
 def continuous(poles: np.ndarray, T: float) -> np.ndarray:
-    """Return ln z / T, in rad/s."""
+    """Return the equivalent continuous-time poles ln z / T, rad/s."""
     return np.log(poles.astype(complex)) / T
 
 
 @dataclass(frozen=True, eq=False)
 class Ideal:
-    """Signals of an ideal run, each of shape (n,): position (m), errors, force and disturbance (N), and law states."""
+    """The signals of a run in the ideal loop, each of shape (n,): position (m), errors, force and disturbance (N),
+    and law states.
+    """
 
     position: np.ndarray
     position_error: np.ndarray
@@ -182,7 +184,7 @@ def run_ideal(
     setpoint: np.ndarray | None = None,
     feedforward: Feedforward | None = None,
 ) -> Ideal:
-    """Run the law with the plant of (1) by backward Euler, force and reading in the same sample.
+    """Simulate the law with the plant of (1) by backward Euler, with force and reading in the same sample.
 
         v(k) = v(k-1) + (T/m) (F_m(k) + F_d(k) - b v(k)),    x(k) = x(k-1) + T v(k)
 
@@ -239,7 +241,8 @@ def _solved(
 
 @dataclass(frozen=True, eq=False)
 class IdealModel:
-    """The ideal loop with a law as shipped, from F_d(k) to all its states: z(k) = A z(k-1) + b F_d(k), at rest before.
+    """The state-space model of the ideal loop with a shipped law, from F_d(k) to all states: z(k) = A z(k-1) + b
+    F_d(k), initially at rest.
 
     names   of the states: x, v, and those of the law
     """
@@ -249,12 +252,12 @@ class IdealModel:
     names: tuple[str, ...]
 
     def poles(self) -> np.ndarray:
-        """Return ln z / T in rad/s, without states that only hold a last reading."""
+        """Return the poles ln z / T in rad/s, without those of states that only store a reading."""
         eigenvalues = np.linalg.eigvals(self.A)
         return continuous(eigenvalues[np.abs(eigenvalues) > 1e-6], T)
 
     def response(self, frequency: np.ndarray, name: str, sample_time: float = T) -> np.ndarray:
-        """Return the response of a state to F_d, at z = e^(j2πfT)."""
+        """Return the frequency response from F_d to a state, at z = e^(j2πfT)."""
         z = np.exp(2j * np.pi * np.asarray(frequency) * sample_time)
         size = self.A.shape[0]
         states = np.linalg.solve(
@@ -264,7 +267,7 @@ class IdealModel:
 
 
 def ideal_model(law: Law, sample_time: float = T, mass: float = MASS, viscous: float = VISCOUS) -> IdealModel:
-    """Build the model from one sample of the law's own step from every state, since the law is affine."""
+    """Build the model from one step of the law per state, which suffices since the law is affine."""
     prepared = law.prepare(sample_time)
     template = law.start(prepared, Setpoint(0.0), Reading(0.0, 0.0))
     leaves = [(name, value) for name, value in tree.leaves(template)]

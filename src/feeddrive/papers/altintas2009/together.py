@@ -1,4 +1,6 @@
-"""Rows 1.m to 1.q: stiffness frequency by frequency, bandwidths, and cutting, friction and a mode in motion at once."""
+"""Rows 1.m to 1.q: stiffness versus frequency, bandwidths, and simultaneous cutting, friction and a machine mode
+during motion.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ WAY = Polynomial7(distance=0.05, travel_time=0.5, back=True)
 
 
 def by_frequency() -> list[Claim]:
-    """Compare stiffness over that of the cascade with the equivalent PIDs, and the band of the sensitivity."""
+    """Check the stiffness relative to the cascade against the equivalent PIDs, and the sensitivity bandwidth."""
     f = np.array(NAMED)
     laws: dict[str, Law] = {"DADSC": dadsc(RATE), "P-PI": cascade(RATE)}
     ours, theirs = (compliance(loop(law), f).magnitude for law in laws.values())
@@ -69,7 +71,7 @@ def by_frequency() -> list[Claim]:
 
 
 def _band(seen: np.ndarray, force: np.ndarray) -> float:
-    """Return the -3 dB frequency of an estimate over a force, both 0 at both ends, Hz."""
+    """Return the -3 dB bandwidth of an estimate relative to a force, Hz; both signals start and end at 0."""
     size = 16 * force.size
     lines = np.fft.rfftfreq(size, T)
     inside = (lines > 1.0) & (lines < 400.0)
@@ -78,8 +80,8 @@ def _band(seen: np.ndarray, force: np.ndarray) -> float:
 
 
 def bandwidths() -> list[Claim]:
-    """Show that the bandwidth of the recovery is the same for every law and gain; that of the law's own estimate is its
-    rate.
+    """Check that the bandwidth of the recovery is independent of law and gains, and that the bandwidth of the law's
+    own estimate equals its rate.
     """
     pulse = np.zeros(10_001)
     pulse[100:120] = 200.0  # 2 ms: a spectrum without zeros below 500 Hz
@@ -131,7 +133,7 @@ def bandwidths() -> list[Claim]:
 
 
 def _moving(law: Law, compensation: tuple[Compensation, ...] = ()) -> Run:
-    """Run out and back under milling and Coulomb friction."""
+    """Simulate a move out and back under milling and Coulomb friction."""
     return simulate(loop(law, compensation=compensation, friction=DRY), WAY, load=milling(WAY.duration))
 
 
@@ -140,7 +142,9 @@ def _rms(values: np.ndarray) -> float:
 
 
 def in_motion() -> list[Claim]:
-    """Check friction and cutting together while the axis moves, and a mode of the machine with them."""
+    """Check the recovery under simultaneous friction and cutting while the axis moves, and with a machine mode
+    added.
+    """
     runs = {"DADSC": _moving(dadsc(600.0)), "P-PI": _moving(cascade(600.0))}
     run = runs["DADSC"]
     late = np.concatenate([[0.0], run["load_force"][:-1]])

@@ -304,7 +304,7 @@ def _limit_claims(sines: Mapping[int, np.ndarray]) -> list[Claim]:
     first, kept = mill.sample_time_limit("first_order"), mill.sample_time_limit("zero_order")
     at_teeth, at_peak = SINES.index(60.0), SINES.index(144.0)
     expected = {n: np.abs(mill.left_over(mill.observer_of(n), np.array(SINES))) for n in sines}
-    # at 10 and 20 Hz five states leave less over than half a sample of the staircase
+    # at 10 and 20 Hz the residual with five states is below the effect of half a sample of the hold
     seen = [np.abs(sine[2:, 0]) / expected[n][2:] - 1.0 for n, sine in sines.items()]
     frequency = np.geomspace(5.0, 500.0, 4001)
     peaks = {n: float(np.max(np.abs(mill.left_over(mill.observer_of(n), frequency)))) for n in (1, 3)}
@@ -436,7 +436,7 @@ def _pictures(
     compensated: Mapping[str, Run],
     sines: Mapping[int, tuple[np.ndarray, np.ndarray]],
 ) -> tuple[Picture, ...]:
-    """All figures, drawn when asked for; `sines` holds frequencies (Hz) and measured |1 - H| by Taylor states."""
+    """Return all figures, drawn on demand; `sines` holds frequencies (Hz) and measured |1 - H| by Taylor states."""
     return (
         Picture(
             "force",

@@ -1,4 +1,6 @@
-"""The small mill of the paper: three axes, a run for each case of the table; and the limits of its observer."""
+"""The small mill of the paper: its three axes, the simulation of each case in the table, and the limits of its
+observer.
+"""
 
 from __future__ import annotations
 
@@ -42,23 +44,23 @@ C_B = {"x": 40.0, "y": 60.0, "z": 30.0}  # N s/m
 COULOMB = {"x": 60.0, "y": 90.0, "z": 40.0}  # N
 INERTIA, LEAD, C_T = 2e-4, 0.010, 2e-4  # kg m², m, N m s/rad
 GRAVITY = 9.81  # m/s²
-TRANSITION = 10e-6  # m/s, of the tanh that replaces the sign
+TRANSITION = 10e-6  # m/s, of the tanh that replaces the sign function
 FEED, LEG = 3e-3, 2e-3  # m/s, m; the paper's legs are 80 mm long
 SPINDLE, CHIP = 1800.0, 5e-5  # rpm, m per tooth
 OMEGA_C, OMEGA_O, ZETA = 12.0, 700.0, 0.7071  # rad/s, rad/s
 T = 1e-4  # s
-SKIPPED = 0.3  # s, in which the observer finds the weight
+SKIPPED = 0.3  # s, in which the observer converges to the weight
 
 
 @dataclass(frozen=True)
 class Case:
-    """A row of the table: the differences from the paper's law on its linear reference.
+    """A row of the table, stated as differences from the paper's law on its linear reference.
 
-    gain      true over believed input gain, a M̂ / (a M)
+    gain      true over assumed input gain, a M̂ / (a M)
     friction  "tanh", or "set" for Coulomb friction with a true standstill
-    chip "actual": by the motion of tool and table over the last tooth period; "constant" as in the paper's table
-    radial_depth  of the cut in m, absent in a slot
-    opposite  the second leg of the cut runs towards -x, as far as y feels it
+    chip      "actual": from the motion of tool and table over the last tooth period; "constant" as in the paper's table
+    radial_depth  radial depth of cut, m; None for slotting
+    opposite  the cutting force on y is that of a second leg towards -x
     """
 
     name: str
@@ -76,12 +78,12 @@ class Case:
 
 
 def plant(axis: str) -> MillingAxis:
-    """The carriage on its screw."""
+    """Return the model of the carriage on its screw."""
     return MillingAxis(inertia=INERTIA, lead=LEAD, carriage_mass=CARRIAGE[axis], c_b=C_B[axis], c_t=C_T)
 
 
 def mass(axis: str) -> float:
-    """M = m + J/a², kg."""
+    """Return the total mass M = m + J/a², kg."""
     return float(plant(axis).rigid_mass())
 
 
@@ -95,7 +97,7 @@ def law(axis: str, case: Case) -> ActiveDisturbanceRejection:
 
 
 def loop(axis: str, case: Case, *, dry: bool = True, sample_time: float = T) -> Loop:
-    """Return one axis under the law; without `dry` it has no Coulomb friction."""
+    """Return the loop of one axis with the law; without `dry` it has no Coulomb friction."""
     friction: Friction | None = None
     if dry and case.friction == "tanh":
         friction = Regularised(coulomb=COULOMB[axis], transition_velocity=TRANSITION)
@@ -124,7 +126,7 @@ def legs(kind: str, leg: float) -> dict[str, Reference]:
 
 
 def tool(case: Case) -> HelicalCutter:
-    """The paper's tool, in a slot or in side milling."""
+    """Return the paper's tool, for slotting or side milling."""
     return dataclasses.replace(HelicalCutter.beltran2013(), radial_depth=case.radial_depth)
 
 
@@ -153,13 +155,13 @@ def cutting(axis: str, case: Case) -> Load:
 
 
 def machine(case: Case, *, dry: bool = True) -> Machine:
-    """The three axes, with the cut between them where its chip is the actual motion."""
+    """Return the machine with three axes, coupled by the cut if the chip thickness follows the actual motion."""
     cut = MillingCut(cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=512)
     return Machine.of({axis: loop(axis, case, dry=dry) for axis in AXES}, (cut,) if case.chip == "actual" else ())
 
 
 def run(case: Case, *, cut: bool = True, dry: bool = True) -> dict[str, Run]:
-    """Run three axes along their legs in one run, from rest; the runs by axis."""
+    """Simulate the three axes along their legs together, from rest; return the runs by axis."""
     loads = {axis: cutting(axis, case) for axis in AXES} if cut and case.chip == "constant" else None
     case = case if cut else dataclasses.replace(case, chip="constant")
     outcome = simulate(
@@ -198,12 +200,12 @@ GOLDEN = {
     2.0: (-250.7488, 674.0345, 143.4674),
     3.0: (216.9431, 376.2670, 86.0768),
 }
-PRINTED_CHIP = 1e-3  # m, as the paper's paragraph on the force has it
+PRINTED_CHIP = 1e-3  # m, as printed in the paper's paragraph on the force
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """One turn of the spindle: angle in rad, three forces in N and the torque in N m, each of shape (n,)."""
+    """One revolution of the spindle: angle in rad, three forces in N and the torque in N m, each of shape (n,)."""
 
     angle: np.ndarray
     feed: np.ndarray
@@ -213,13 +215,13 @@ class Turn:
 
     @property
     def power(self) -> float:
-        """Mean torque times speed, W."""
+        """The mean torque times speed, W."""
         return float(np.mean(self.torque)) * SPINDLE / 60.0 * 2.0 * np.pi
 
 
 def turn(cutter: HelicalCutter, chip_load: float, points: int = 7200) -> Turn:
-    """Evaluate the closed form over a turn at the midpoints of equal pieces, whose mean is exact for a smooth periodic
-    curve.
+    """Evaluate the closed form over one revolution at the midpoints of equal intervals, whose mean is exact for a
+    smooth periodic curve.
     """
     angle: Any = 2.0 * np.pi * (np.arange(points) + 0.5) / points
     feed, normal, axial = cutter.forces(angle, chip_load)
@@ -227,7 +229,7 @@ def turn(cutter: HelicalCutter, chip_load: float, points: int = 7200) -> Turn:
 
 
 def golden_error(cutter: HelicalCutter) -> float:
-    """Return the largest difference in N from the independent program, at five angles."""
+    """Return the largest difference in N from an independent program, at five angles."""
     return max(
         abs(float(got) - expected)
         for angle, row in GOLDEN.items()
@@ -236,7 +238,7 @@ def golden_error(cutter: HelicalCutter) -> float:
 
 
 def integrated(cutter: HelicalCutter, angle: float, chip_load: float, pieces: int = 20_000) -> np.ndarray:
-    """Integrate the three forces in N of a tool in a slot over thin slices of each edge."""
+    """Integrate the three forces in N of a slotting tool over thin slices of each edge."""
     height = (np.arange(pieces) + 0.5) / pieces * cutter.axial_depth
     total = np.zeros(3)
     for tooth in range(cutter.teeth):
@@ -266,7 +268,7 @@ def removed_power(cutter: HelicalCutter, chip_load: float) -> float:
 
 
 def as_printed() -> Turn:
-    """Evaluate a turn with the data of the force paragraph taken literally."""
+    """Evaluate one revolution with the data of the paper's force paragraph taken literally."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the preset warns on purpose
         return turn(HelicalCutter.beltran2013_as_printed(), PRINTED_CHIP)
@@ -276,7 +278,9 @@ RIGID = Case("", share=1.0)
 
 
 def left_over(observer: GpiObserver, frequency: np.ndarray) -> np.ndarray:
-    """Return 1 - H = (ξ - ξ̂)/ξ of the paper's continuous observer: the first three terms of its polynomial over all."""
+    """Return 1 - H = (ξ - ξ̂)/ξ of the paper's continuous observer: the three leading terms of its polynomial over
+    the whole polynomial.
+    """
     s = 2j * np.pi * np.asarray(frequency, dtype=float) / observer.omega_o
     coefficients = [float(coefficient) for coefficient in observer.polynomial()]
     first = np.polyval(coefficients[:3], s) * s ** (len(coefficients) - 3)
@@ -284,16 +288,18 @@ def left_over(observer: GpiObserver, frequency: np.ndarray) -> np.ndarray:
 
 
 def observer_of(taylor_states: int) -> GpiObserver:
-    """The paper's observer on x, with another number of Taylor states."""
+    """Return the paper's observer on x, with a different number of Taylor states."""
     observer = law("x", dataclasses.replace(RIGID, taylor_states=taylor_states)).observer
     assert isinstance(observer, GpiObserver)
     return observer
 
 
 def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> tuple[complex, complex]:
-    """Measure (ξ - ξ̂)/ξ and position/ξ (s²) in the running loop on x, from a force of 200 N on the standing axis.
+    """Measure (ξ - ξ̂)/ξ and position/ξ (s²) by simulation of the loop on x, with a 200 N sine force on the axis at
+    standstill.
 
-    The force is a staircase that acts half a sample late; the axis has no dry friction here, so that it is linear.
+    The force is held over each sample, hence delayed by half a sample; the axis has no dry friction, so that it is
+    linear.
     """
     case = dataclasses.replace(RIGID, taylor_states=taylor_states, share=share)
     periods = int(np.ceil(max(20.0, 1.5 * frequency)))
@@ -333,7 +339,7 @@ def _edge(holds: Callable[[float], bool], good: float, bad: float) -> float:
 
 
 def gain_limits() -> tuple[float, float]:
-    """Return the least and the largest true over believed input gain with a stable loop, on x."""
+    """Return the least and the largest ratio of true to assumed input gain for which the loop on x is stable."""
 
     def stable(gain: float) -> bool:
         return stability(loop("x", dataclasses.replace(RIGID, gain=gain))).stable
@@ -342,7 +348,7 @@ def gain_limits() -> tuple[float, float]:
 
 
 def sample_time_limit(hold: str) -> float:
-    """The longest sample time in s for which the law is accepted."""
+    """Return the longest sample time in s for which the law is accepted."""
 
     def admitted(sample_time: float) -> bool:
         try:

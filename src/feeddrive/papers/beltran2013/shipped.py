@@ -1,4 +1,4 @@
-"""Rows 3.zc to 3.zh: law, observer, cutter and reference as shipped, against an independent evaluation."""
+"""Rows 3.zc to 3.zh: the shipped law, observer, cutter and reference, compared with an independent evaluation."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ GOLDEN_GAINS = (3669.82, 6.488818e6, 6.967507e9, 4.877255e12, 2.225664e15, 6.167
 
 
 def _roots(taylor_states: int) -> np.ndarray:
-    """Roots of (18): the real pole and the pairs, rad/s."""
+    """Return the roots of (18): the real pole and the complex pairs, rad/s."""
     pair = np.roots([1.0, 2.0 * ZETA * OMEGA_O, OMEGA_O**2])
     order = 2 + taylor_states
     return np.concatenate([np.tile(pair, order // 2), [-OMEGA_O] * (order % 2)])
 
 
 def _observed(taylor_states: int, y: np.ndarray, force: np.ndarray, believed: float) -> np.ndarray:
-    """Return position, velocity and disturbance by (13) to (15), u held and y linear between its samples, by scipy."""
+    """Return position, velocity and disturbance by (13) to (15), with u held and y interpolated linearly, by scipy."""
     from scipy.linalg import expm
 
     order = 2 + taylor_states
@@ -91,7 +91,7 @@ def _gpi(taylor_states: int) -> GpiObserver:
 
 
 def observer() -> list[Claim]:
-    """Check polynomial (18) and the observer (13) to (15), sampled."""
+    """Check polynomial (18) and the discretized observer (13) to (15)."""
     t = T * np.arange(SAMPLES)
     way = RandomMotion()
     read = RandomReadings(way, t)
@@ -171,7 +171,7 @@ def observer() -> list[Claim]:
 
 
 def _free(taylor_states: int = 5) -> Loop:
-    """The x axis without friction of any kind."""
+    """Return the loop of the x axis without any friction."""
     bench = loop("x", replace(RIGID, taylor_states=taylor_states), dry=False)
     return replace(bench, axis=replace(bench.axis, plant=replace(mill.plant("x"), c_b=0.0, c_t=0.0)))
 
@@ -181,7 +181,7 @@ def _near(actual: np.ndarray, expected: np.ndarray) -> float:
 
 
 def errors() -> list[Claim]:
-    """Check the force (9), and the dynamics (10) and (11) of both errors by their polynomials (12) and (18)."""
+    """Check the force (9), and the dynamics (10) and (11) of both errors against their polynomials (12) and (18)."""
     t = T * np.arange(SAMPLES)
     way = RandomMotion()
     read = RandomReadings(way, t)
@@ -237,7 +237,7 @@ def errors() -> list[Claim]:
 
 
 def settling() -> list[Claim]:
-    """Check the settling time of the estimate after a step of force, in the running loop and by 1 - H."""
+    """Check the settling time of the estimate after a step of force, in simulation and by 1 - H."""
     from scipy.signal import step
 
     run = simulate(_free(), legs("linear", LEG)["z"], load=StepForce(force=200.0, start=0.05), duration=0.12)
@@ -267,7 +267,7 @@ def settling() -> list[Claim]:
 
 
 def _slices(cutter: HelicalCutter, angle: float, pieces: int = 20_000) -> np.ndarray:
-    """Integrate the forces and the torque (N, N m) over thin slices of each edge between entry and exit."""
+    """Integrate the forces and the torque (N, N m) over thin slices of each edge between entry and exit angle."""
     width = cutter.diameter if cutter.radial_depth is None else cutter.radial_depth
     arc = float(np.arccos(1.0 - 2.0 * width / cutter.diameter))
     entry = 0.0 if cutter.milling == "up" else np.pi - arc
@@ -289,7 +289,7 @@ def _slices(cutter: HelicalCutter, angle: float, pieces: int = 20_000) -> np.nda
 
 
 def cutter() -> list[Claim]:
-    """Check the closed form (4) in a slot and in side milling, and the reference."""
+    """Check the closed form (4) for slotting and side milling, and the reference."""
     slot = HelicalCutter.beltran2013()
     side = {way: replace(slot, radial_depth=0.003, milling=way) for way in ("up", "down")}
     claims = [
@@ -399,7 +399,7 @@ SIDE = 3e-3  # m, width of the cut in side milling
 
 
 def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> list[Claim]:
-    """Return the claims on runs in side milling, without and with the estimate."""
+    """Return the claims on runs in side milling, without and with the disturbance estimate."""
     rule = Text(f"up milling, {Quantity(SIDE, 'm'):6 mm} of the 10 mm tool, {RUNS}")
     return [
         Claim(

@@ -1,4 +1,4 @@
-"""Gordon & Erkorkmaz 2013: pole placement with active damping, and a prefilter of the trajectory, on a ball screw."""
+"""Gordon & Erkorkmaz 2013: pole placement with active damping, and a trajectory prefilter, on a ball screw."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
 
 
 def _numbered(claims: Sequence[Claim]) -> list[Claim]:
-    """Order claims by their letters, with short keys: 2.a1, 2.a2, ..."""
+    """Sort claims by their letters and give them short keys: 2.a1, 2.a2, ..."""
     count: Counter[str] = Counter()
     renamed: list[Claim] = []
     for claim in sorted(claims, key=lambda claim: claim.key.split()[0]):

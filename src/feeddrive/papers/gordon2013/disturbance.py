@@ -1,4 +1,4 @@
-"""Friction, machining, and imperfections of a real machine: a wrong table mass, a clock with jitter."""
+"""Friction, machining, and imperfections of a real machine: a wrong table mass and sampling jitter."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SET_VALUED = Stribeck(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3)
 FED = FrictionFeedforward(
     coulomb_positive=70.0, coulomb_negative=70.0, breakaway=110.0, stribeck_velocity=4e-3, smoothing=2e-4
 )
-ENTRY, STEADY = 0.1, 0.3  # s: the tool enters, and from here on the cut counts as steady
+ENTRY, STEADY = 0.1, 0.3  # s: entry of the tool, and start of the steady cut
 CUTTING_MEAN = 23.0  # N
 
 
@@ -137,7 +137,7 @@ def _cut(speed: float) -> MillingForce:
 
 
 def machining() -> Part:
-    """Check the start of a cut, and tooth passing at several speeds."""
+    """Check the entry into a cut, and tooth passing at several spindle speeds."""
     rest = SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0, dwell_before=0.8)
 
     def cut(loop: Loop, speed: float, name: str) -> Run:
@@ -203,7 +203,7 @@ def _drawn(runs: Mapping[str, Run]) -> Chart:
 
 
 def other_axis() -> Part:
-    """Check a table that is heavier than in the design, and encoders that are read a little early or late."""
+    """Check a table heavier than in the design, and sampling jitter of the encoders."""
     heavy = {"axis.x.plant.mass_load": 43.0}
     loops = {PLACED: tree.vary(placed(SOFTER), heavy), CASCADE: tree.vary(cascade(), heavy)}
     rows: list[list[str | None]] = []

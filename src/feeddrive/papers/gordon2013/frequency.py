@@ -1,6 +1,7 @@
-"""The linear loop: margins, stiffness and rope snap, with another table or screw, and the effect of each contribution.
+"""The linear loop: margins, stiffness and rope snap, for a changed table mass or screw stiffness, and the effect of
+each contribution.
 
-The frequency view of a contribution compares the tracking of the table with it and without it.
+The effect of a contribution is shown by the tracking response of the table with it and without it.
 """
 
 from __future__ import annotations
@@ -67,12 +68,12 @@ class Linear:
 
     @cached_property
     def closed(self) -> StateSpace:
-        """The compliance: table position over the force on the table."""
+        """The compliance: from force on the table to table position."""
         return linearize(self.loop, ["load_force"], ["position_load"])
 
     @property
     def rope_snap(self) -> float:
-        """ISE^½ of 1 N, m s^½/N."""
+        """The rope-snap error: ISE^½ for 1 N, m s^½/N."""
         return rope_snap(self.closed)
 
     def compliance(self, frequency: np.ndarray) -> np.ndarray:
@@ -85,7 +86,7 @@ class Linear:
 
 
 def loop_figures() -> Part:
-    """Return the figures of the loop with the default gains."""
+    """Check the figures of the loop with the default gains."""
     ppc, ppi = Linear(placed()), Linear(cascade())
     ratio = {f: ppc.stiffness(f) / ppi.stiffness(f) for f in NAMED}
     first = [linear.margins.crossover or float("nan") for linear in (ppc, ppi)]
@@ -155,7 +156,7 @@ def loop_figures() -> Part:
 
 
 def _design_on_a_measurement(loop: Loop) -> Claim:
-    """Check the loop gain from responses of the axis alone, as from a measurement."""
+    """Check the loop gain computed from frequency responses of the axis alone, as if measured."""
     axis = linearize(loop, ["cut"], ["reading_motor", "reading_load"])
     motor, load = (axis.response(LINES, output=name) for name in ("reading_motor", "reading_load"))
     measured_gain = measured_loop(loop.control, float(loop.sample_time), load, motor).loop_gain
@@ -226,7 +227,7 @@ def _pictures(linear: Mapping[str, Linear]) -> list[Picture]:
 
 
 def robustness() -> Part:
-    """Check another mass of the table and another stiffness of the screw, with the same gains."""
+    """Check the effect of a different table mass and screw stiffness with unchanged gains."""
     kinds = {
         "table 27 kg": {"axis.x.plant.mass_load": 27.0},
         "table 43 kg": {"axis.x.plant.mass_load": 43.0},
@@ -275,7 +276,7 @@ def robustness() -> Part:
 
 
 def tooth_passing() -> Part:
-    """A steady sine force on the table: the stiffer law by frequency."""
+    """Compare the dynamic stiffness of the laws under a sine force on the table, by frequency."""
     frequencies = np.array([10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 130.0, 150.0, 200.0])
     default, softer, ppi = (Linear(loop).compliance(frequencies) for loop in (placed(), placed(SOFTER), cascade()))
     rows = [
@@ -329,7 +330,9 @@ EVEN = ("acceleration", "snap")
 
 
 def frequency_view() -> Part:
-    """Tracking with and without the contributions, and the band in which its error is below a percent or a degree."""
+    """Compare tracking with and without the contributions, and the frequency bands in which its error is below 1 %
+    and 1°.
+    """
     parts = {
         "feedback alone": placed(SOFTER, ()),
         "rigid inverse, compatible": placed(SOFTER, (RIGID,)),

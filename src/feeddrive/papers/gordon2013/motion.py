@@ -41,12 +41,12 @@ from feeddrive.plot.chart import LOG, Chart, Curve, Panel
 from feeddrive.plot.curves import bars
 from feeddrive.report.report import Picture
 
-CUT = 0.5  # s, when the rope is cut: the table has settled under it
+CUT = 0.5  # s, when the rope is cut; the table has settled under its force by then
 SETTLED = 0.5e-6  # m
 
 
 def rope_snap() -> Part:
-    """A table under the force of a rope that is cut."""
+    """Check the response of the table to a rope snap."""
     rest = SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0, dwell_before=CUT + 0.2)
     runs: dict[str, Run] = {}
     for name, loop in ((PLACED, placed()), (CASCADE, cascade())):
@@ -130,7 +130,7 @@ def _rope(runs: Mapping[str, Run]) -> Chart:
 
 
 def tracking_error() -> Part:
-    """A fast move and a slower one, without and with prefilter."""
+    """Check the tracking error of a fast and a slower move, without and with prefilter."""
     rule = f"300 mm at 1 m/s, 10 m/s², 800 m/s³, 8e4 m/s⁴, 0.1 s dwell, no friction; {GAINS}"
     claims: list[Claim] = []
     shown: dict[str, Run] = {}
@@ -230,7 +230,7 @@ def tracking_error() -> Part:
 
 
 def ablation() -> Part:
-    """The effect of each contribution alone."""
+    """Check the effect of each contribution alone."""
 
     def loop(commands: str, feedforward: tuple[Any, ...]) -> Loop:
         return placed(replace(SOFTER, commands=commands), feedforward)

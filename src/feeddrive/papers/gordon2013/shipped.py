@@ -1,4 +1,6 @@
-"""Rows 2.h and 2.i: gains, poles and commands as shipped, against an independent evaluation, and their effect."""
+"""Rows 2.h and 2.i: the shipped gains, poles and commands, compared with an independent evaluation, and their
+effect.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +44,8 @@ def _matrices(model: TwoMass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def closed_poles(law: PolePlacement, model: TwoMass) -> np.ndarray:
-    """Return the eigenvalues, 1/s, of (2) closed by the shipped gains in continuous time: states x1, x2, v1, v2, ∫(x2r
-    - x2).
+    """Return the eigenvalues, 1/s, of (2) in closed loop with the shipped gains in continuous time: states x1, x2,
+    v1, v2, ∫(x2r - x2).
     """
     M, C, K = _matrices(model)
     inverse = np.linalg.inv(M)
@@ -57,7 +59,7 @@ def closed_poles(law: PolePlacement, model: TwoMass) -> np.ndarray:
 
 
 def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
-    """Return the five poles that the docstring promises, 1/s; `axial` in rad/s."""
+    """Return the five poles stated in the law's docstring, 1/s; `axial` in rad/s."""
     w, r = 2.0 * np.pi * law.bandwidth, 2.0 * np.pi * (law.rigid_frequency or law.bandwidth)
     pairs = ((r, law.rigid_damping), (axial, law.axial_damping))
     roots = [root for f, damping in pairs for root in np.roots([1.0, 2.0 * damping * f, f * f])]
@@ -65,12 +67,12 @@ def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
 
 
 def _missed(actual: np.ndarray, expected: Sequence[complex] | np.ndarray) -> float:
-    """Return the largest distance of an expected pole from the nearest actual one, over its size."""
+    """Return the largest distance of an expected pole from the nearest actual one, relative to its magnitude."""
     return max(float(np.min(np.abs(actual - pole)) / abs(pole)) for pole in expected)
 
 
 def gains() -> Part:
-    """The gains of a diagonal and of a full mass matrix, and their poles."""
+    """Check the gains for a diagonal and for a full mass matrix, and the closed-loop poles."""
     M, _, K = _matrices(MODEL)
     mode = float(np.sqrt(np.max(np.linalg.eigvals(np.linalg.solve(M, K)).real)))
     coupled = PolePlacement(
@@ -130,7 +132,9 @@ def _leads(model: TwoMass, way: RandomMotion, t: np.ndarray) -> list[np.ndarray]
 
 
 def commands() -> Part:
-    """The force of the law under its three forms of commands, inverse dynamics, prefilter, friction feedforward."""
+    """Check the force of the law with its three forms of commands, inverse dynamics, prefilter, and friction
+    feedforward.
+    """
     from scipy.signal import lsim
 
     t, way = T * np.arange(SAMPLES), RandomMotion()
@@ -198,7 +202,7 @@ def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
 
     outs = [block.step(block.start(s), s, T)[1].snap for s in setpoints]
 
-    # a motion through zero velocity, which friction is about
+    # a motion through zero velocity, where friction matters
     slow, share = RandomMotion(3), 1e-2
     v0 = slow(1, middle[40:41])
     v = share * (slow(1, middle) - v0)
@@ -274,12 +278,12 @@ def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
     ]
 
 
-NOTCH = (0.92841922, -1.821741947, 0.91251238, -1.821741947, 0.8409316)  # b0 b1 b2 a1 a2, by another program
+NOTCH = (0.92841922, -1.821741947, 0.91251238, -1.821741947, 0.8409316)  # b0 b1 b2 a1 a2, computed by another program
 LOW_PASS = (0.097959253, 0.195918506, 0.097959253, -0.945978228, 0.33781524)
 
 
 def filter_pack() -> Part:
-    """Notch and low-pass of the feedback: the impulse response against the coefficients."""
+    """Check the impulse responses of the notch and low-pass filters in the feedback against their coefficients."""
     from scipy.signal import lfilter
 
     push = np.zeros(200)
@@ -313,7 +317,9 @@ BAND = np.geomspace(60.0, 300.0, 2000)
 
 
 def damping() -> Part:
-    """The axial mode in closed loop against open loop, the map over its damping, and the loop without filter pack."""
+    """Check the axial mode in closed loop versus open loop, the variation of its damping, and the loop without
+    filter pack.
+    """
     loop = placed()
     closed = Linear(loop)
     peak_open, by_model = (float(np.max(_uncontrolled(plant))) for plant in (loop.axis.plant, MODEL))
@@ -392,7 +398,7 @@ def damping() -> Part:
 
 
 def _uncontrolled(plant: Plant) -> np.ndarray:
-    """Return the compliance of the axis without a drive force, µm/N over BAND."""
+    """Return the open-loop compliance of the axis over BAND, µm/N."""
     mechanics = plant.mechanics()
     M, C, K, S = (
         np.array(matrix, dtype=float)

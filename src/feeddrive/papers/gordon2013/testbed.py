@@ -55,7 +55,7 @@ class Part:
 
 
 def placed(law: PolePlacement = DESIGN, feedforward: tuple[Feedforward, ...] = (FULL,)) -> Loop:
-    """Return pole placement on the axis, with inverse dynamics and without friction."""
+    """Return the axis under pole placement, with inverse dynamics and without friction."""
     today = cascade()
     return replace(today, control=replace(today.control, law=law, feedforward=feedforward))
 
@@ -66,7 +66,7 @@ def cascade() -> Loop:
 
 
 def with_friction(loop: Loop, friction: Friction | None) -> Loop:
-    """Return the loop with another friction of the screw."""
+    """Return the loop with a different friction model of the screw."""
     return replace(loop, axis=replace(loop.axis, friction_motor=friction))
 
 
@@ -76,12 +76,12 @@ def with_prefilter(loop: Loop, fit: PrefilterFit) -> Loop:
 
 
 def follow(loop: Loop, reference: Reference, name: str) -> Run:
-    """Run with the tracking error, to which a prefilter is fitted."""
+    """Simulate a reference; record also the tracking error, to which a prefilter is fitted."""
     return simulate(loop, reference, name=name, record=("following_error", "tracking_error", "requested", "force"))
 
 
 def fits(loop: Loop, reference: Reference, runs: int = 1) -> tuple[PrefilterFit, ...]:
-    """Fit prefilters by least squares, each to a run with the previous one."""
+    """Fit prefilters by least squares, each to a run with the previous prefilter."""
     return tune_prefilter(loop, reference, runs=runs)
 
 

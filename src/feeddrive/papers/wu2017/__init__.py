@@ -11,7 +11,7 @@ from feeddrive.papers.wu2017.testbed import PLANT
 
 
 def wu2017(progress: Progress) -> Experiment:
-    """Run all rows; `progress` reports each step."""
+    """Run all experiments of the paper; `progress` reports each step."""
     progress.step("trials along one and along changing references")
     learned, learned_tables, learned_pictures, _ = learning()
     progress.step("rates of convergence, noise")

@@ -1,8 +1,8 @@
-"""Rows 4.a to 4.f, 4.l and 4.m: errors over the trials for three sets of columns, and the circle of two axes.
+"""Rows 4.a to 4.f and 4.l to 4.n: errors over the trials, and the circle of two axes.
 
-Rows 4.a to 4.f: errors over the trials for three sets of columns, constant and changing references.
+Rows 4.a to 4.f: three sets of basis functions, with constant and changing references.
 
-Row 4.n: parameters against a learned signal, with a repeated and with a changing task.
+Row 4.n: learned parameters versus a learned signal, with a repeated and with a changing task.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ EXPECTED = {
 
 
 def learning() -> tuple[list[Claim], list[Table], list[Picture], dict[str, Trials]]:
-    """Claims, tables, pictures, and the trials along the same reference with tanh friction."""
+    """Return claims, tables, pictures, and the trials along the same reference with tanh friction."""
     same = {name: _trials(name) for name in SETS}
     changing = {name: _trials(name, changing=True) for name in SETS}
     hard = {name: _trials(name, smooth=False) for name in SETS}
@@ -162,12 +162,12 @@ def _table(title: str, same: dict[str, Trials], changing: dict[str, Trials], *, 
 
 
 def _trial_columns(count: int) -> list[Column]:
-    """Return columns of RMS errors over the trials."""
+    """Return the table columns for the RMS error of each trial."""
     return [Column(f"trial {j + 1}", "m", "3") for j in range(count)]
 
 
 def _parameter_table(trials: Trials) -> Table:
-    """The parameters of the largest set, in units of the drive, with their standard errors."""
+    """Tabulate the parameters of the largest set, in units of the drive, with their standard errors."""
     true = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
     values, errors = trials.parameters(), trials.errors()
     rows: list[list[str | Quantity]] = []
@@ -182,12 +182,12 @@ def _parameter_table(trials: Trials) -> Table:
 
 
 BANDWIDTH = 50.0  # Hz of the signal's robustness filter
-PULSE = (0.25, 0.30, 150.0)  # s, s, N: a disturbance at the same time in each trial
-STRONG = 20.0  # N of noise where nothing repeats
+PULSE = (0.25, 0.30, 150.0)  # s, s, N: start, end and size of a disturbance that repeats in each trial
+STRONG = 20.0  # N, non-repeating noise
 
 
 def pulsed(trial: int) -> Load:
-    """Return noise with the pulse."""
+    """Return the force noise of a trial with an added pulse."""
     plain = noise(trial)
     force = plain.force.copy()
     first, last = (round(instant / float(plain.sample_time)) for instant in PULSE[:2])
@@ -196,7 +196,7 @@ def pulsed(trial: int) -> Load:
 
 
 def strong(trial: int) -> RecordedForce:
-    """Return larger noise."""
+    """Return the force noise of a trial at the larger amplitude."""
     return noise(trial, STRONG)
 
 
@@ -209,7 +209,7 @@ CASES: dict[str, tuple[object, object]] = {
 
 
 def signals() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Claims, tables and pictures."""
+    """Return the claims, tables and pictures of row 4.n."""
     by_case: dict[tuple[str, str, bool], np.ndarray] = {}
     rows: list[list[str | float | None]] = []
     for smooth in (True, False):
@@ -300,11 +300,11 @@ def _signal_claims(by_case: dict[tuple[str, str, bool], np.ndarray]) -> list[Cla
 
 AXES = {"x": 0, "y": 90}
 RUN_UP = 0.5  # s
-LEARNED = 4  # trials
+LEARNED = 4  # number of trials
 
 
 class MeasuredCircle(NamedTuple):
-    """A measured circle: time in s, x and y in m about its center."""
+    """A measured circle: time in s, x and y in m relative to its center."""
 
     time: np.ndarray
     x: np.ndarray
@@ -332,7 +332,7 @@ def circle(axis: str) -> Circle:
 
 
 def contouring() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Claims, tables and pictures."""
+    """Return the claims, tables and pictures of the circle."""
     smooth, hard = _all(smooth=True), _all(smooth=False)
     heads = ("RMS", "peak", f"RMS, {SET_VALUED}", "peak")
     rows = [
@@ -354,7 +354,9 @@ def contouring() -> tuple[list[Claim], list[Table], list[Picture]]:
 
 
 def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
-    """Return the start, each set of columns learned on the circle, and the compensator learned on the line."""
+    """Measure the circle with the initial parameters, with each set of basis functions learned on the circle, and
+    with the compensator learned on the line.
+    """
     poor = {axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth) for axis in AXES}
     circles = {
         "start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, known=True) for axis in AXES})
@@ -374,7 +376,7 @@ def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = 
 
 
 def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
-    """Run both axes together."""
+    """Simulate both axes together and return the measured circle."""
     outcome = simulate(
         Machine.of(loops),
         {axis: circle(axis) for axis in loops},

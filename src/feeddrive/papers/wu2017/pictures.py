@@ -16,11 +16,11 @@ from feeddrive.plot.tuning import errors_and_parameters_chart, rms_panel
 from feeddrive.report.report import Picture
 
 RADIUS = 0.02  # m
-ZOOM = 400.0  # contour errors in polar pictures are drawn so many times larger
+ZOOM = 400.0  # magnification of contour errors in polar plots
 
 
 def errors(same: Mapping[str, Trials]) -> Picture:
-    """RMS over the trials."""
+    """Return the picture of the RMS error over the trials."""
     last = joined(", ", (f"{name} {Quantity(trials.rms[-1], 'm'):.2f}" for name, trials in same.items()))
     caption = "The same 100 mm move six times; each trial uses the parameters of the last one. tanh friction."
     return Picture(
@@ -33,7 +33,7 @@ def errors(same: Mapping[str, Trials]) -> Picture:
 
 
 def parameters(trials: Trials) -> Picture:
-    """Parameters with their standard errors."""
+    """Return the picture of the parameters with their standard errors."""
     caption = "Bars are two standard errors, estimated from the residual of each single trial, with its color."
     alt = "The mass is found at once, the friction levels within five trials."
     return Picture(
@@ -42,7 +42,7 @@ def parameters(trials: Trials) -> Picture:
 
 
 def over_time(same: Mapping[str, Trials]) -> Picture:
-    """First and last following error over time."""
+    """Return the picture of the first and last following error over time."""
 
     def draw() -> Chart:
         first = next(iter(same.values())).trials[0]
@@ -57,21 +57,21 @@ def over_time(same: Mapping[str, Trials]) -> Picture:
 
 
 def rates(masses: np.ndarray, factors: Mapping[str, list[float]], free: float) -> Picture:
-    """The rate of convergence over the assumed mass."""
+    """Return the picture of the rate of convergence versus the assumed mass."""
     caption = "ρ: factor of the parameters' error from trial to trial. The right mass gives 0, drawn at 1e-3."
     alt = "A mass wrong by a factor of two leaves 5 %; where the curves end the model loop is unstable and refused."
     return Picture("convergence", "Rate of convergence", caption, alt, lambda: rates_chart(masses, factors, free))
 
 
 def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Picture:
-    """Polar picture of the contour error; x and y in m about the center."""
+    """Return the polar picture of the contour error; x and y in m relative to the center."""
     caption = f"Circle of 20 mm radius at 0.1 m/s, two turns; the contour error is drawn {number(ZOOM)} times larger."
     alt = "Quadrant glitches stay with a and b alone and nearly vanish with the compensator."
     return Picture("contour", "Contour of the circle", caption, alt, lambda: contour_chart(paths))
 
 
 def quadrant(time: np.ndarray, errors: Mapping[str, np.ndarray]) -> Picture:
-    """Contour error in a window around a reversal."""
+    """Return the picture of the contour error in a window around a reversal."""
     caption = "One quadrant of the second turn, where the x axis reverses."
     alt = "The peak after the reversal falls with the compensator."
     rows = [Row("contour error (µm)", {name: 1e6 * values for name, values in errors.items()})]
@@ -79,7 +79,7 @@ def quadrant(time: np.ndarray, errors: Mapping[str, np.ndarray]) -> Picture:
 
 
 def against_signal(curves_by_name: Mapping[str, np.ndarray], title: str, key: str) -> Picture:
-    """RMS over the trials of parameters and of a learned signal."""
+    """Return the picture of the RMS error over the trials, for learned parameters and for a learned signal."""
     caption = "Parameters that fit any motion, against a force learned sample by sample."
     alt = "The learned force is better while the task repeats, and increases the error when the reference changes."
     rows = {name: 1e6 * rms for name, rms in curves_by_name.items()}
@@ -87,7 +87,7 @@ def against_signal(curves_by_name: Mapping[str, np.ndarray], title: str, key: st
 
 
 def errors_chart(rows: Mapping[str, np.ndarray], columns: int = 4) -> Chart:
-    """RMS of the following error in µm over the trials, by name."""
+    """Plot the RMS of the following error in µm over the trials, one curve per name."""
     trials = range(1, 1 + max(rms.size for rms in rows.values()))
     panel = rms_panel(rows, "following error RMS")
     low, high = style.padded(float(trials[0]), float(trials[-1]), 0.03)
@@ -95,7 +95,7 @@ def errors_chart(rows: Mapping[str, np.ndarray], columns: int = 4) -> Chart:
 
 
 def rates_chart(masses: np.ndarray, factors: Mapping[str, list[float]], free: float) -> Chart:
-    """The rate of convergence over the assumed mass."""
+    """Plot the rate of convergence versus the assumed mass."""
     curves = tuple(
         Curve(masses, np.maximum(np.array(values), 1e-3), f"model-based, {name}", i, MARKED)
         for i, (name, values) in enumerate(factors.items())
@@ -106,7 +106,7 @@ def rates_chart(masses: np.ndarray, factors: Mapping[str, list[float]], free: fl
 
 
 def contour_chart(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Chart:
-    """Polar picture of the contour error; x and y in m about the center."""
+    """Plot the contour error in polar form; x and y in m relative to the center."""
     nominal = Disc(0.0, 0.0, 1e3 * RADIUS)
     panels = list[Panel]()
     for i, (name, (x, y)) in enumerate(paths.items()):

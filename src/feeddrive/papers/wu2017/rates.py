@@ -42,13 +42,13 @@ from feeddrive.report.report import Picture
 TRUE = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
 MASSES = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 EXPECTED_RATES = {0.1: 0.035, 0.5: 0.020, 1.0: 0.0, 2.0: 0.051, 5.0: 0.253, 10.0: 0.66}
-SEEDS, STRONG = 60, 20.0  # runs and N of the row on noise
+SEEDS, STRONG = 60, 20.0  # number of runs and noise in N of the row on noise
 EXPECTED_SCATTER = (0.0008, 0.0115, 0.0067, 0.0059)  # A units, at 20 N
 _RECORDED = ("following_error", "force", "requested", "trip")
 
 
 def rates() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Claims, tables and pictures."""
+    """Return the claims, tables and pictures of rows 4.g to 4.j."""
     by_mass, mass_table, curve = _by_mass()
     gain_table = _by_gain()
     scatter, scatter_table = _scatter()
@@ -64,7 +64,7 @@ def rates() -> tuple[list[Claim], list[Table], list[Picture]]:
 
 
 def ideal_axis(theta: dict[str, float]) -> Loop:
-    """The x axis without quantizer and with viscous friction only: here the error model is exact."""
+    """Return the x axis without quantization and with viscous friction only, for which the error model is exact."""
     loop = table_axis("x", SETS["+ Coulomb"])
     axis = dataclasses.replace(
         loop.axis,
@@ -77,7 +77,9 @@ def ideal_axis(theta: dict[str, float]) -> Loop:
 
 
 def ideal_run(loop: Loop, reference: Reference, noise: float = 0.0, seed: int = 0) -> Run:
-    """Friction acts along the set velocity, with the drive's dead time, beside white noise in N."""
+    """Simulate with friction evaluated at the set velocity and delayed by the drive's dead time, plus white force
+    noise in N.
+    """
     T = float(loop.sample_time)
     t = np.arange(samples(reference.duration, T)) * T
     dry = DisturbanceCompensator(coulomb_positive=95.0, coulomb_negative=80.0)
@@ -89,7 +91,9 @@ def ideal_run(loop: Loop, reference: Reference, noise: float = 0.0, seed: int = 
 
 
 def identity_error() -> float:
-    """e(θ) - e(θ0) against G_d φᵀ (θ0 - θ), relative to its largest value."""
+    """Return the largest difference between e(θ) - e(θ0) and G_d φᵀ (θ0 - θ), relative to the largest value of the
+    latter.
+    """
     start = {"mass": 30.0, "viscous": 0.0, "coulomb_positive": 0.0, "coulomb_negative": 0.0}
     errors = [ideal_run(ideal_axis(theta), SAME)["following_error"] for theta in (start, TRUE)]
     loop = ideal_axis(start)
@@ -134,7 +138,9 @@ def _one_step() -> list[Claim]:
 
 
 def _by_mass() -> tuple[list[Claim], Table, Picture]:
-    """The rate over the mass that the model assumes; the figures of the table are without dead time in the model."""
+    """Compute the rate of convergence versus the mass assumed by the model; the model of the table's figures has no
+    dead time.
+    """
     loop = table_axis("x", SETS["+ Coulomb"], known=True)
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
     free = convergence(loop, SAME).rate
@@ -202,7 +208,7 @@ def _by_gain() -> Table:
 
 
 def _scatter() -> tuple[list[Claim], Table]:
-    """Scatter of the parameters from run to run, against the standard errors of one run."""
+    """Compare the scatter of the parameters over several runs with the standard errors from one run."""
     loop = ideal_axis(TRUE)
     estimates, reported = [], []
     for seed in range(SEEDS):

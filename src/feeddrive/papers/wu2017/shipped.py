@@ -1,4 +1,6 @@
-"""Rows 4.o to 4.r: compensator, error model and update as shipped, against an independent evaluation, and G = 1."""
+"""Rows 4.o to 4.r: the shipped compensator, error model and update, compared with an independent evaluation, and G =
+1.
+"""
 
 from __future__ import annotations
 
@@ -27,22 +29,22 @@ SHORT = move(0.02, 0.1, 3.0, 60.0)
 # powers of 1/z of G_d with a = 0.4 A s²/m, b = 4/3 A s/m, from an independent program
 GOLDEN_TOP = (0.0, 7.810330294e-8, -2.169220359e-11, -7.808161073e-8)
 GOLDEN_BOTTOM = (1.0, -2.951047569, 2.951466492, -1.047252271, 0.046848966)
-OFF = {"mass": 6.0, "viscous": 30.0, "coulomb_positive": 5.0, "coulomb_negative": -4.0}  # of θ0, for a start
+OFF = {"mass": 6.0, "viscous": 30.0, "coulomb_positive": 5.0, "coulomb_negative": -4.0}  # initial deviation from θ0
 
 
 def columns(v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """φ of (7) from velocity and acceleration: a, v and the two Coulomb levels."""
+    """Compute φ of (7) from velocity and acceleration: a, v and the two Coulomb terms."""
     return np.column_stack([a, v, np.where(v > 1e-9, 1.0, 0.0), np.where(v < -1e-9, -1.0, 0.0)])
 
 
 def inverse(kp: float = KP) -> tuple[np.ndarray, np.ndarray]:
-    """Δ/C in powers of 1/z, C = Kp (1 + T/Tn - 1/z)(Kv + (1 - 1/z)/T)."""
+    """Return numerator and denominator of Δ/C in powers of 1/z, C = Kp (1 + T/Tn - 1/z)(Kv + (1 - 1/z)/T)."""
     pi = np.array([1.0 + T / TN, -1.0])
     return np.array([1.0, -1.0]), kp * np.polymul(pi, [KV + 1.0 / T, -1.0 / T])
 
 
 def feedforward() -> list[Claim]:
-    """φᵀ θ of all columns, along a motion through standstill."""
+    """Check φᵀ θ with all basis functions, along a motion through standstill."""
     t = T * np.arange(SAMPLES)
     way = RandomMotion(3)
     middle = t + 0.5 * T
@@ -72,12 +74,12 @@ def feedforward() -> list[Claim]:
 
 
 def _exact() -> Loop:
-    """The x axis without friction but the viscous one, quantizer and dead time, with the true parameters."""
+    """Return the x axis with viscous friction only, without quantization and dead time, with the true parameters."""
     return tree.vary(ideal_axis(TRUE), {"axis.x.actuator.dead_time": 0.0})
 
 
 def models() -> list[Claim]:
-    """Ĝ_d model-free and model-based, against difference equations."""
+    """Check the model-free and model-based Ĝ_d against difference equations."""
     from scipy.signal import lfilter, lfilter_zi
 
     loop = _exact()
@@ -123,7 +125,7 @@ def models() -> list[Claim]:
 
 
 def _step(loop: Loop, believed: Loop, theta: Mapping[str, float], gamma: float) -> dict[str, float]:
-    """The parameters after a trial of the loop, by a tuner that assumes the loop `believed`."""
+    """Return the parameters after one trial of the loop, updated by a tuner that assumes the loop `believed`."""
     run = ideal_run(compensated(loop, DisturbanceCompensator(**theta)), SHORT)
     tuner = compensated(believed, DisturbanceCompensator(**theta))
     after = next_iteration(tuner, simulated_trial(run, SHORT), gamma=gamma, mu=0.0).after
@@ -131,7 +133,7 @@ def _step(loop: Loop, believed: Loop, theta: Mapping[str, float], gamma: float) 
 
 
 def update() -> list[Claim]:
-    """One step is the least-squares step, with the rate that `convergence` states."""
+    """Check that one update is the least-squares step, with the rate of convergence given by `convergence`."""
     from scipy.signal import lfilter
 
     loop = ideal_axis(TRUE)
@@ -172,7 +174,7 @@ def update() -> list[Claim]:
 
 
 def believed_gains() -> list[Claim]:
-    """The rates of two tuners that assume half and twice the gain, over four trials each."""
+    """Check the rates of convergence of tuners that assume half and twice the gain, over four trials each."""
     loop = ideal_axis(TRUE)
     claims = []
     for factor, gamma, least, most in (
@@ -207,7 +209,7 @@ def believed_gains() -> list[Claim]:
 
 
 def unity() -> list[Claim]:
-    """G = 1 by (4), (6) and (7): the exact inverse and the set velocity leave no error of a set motion."""
+    """Check G = 1 by (4), (6) and (7): with the exact inverse and the set velocity a set motion causes no error."""
     loop = _exact()
     lines = np.geomspace(1.0, 30.0, 200)
     off = float(np.max(np.abs(tracking(loop, lines).response - 1.0)))

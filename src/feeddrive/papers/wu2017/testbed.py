@@ -1,4 +1,4 @@
-"""The x-y table of the experiments: its axes with either friction, the moves, and the noise."""
+"""The x-y table of the experiments: its axes with either friction model, the moves, and the noise."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from feeddrive.loop.loop import Loop
 
 TRANSITION = 2e-4  # m/s, v_t of the tanh friction of the tables
 FORCE_CONSTANT = 300.0  # N/A
-NOISE = 5.0  # N, standard deviation of the force that is added in each sample
+NOISE = 5.0  # N, standard deviation of the force noise added in each sample
 TRIALS = 6
-SAMPLES = 20_000  # of noise, more than any move has
+SAMPLES = 20_000  # number of noise samples, more than in any move
 # columns by set, and as the tables call them
 SETS = {
     "a, b": ("mass", "viscous"),
@@ -47,10 +47,10 @@ def _machine(axis: str) -> Loop:
 
 
 def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, known: bool = False) -> Loop:
-    """An axis of the table with a compensator of these columns.
+    """Return an axis of the table with a compensator that has these basis functions.
 
-    smooth  tanh friction, as in the tables; else that of the machine file
-    known   mass and viscous friction of the axis are fed forward from the start; else 45 kg and 0
+    smooth  tanh friction, as in the tables; otherwise the friction model of the machine file
+    known   mass and viscous friction of the axis are fed forward from the start; otherwise 45 kg and 0
     """
     loop = _machine(axis)
     friction = loop.axis.friction_load
@@ -73,7 +73,7 @@ def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, know
 
 
 def move(distance: float, velocity: float, acceleration: float, jerk: float) -> SnapLimitedMove:
-    """Out and back; the snap is that of a boxcar of 4 ms."""
+    """Return a move out and back; the snap corresponds to a jerk ramp of 4 ms."""
     return SnapLimitedMove(
         distance=distance,
         velocity=velocity,
@@ -93,11 +93,11 @@ CHANGING = (SAME, *OTHERS, SAME, SAME)
 
 
 def noise(trial: int, size: float = NOISE) -> RecordedForce:
-    """White force noise; the trial's number is its seed."""
+    """Return white force noise; the trial number is its seed."""
     values = np.random.default_rng(trial).standard_normal(SAMPLES)
     return RecordedForce(force=size * values, sample_time=float(_machine("x").sample_time))
 
 
 def amperes(value: float) -> float:
-    """A parameter in units of the drive."""
+    """Convert a parameter to units of the drive."""
     return value / FORCE_CONSTANT

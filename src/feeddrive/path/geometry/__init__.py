@@ -1,1 +1,3 @@
-"""From segments of a part program to a path that is C3 in its parameter, within the tolerance of the program."""
+"""Conversion of the segments of a part program to a path that is C3 in its parameter, within the programmed
+tolerance.
+"""

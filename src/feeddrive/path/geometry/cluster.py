@@ -1,17 +1,17 @@
-"""Clusters: lines so short that the blends of their joints would meet, smoothed by one spline.
+"""Clusters: lines so short that the blends at their joints would overlap, smoothed by one spline.
 
-A corner of two lines that turns by θ takes L = P / (0.156 · 2 sin θ/2) of both within the tolerance P.  Where that is
-more than half of the shorter line, the joint belongs to a cluster.  The knots of the spline are at first 10 mm apart;
-they are placed closer where S is too far from the lines, until the bound of the distance is within the tolerance.
+A corner of two lines with turning angle θ uses L = P / (0.156 · 2 sin θ/2) of both within the tolerance P.  If that is
+more than half of the shorter line, the joint belongs to a cluster.  The knots of the spline are initially 10 mm apart;
+they are refined where S is too far from the lines, until the bound of the distance is within the tolerance.
 
-The spline has fifth degree and follows the polyline f(u): the variation-diminishing one of Schoenberg.
+The spline has fifth degree and follows the polyline f(u): Schoenberg's variation-diminishing spline.
 
     S(u) = Σ f(x_i) N_i(u),    x_i = (τ_{i+1} + ... + τ_{i+5}) / 5
 
-with B-splines N_i on the knots τ.  Straight parts are kept exactly, |S'| <= 1, there is no system to solve, and a
-change of f or of a knot acts over three knots only.  Beyond its ends f is reflected at them, so that S begins and
-ends on f.  The distance |S - f| is bounded on each stretch between knots and corners, where both are polynomials, by
-the hull of Bernstein points.
+with B-splines N_i on the knots τ.  Straight parts are reproduced exactly, |S'| <= 1, no system has to be solved, and a
+change of f or of a knot has an effect over three knots only.  Beyond its ends f is extended by point reflection, so
+that S begins and ends on f.  The distance |S - f| is bounded on each interval between knots and corners, where both are
+polynomials, by the convex hull of the Bernstein points.
 
 Source: Schoenberg 1967, On spline functions; de Boor 1978, A practical guide to splines.
 """
@@ -25,17 +25,18 @@ from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.segments import hermite, largest_norm, part_of
 
-ENDS = 5  # knots beyond each end
-GRADE = 0.35  # of the step, by the way
-FITTED = 20  # steps before the end that are made to fit it
-_QUARTERS = 4  # of a stretch whose hull is too wide
+ENDS = 5  # number of knots beyond each end
+GRADE = 0.35  # growth of the step per distance
+FITTED = 20  # number of steps before the end that are adapted to it
+_QUARTERS = 4  # subdivisions of an interval whose hull is too wide
 
 
 @kernel
 def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats) -> int:
-    """Write the places whose step limits are active into `at` and `goal`; return how many.
+    """Write the positions at which the step limits are active, and these limits, into `at` and `goal`; return their
+    number.
 
-    Steps grow by GRADE of the way from each place; the first place stays.
+    Steps grow by at most GRADE times the distance from each position; the first position is always kept.
     """
     at[0] = places[0]
     goal[0] = steps[0]
@@ -59,11 +60,12 @@ def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats
 def place_knots(
     at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats
 ) -> int:
-    """Place knots up to `total`, with their mirror images, whose steps follow the goals at the places `at`; return the
-    number of steps.
+    """Place knots up to `total`, with their mirror images, such that the steps follow the goals at the positions `at`;
+    return the number of steps.
 
-    The first steps may be fixed: then all knots are given up to knots[ENDS + fixed], which is at[0].  Otherwise
-    knots[ENDS] is 0.  There are at least five steps, as long as `largest` is at most total/6; 0 if more than `most`.
+    The first steps may be fixed: then all knots up to knots[ENDS + fixed] = at[0] are inputs.  Otherwise knots[ENDS] is
+    0.  There are at least five steps, provided that `largest` is at most total/6; the result is 0 if more than `most`
+    are required.
     """
     if fixed == 0:
         knots[ENDS] = 0.0
@@ -89,7 +91,7 @@ def place_knots(
         knots[ENDS + count] = u
         while p + 1 < many and at[p + 1] < u:
             p = p + 1
-    # the last steps are made shorter to fit the end, the longer ones more
+    # the last steps are shortened to fit the end, longer ones by more
     first = max(fixed, count - FITTED)
     squares = 0.0
     for k in range(first, count):
@@ -127,12 +129,12 @@ def control_points(
     segment: Ints,
     straight: Ints,
 ) -> int:
-    """f at the Greville abscissas x.
+    """Evaluate f at the Greville abscissas x.
 
-    corner    u where each segment begins, and one more
-    group     the same number for segments in one direction
-    segment   on which each x lies, or its mirror image
-    straight  the same number for neighbors between which f is straight
+    corner    u at the start of each segment, and the end of the last
+    group     equal numbers for consecutive segments in one direction
+    segment   segment on which each x, or its mirror image, lies
+    straight  equal numbers for neighbors between which f is straight
     """
     k = first
     for i in range(count + ENDS):
@@ -171,9 +173,9 @@ def states(
     slope: Floats2,
     state: Floats3,
 ) -> int:
-    """S - f(x_{e-3}), S', S'' and S''' at each knot e by differences of control points (de Boor), into `state`.
+    """Compute S - f(x_{e-3}), S', S'' and S''' at each knot e by differences of control points (de Boor), into `state`.
 
-    Exactly those of the line where all control points that count lie on one.
+    They are exactly those of the line if all relevant control points lie on one line.
     """
     q = zeros(5)
     move = zeros(5)
@@ -241,7 +243,7 @@ def spline_span(
     b: Floats2,
     out: Floats2,
 ) -> bool:
-    """Write the polynomial of the span behind knot e into `out` (N, 8); return False, and write nothing, if the span is
+    """Write the polynomial of the span after knot e into `out` (N, 8); return False without writing if the span is
     straight.
     """
     same = True
@@ -280,11 +282,12 @@ def deviation(
     difference: Floats2,
     far: Floats,
 ) -> tuple[float, float, int]:
-    """Return |S - f| on a span as a share of the tolerance of each segment, where it is largest, and the last segment
-    reached.
+    """Return the largest |S - f| on a span relative to the tolerance of each segment, its position, and the last
+    segment reached.
 
-    A bound if `bounded`, else the largest at knots and corners.  The search for segments begins with `first`.
-    far[k], the largest distance in m on segment k, is raised.
+    The value is a bound if `bounded`, otherwise the maximum at knots and corners.  The segment search starts at
+    `first`.
+    far[k], the largest distance in m on segment k, is updated.
     """
     n = len(slope[0])
     begin = knots[e]
@@ -348,20 +351,20 @@ def deviation(
 
 
 LARGEST_STEP = 0.01  # m
-BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
+BLEND = 0.156  # deviation of a blend divided by its length and 2 sin(θ/2)
 _SHARE = 0.999  # of the tolerance
-CROSSED = 0.9  # of it for the corner in which a run ends, where another one begins
+CROSSED = 0.9  # of the tolerance, reserved for the corner at which a run ends and the next one begins
 _ROUNDS = 40
-_ENOUGH = 40  # steps for each line
+_ENOUGH = 40  # largest number of steps per line
 _STRAIGHT = 1e-13  # rad, between lines in one direction
-_LEAVES = 3.2  # first steps in the way from a straight end to the first corner
-NEAR = 10.0  # tolerances on either side of a corner in which it must look like one
+_LEAVES = 3.2  # least number of steps between a straight end and the first corner
+NEAR = 10.0  # tolerances on either side of a corner over which it must look like one
 _ASIDE = 0.25  # of the tolerance
 
 
 @kernel
 def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> float:
-    """Return 2 sin θ/2 of the angle θ between two lines."""
+    """Return 2 sin(θ/2) for the angle θ between two lines."""
     turn = 0.0
     for i in range(len(shape0)):
         bend = shape1[i, 1] / length1 - shape0[i, 1] / length0
@@ -373,7 +376,9 @@ def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> f
 def _looks_straight(
     length: Floats, shape: Floats3, near: int, way: int, far: float, aside: float, to: Floats, now: Floats
 ) -> bool:
-    """True if the lines from a joint on, on one side, lie near their chord, which goes `to`; `now` is work space."""
+    """Return True if the lines on one side of a joint are close to their chord, which is written to `to`; `now` is
+    work space.
+    """
     n = len(to)
     for i in range(n):
         to[i] = 0.0
@@ -419,12 +424,13 @@ def clustered(
     room: Floats2,
     inside: Ints,
 ) -> int:
-    """Mark the joints that belong to a cluster with 1 in `inside`; return how many.
+    """Mark the joints that belong to a cluster with 1 in `inside`; return their number.
 
-    A sharp corner between two ways that look straight, for ten tolerances, is none of them: there the run stops.
+    A sharp corner between two nearly straight stretches, over ten tolerances, does not belong to a cluster: the run
+    stops there.
     """
     count = 0
-    since = 1e300  # the last such corner
+    since = 1e300  # distance from the last such corner
     for k in range(len(length)):
         inside[k] = 0
         since = since + length[k]
@@ -465,8 +471,8 @@ def _prepared(
     slope: Floats2,
     ahead: Floats,
 ) -> int:
-    """Compute where the lines of a cluster begin, directions, groups of one direction, and tolerances; `ahead` is work
-    space.
+    """Compute the start positions of a cluster's lines, their directions, groups of equal direction, and tolerances;
+    `ahead` is work space.
     """
     n = len(slope[0])
     corner[first] = -begin
@@ -526,18 +532,18 @@ def fitted(
     curve: Floats3,
     room: Floats3,
 ) -> tuple[int, int]:
-    """Fit the lines first .. last from `begin` m behind the first start to `end` m before the last end.
+    """Fit the lines first .. last from `begin` m after the first start to `end` m before the last end.
 
-    The number of steps, 0 if it fails, and of the places of goals.
+    Return the number of steps, 0 on failure, and the number of goal positions.
 
-    begin, end  with `straight_...` the spline has to leave the line only behind them; with `crossed_...` it is a corner
-                that is passed within the tolerance, too, of which its last span leaves CROSSED
-    most_steps  of the whole way that the longest step is at most a part of
-    fixed       steps that are given, with all knots before, `many` places of goals from there on, and the state at the
+    begin, end  with `straight_...` the spline must follow the line up to there; with `crossed_...` it is a corner
+                that is also passed within the tolerance, of which its last span leaves CROSSED
+    most_steps  divisor of the total length that bounds the longest step
+    fixed       number of given steps, with all knots before, `many` goal positions from there on, and the state at the
                 first knot, `begins`; or 0
-    corner      u where each line begins, counted from `begin`; and the end of the last one
-    sharing     tolerance of each line, m: that of its stricter joint
-    curve       polynomials of the spans behind knots; where `curved` is 0 they are straight
+    corner      u at the start of each line, counted from `begin`, and the end of the last one
+    sharing     tolerance of each line, m: the smaller one of its joints
+    curve       polynomials of the spans after knots; spans with `curved` 0 are straight
     far         bound of the distance to each line, m; not less than `floor`
     """
     _prepared(first, last, begin, length, shape, tolerance, sharing, corner, group, slope, room[0, 0])
@@ -555,7 +561,7 @@ def fitted(
     at_next[many] = total
     goal_next[many] = min(largest, (total - corner[last]) / _LEAVES) if straight_end else largest
     new = many + 1
-    bounded = False  # whether distances are bounds; as long as those at corners are too large, they will do
+    bounded = False  # True if distances are bounds; sampled ones suffice while those at corners are too large
     for again in range(_ROUNDS):
         many = envelope(at_next, goal_next, new, at, goal)
         count = place_knots(
@@ -566,7 +572,7 @@ def fitted(
         control_points(corner, group, origin, slope, first, last, total, knots, count, x, control, segment, straight)
         states(knots, count, x, control, segment, straight, slope, state)
         if fixed > 0:
-            # to the bit as the pieces before have it
+            # bitwise equal to the value in the preceding pieces
             for i in range(len(begins)):
                 for m in range(1, 4):
                     state[ENDS, i, m] = begins[i, m]
@@ -635,10 +641,10 @@ def fitted(
 
 @kernel
 def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats) -> int:
-    """Keep what the spline needs to continue from knot e: knots into `kept`, places of goals behind them, counted from
-    u.
+    """Save the data with which the spline can continue from knot e: knots into `kept`, goal positions after them,
+    counted from u.
 
-    How many places.
+    Return the number of goal positions.
     """
     for k in range(2 * ENDS):
         kept[k] = knots[e - ENDS + k] - u
@@ -652,7 +658,7 @@ def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats
     at[0] = begin - u
     goal[0] = step
     count = 1
-    # those near the end that is none are left out
+    # those near the provisional end are omitted
     while p + 1 < many and at[p + 1] < knots[e + FITTED]:
         p = p + 1
         at[count] = at[p] - u
@@ -682,7 +688,7 @@ def straight_pieces(
     lines: Ints,
     runs: Ints,
 ) -> int:
-    """Append the straight pieces from u0 to u1, one for each feed; return the new count."""
+    """Append the straight pieces from u0 to u1, one per feed; return the new count."""
     k = first
     while k < last and corner[k + 1] <= u0:
         k = k + 1

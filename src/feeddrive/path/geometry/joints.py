@@ -1,7 +1,7 @@
-"""Segments to a path: what joins them is smooth already, a blend within the tolerance, or a stop.
+"""Joining of segments to a path: each joint is already smooth, a blend within the tolerance, or a stop.
 
-The segments of a run are lines and arcs as `Pieces`, whose ends meet.  A segment gives at most half of its length to
-the blend at each of its ends.  A blend is stored in eight pieces, so that the bounds of its derivatives are tight.
+The segments of a run are connected lines and arcs as `Pieces`.  A blend uses at most half of the length of each of its
+segments.  A blend is stored in eight pieces, so that the bounds of its derivatives are tight.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from feeddrive.path.geometry.cluster import (
 from feeddrive.path.geometry.segments import Chain, blend, goes_on, part_of, state_near, trimmed
 from feeddrive.path.motion import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
 
-_CUTS = 8  # pieces of a blend
-LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap
-_AHEAD = 0.05  # m, way of a cluster that is held
-_SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one whose end is not known
-_BENT = 0.2  # rad; next to an arc, where no bump is made, only sharper corners
-SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
-_FIRST, _MOST = 1e5, 100.0  # knots for which there is room at first, and for how many times those that are expected
-_ALMOST = 1e-3  # rad, and of the curvature: arcs that a program writes as parts of one circle, with rounded numbers
-_LITTLE = 0.05  # of the tolerance, for the blend between such arcs: it costs no time there to stay on the circle
+_CUTS = 8  # number of pieces of a blend
+LONELY = 4.5  # multiple of the blend length; between longer lines overlapping runs pass a corner faster
+_AHEAD = 0.05  # m, length of a cluster held back
+_SHORT, _LONG = 6.0, 60.0  # least number of steps of a cluster: of a complete one, and of one with unknown end
+_BENT = 0.2  # rad; next to an arc, where no bump is possible, only sharper corners
+SMOOTH = 1e-9  # rad, and relative to the curvature: a smaller change is not a corner
+_FIRST, _MOST = 1e5, 100.0  # initial space for knots, and its largest multiple of the expected number
+_ALMOST = 1e-3  # rad, and relative to the curvature: arcs written as parts of one circle with rounded numbers
+_LITTLE = 0.05  # of the tolerance, for the blend between such arcs: staying on the circle costs no time there
 
 
 class Joint(NamedTuple):
-    """How the joint behind a segment is passed."""
+    """The type of the joint after each segment."""
 
-    deviation: np.ndarray  # m, proven distance to the corner's segments; 0 where there is no blend
-    stop: np.ndarray  # whether the run ends there
+    deviation: np.ndarray  # m, proven distance to the segments of the joint; 0 without a blend
+    stop: np.ndarray  # True if the run ends there
 
 
 @kernel
@@ -61,13 +61,13 @@ def _passed(
     a: Floats2,
     b: Floats2,
 ) -> tuple[int, float, float]:
-    """Return how the joint behind k may be passed, with cosine and chord of its angle.
+    """Return the type of the joint after segment k, with cosine and chord of its angle.
 
-    0: not, 1: as it is, 2: by a blend, 3: by a blend that needs little, between arcs of almost the same circle
+    0: stop, 1: already smooth, 2: blend, 3: small blend between arcs of almost the same circle
     """
     if k + 1 == len(length) or tolerance[k] < 0.0:
         return 0, 0.0, 0.0
-    if kind[k] == 2 or kind[k + 1] == 2:  # a spline is followed exactly: no blend begins on it
+    if kind[k] == 2 or kind[k + 1] == 2:  # a spline is followed exactly: no blend may start on it
         return (1 if goes_on(k, kind, length, shape, a, b) else 0), 0.0, 0.0
     arcs = kind[k] == 1 and kind[k + 1] == 1
     if arcs and goes_on(k, kind, length, shape, a, b):
@@ -147,24 +147,25 @@ def join(
     curve: Floats3,
     room: Floats3,
 ) -> tuple[int, int, int, float, int, int]:
-    """Write the pieces of n segments with blends or splines between them; return their number and the runs that end in
-    them.
+    """Write the pieces of n segments with blends or splines between them; return, first, their number and the number of
+    runs that end in them.
 
-    Unless the chain `ends`, the last segment is left for the next call, or a cluster that may go on.  Of a cluster of
-    more than `held` lines the spline goes on up to a knot behind which there is way enough; its pieces from there to a
-    stop behind the last line follow the others.  The third result is the first segment that is left, -1 if a spline
-    that was begun cannot go on; the fourth what the blend before has taken of it; the fifth, the next `goals`, places
-    of goals if a spline was begun; the last the number of all pieces.
+    Unless the chain `ends`, the last segment, or a cluster that may continue, is left for the next call.  For a cluster
+    of more than `held` lines the spline is final up to a knot with sufficient distance after it; its pieces from there
+    to a stop after the last line follow the others.  The third result is the first remaining segment, -1 if an
+    unfinished spline cannot be continued; the fourth the length of it used by the preceding blend; the fifth, the next
+    `goals`, the number of goal positions of an unfinished spline; the last the number of all pieces.
 
-    tolerance  of the joint behind each segment, m; negative: stop there; 0: stop unless it is smooth
-    sharpest   rad; at a corner beyond it the run stops
-    lonely     lengths of a blend; it stops at a corner of longer segments, too, of arcs from 0.2 rad on; 0: all lines
-    begin      what the blend before has taken of the first segment
-    flows      whether the run goes on where the first segment begins
-    runs       number of the run of each piece
-    kept, begins, floor, at, goal  knots, state, distances and places of goals of a spline that was begun, see `fitted`
-    inside     which joints are in a cluster; those of one that cannot be fitted are taken out
-    directions, sharing .. far, at_next .. curve  room for n + 1 segments, and for knots, as in `fitted`
+    tolerance  tolerance of the joint after each segment, m; negative: stop; 0: stop unless it is smooth
+    sharpest   largest corner angle without a stop, rad
+    lonely     multiple of the blend length; the run also stops at a corner of longer segments (arcs from 0.2 rad on);
+               0: all lines
+    begin      length of the first segment used by the preceding blend
+    flows      True if the run continues into the first segment
+    runs       run number of each piece
+    kept, begins, floor, at, goal  knots, state, distances and goal positions of an unfinished spline, see `fitted`
+    inside     joints that belong to a cluster; those of a cluster that cannot be fitted are cleared
+    directions, sharing .. far, at_next .. curve  work space for n + 1 segments, and for knots, as in `fitted`
     """
     n = len(length)
     axes = len(origin[0])
@@ -249,7 +250,7 @@ def join(
             else:
                 e = ENDS + steps
                 if goes_on:
-                    # farther on it is not known yet where knots lie, which corners are sharp, where it leaves the line
+                    # beyond, the knots, the sharp corners, and the departure from the line are not known yet
                     e = e - FITTED - 2 * ENDS
                     until = min(corner[last], corner[n] - 2.0 * NEAR * tolerance[last - 1])
                     while e > ENDS and knots[e + 2 * ENDS] > until:
@@ -434,7 +435,7 @@ def join(
 
 
 class _Begun(NamedTuple):
-    """The state of a spline that continues in the next call of `join`."""
+    """The state of an unfinished spline that is continued in the next call of `join`."""
 
     places: int
     knots: np.ndarray
@@ -442,20 +443,20 @@ class _Begun(NamedTuple):
     far: np.ndarray
     at: np.ndarray
     goal: np.ndarray
-    hand: Pieces  # from where it has come to a stop behind the last segment
+    hand: Pieces  # pieces from its current end to a stop after the last segment
 
 
 class Joiner:
-    """Joins the segments of chains in their order.
+    """A joiner of the segments of consecutive chains.
 
     sharpest, lonely  as in `join`
-    held      lines of a cluster that are held at most; a fifth of them are enough if they are 50 mm long
+    held      largest number of lines of a cluster held back; a fifth suffices if they are 50 mm long
     """
 
     def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 5000) -> None:
         self._sharpest, self._lonely, self._most = sharpest, lonely, held
         self._taken, self._flows = 0.0, False
-        self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of a chain that goes on
+        self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of an unfinished chain
         self._begun: _Begun | None = None
 
     @property
@@ -464,7 +465,7 @@ class Joiner:
         return self._held is None and self._begun is None and not self._flows
 
     def join(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """Return the sections that a chain adds to the runs, and how the joints behind its segments are passed."""
+        """Return the sections that a chain adds to the runs, and the types of the joints after its segments."""
         segments, tolerance = chain.segments, chain.tolerance
         if self._held:
             segments = one_after_the_other([self._held[0], segments])
@@ -480,7 +481,7 @@ class Joiner:
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """Stop a spline that cannot continue behind the segments that are known."""
+        """Stop a spline that cannot be continued after the known segments."""
         assert self._begun is not None
         assert self._held is not None
         far, (held, tolerance) = self._begun.far, self._held
@@ -494,7 +495,7 @@ class Joiner:
         return [stop, *sections], Joint(*(np.concatenate(arrays) for arrays in zip(before, joint, strict=True)))
 
     def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
-        """Return the sections and the joints behind the finished segments; None if a spline cannot continue."""
+        """Return the sections and the joints after the finished segments; None if a spline cannot be continued."""
         n, axes = segments.origin.shape
         joint = Joint(np.zeros(n), np.zeros(n, np.int64))
         expected = 2.0 * n + float(np.sum(segments.length)) / LARGEST_STEP + 50.0
@@ -541,7 +542,7 @@ class Joiner:
             except IndexError:
                 if many > _MOST * expected:
                     raise
-                many *= 2  # knots than thought
+                many *= 2  # more knots than expected
         if known < 0:
             return None
         *columns, runs = (array[:count].copy() for array in out)
@@ -555,7 +556,7 @@ class Joiner:
                 corner = CROSSED * corner
             sections.append(Section(Pieces(*(column[i:j] for column in columns)), bool(runs[i] < ended), corner))
         if known == 0 and begun:
-            return sections, joint  # more is waited for
+            return sections, joint  # wait for more segments
         self._taken, self._begun = taken, None
         if places:
             hand = Pieces(*(array[count:every].copy() for array in out[:-1]))
@@ -568,7 +569,7 @@ class Joiner:
 def joined(
     segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35, lonely: float = LONELY
 ) -> tuple[list[Pieces], Joint]:
-    """Return the runs of consecutive segments, and how each joint is passed; parameters as in `join`."""
+    """Return the runs of consecutive segments, and the joint types; parameters as in `join`."""
     sections, joint = Joiner(sharpest, lonely).join(Chain(segments, tolerance, True))
     return [section.pieces for section in sections], joint
 

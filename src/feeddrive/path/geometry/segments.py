@@ -1,16 +1,14 @@
-"""Moves of a part program as segments of the machine's axes, and the blend that rounds a joint of two.
+"""Segments of the machine's axes from the moves of a part program, and the blend that rounds a joint of two segments.
 
-A joint of two segments, rounded by a polynomial of seventh degree that meets both with three derivatives.
+Moves become lines, arcs and splines of the machine's axes, with feed and tolerance.  A move of both linear and rotary
+axes is a path in both, in which 1 rad counts as 1 m.  As in LinuxCNC, the feed refers to X Y Z; for a move without
+these to U V W; for a move of A B C alone it is in degrees.
 
-At the way L before the joint and L behind it the states r, r', r'', r''' of the segments are taken relative to the
-joint, and joined over a parameter length B = L (1.4 + 0.3 (1 + t0·t1)), t0 and t1 the directions at the joint.  The
-distance to the segments is bounded, not sampled: both are polynomials of the same parameter (an arc is one within
-R (φ/2)⁸/8!), and the Bernstein points of their difference hold it in their hull.
-
-Moves of a part program as segments: lines, arcs and splines of the machine's axes, with feed and tolerance.
-
-A move of linear axes and rotary ones is a path in both, in which 1 rad counts as 1 m.  The feed counts along X Y Z; of
-a move without these along U V W; of one of A B C alone it is in degrees, as in LinuxCNC.
+A blend is a polynomial of seventh degree that matches both segments in three derivatives.  At the distance L before and
+after the joint the states r, r', r'', r''' of the segments are taken relative to the joint, and connected over a
+parameter length B = L (1.4 + 0.3 (1 + t0·t1)), where t0 and t1 are the directions at the joint.  The distance to the
+segments is bounded, not sampled: both are polynomials of the same parameter (an arc within R (φ/2)⁸/8!), and the convex
+hull of the Bernstein points of their difference contains it.
 """
 
 from __future__ import annotations
@@ -44,17 +42,17 @@ from feeddrive.path.program.moves import (
     ToolChange,
 )
 
-_PARTS = 4  # of each half of a blend, whose hulls are taken one by one
+_PARTS = 4  # parts of each half of a blend, whose hulls are computed separately
 _SEARCH = 30
-_SAME = 1e-12  # of r' .. r''' times the length, next to a spline and between arcs
+_SAME = 1e-12  # relative to r' .. r''' times the length, next to a spline and between arcs
 
 
 @kernel
 def state_near(kind: int, length: float, shape: Floats2, away: float, at_end: bool, out: Floats2) -> int:
-    """Write r relative to the end or the start of a segment, and r', r'', r''' at the distance `away` from there, into
+    """Write r relative to the end or the start of a segment, and r', r'', r''' at the distance `away` from it, into
     `out`.
 
-    `out` has the shape (N, 4); a positive `away` is forwards.
+    `out` has the shape (N, 4); a positive `away` is forward.
     """
     if kind == 0:
         for i in range(len(shape)):
@@ -83,7 +81,7 @@ def state_near(kind: int, length: float, shape: Floats2, away: float, at_end: bo
 
 @kernel
 def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats2) -> float:
-    """Write the part of a segment between two places into `out`; return its length."""
+    """Write the part of a segment between x0 and x1 into `out`; return its length."""
     rest = x1 - x0
     if kind == 0:
         for i in range(len(shape)):
@@ -112,7 +110,8 @@ def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out:
 def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
     """Write the coefficients of the polynomial in ξ = x/length between two states r .. r''' (N, 4) into `out` (N, 8).
 
-    Those of first to third degree are the left state, the others its residual at the right one.
+    The coefficients of first to third degree follow from the left state, the others from its residual at the right
+    state.
     """
     for i in range(len(a)):
         c1 = a[i, 1] * length
@@ -135,7 +134,9 @@ def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
 
 @kernel
 def part_of(c: Floats, begin: float, size: float, out: Floats) -> int:
-    """Return the coefficients in η of Σ c_k ξᵏ with ξ = begin + size η: a Taylor shift, including the constant term."""
+    """Compute the coefficients in η of Σ c_k ξᵏ with ξ = begin + size η: a Taylor shift, including the constant
+    term.
+    """
     for k in range(8):
         out[k] = c[k]
     for k in range(7):
@@ -188,8 +189,8 @@ def blend_at(
     difference: Floats2,
     out: Floats2,
 ) -> float:
-    """Write the blend that begins L before a joint into `out` (N, 8); return a bound of its distance to the segments,
-    m.
+    """Write the blend that starts L before a joint into `out` (N, 8); return a bound of its distance to the
+    segments, m.
     """
     n = len(shape0)
     B = factor * L
@@ -220,7 +221,7 @@ def blend_at(
             error = angle * angle
             error = error * error
             error = sqrt(radius) * error * error / 40320.0
-        # r relative to the joint: the polynomials above leave out their first value
+        # r relative to the joint: the polynomials above omit their constant term
         for part in range(_PARTS):
             size = 1.0 / _PARTS
             for i in range(n):
@@ -254,8 +255,8 @@ def blend(
     difference: Floats2,
     out: Floats2,
 ) -> tuple[float, float, float]:
-    """Return L, B and the distance bound of the longest blend up to `longest` that is proven within `tolerance`; zeros
-    if there is none.
+    """Find the longest blend up to `longest` that is proven within `tolerance`; return L, B and its distance bound,
+    zeros if there is none.
     """
     factor = 1.4 + 0.3 * (1.0 + cosine)
     away = longest
@@ -290,7 +291,7 @@ def blend(
 
 @kernel
 def goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: Floats2) -> bool:
-    """True if r' .. r''' agree on both sides of the joint behind k, but for rounding."""
+    """Return True if r' .. r''' agree on both sides of the joint after segment k, up to rounding."""
     derivatives(kind[k], length[k], shape[k], length[k], a)
     derivatives(kind[k + 1], length[k + 1], shape[k + 1], 0.0, b)
     scale = 1.0
@@ -309,20 +310,21 @@ def goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: F
 _LETTERS = AXES.upper()
 _COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
 """Axes along which the feed counts: the first of these that move."""
-AT_ONCE = 1000  # segments of a chain
-_CHORDS = 0.1  # of the tolerance: how far the chords of a spline may be from it
-_CUTS = 16  # pieces of a spline that is followed exactly
+AT_ONCE = 1000  # largest number of segments of a chain
+_CHORDS = 0.1  # of the tolerance: largest deviation of a spline's chords from it
+_CUTS = 16  # number of pieces of a spline that is followed exactly
 
 Going = Straight | Arc | Spline
 """Moves along a path."""
 
 
 class Chain(NamedTuple):
-    """Consecutive segments without a stop that the program asks for.
+    """Consecutive segments without a programmed stop between them.
 
-    tolerance  of the joint behind each segment, m; 0: stop unless the joint is smooth
-    ends       True if such a stop follows; else the next chain goes on from this one
-    modes      reason of the stop at each joint, as in `PathMode`, by the stricter move; empty where it has a tolerance
+    tolerance  tolerance of the joint after each segment, m; 0: stop unless the joint is smooth
+    ends       True if such a stop follows; otherwise the next chain continues this one
+    modes      path mode that requires a stop at each joint, as in `PathMode`, by the stricter move; empty if it has a
+               tolerance
     """
 
     segments: Pieces
@@ -332,7 +334,7 @@ class Chain(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """A row of `Pieces`; lines have only their displacement. With path mode and tolerance (m) of its joints."""
+    """A row of `Pieces`, with path mode and tolerance (m) of its joints; lines have only their displacement."""
 
     kind: int
     length: float
@@ -352,7 +354,7 @@ class _Collected:
         self.rows: list[_Segment] = []
 
     def chain(self, ends: bool) -> Chain:
-        """Return all segments, or all but the last, which stays."""
+        """Return all segments as a chain, or, unless it `ends`, all but the last, which is retained."""
         count = len(self.rows) - (0 if ends else 1)
         kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
         origin = np.array(start[:count])
@@ -373,15 +375,15 @@ class _Collected:
 
 
 class _Feeds:
-    """The feed of moves, from the feed and spindle words read so far."""
+    """The feed of moves, from the feed and spindle commands so far."""
 
     def __init__(self, axes: str) -> None:
         self._one = set(axes) <= set("XYZ")  # way of counting
         self.feed = Feed(Line("", 0, ""), 0.0, 0.0)
-        self.turns = 0.0  # of the spindle, 1/s; 0 while it stands
+        self.turns = 0.0  # spindle speed, 1/s; 0 at standstill
 
     def speed(self, move: Going, length: float) -> float:
-        """Return the largest path speed, m/s, of a move whose path has this length, in all axes."""
+        """Return the largest path speed, m/s, of a move whose path length in all axes is `length`."""
         if isinstance(move, Straight) and move.traverse:
             return math.inf
         counted, others = (_COUNTED[0], False) if self._one else _counted(move)
@@ -398,14 +400,15 @@ class _Feeds:
 
 
 def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
-    """The chains of a program and the pauses between them; `axes` are letters of the machine's axes, such as XYZ.
+    """Yield the chains of a program and the pauses between them; `axes` are the letters of the machine's axes, such as
+    XYZ.
 
-    Raises ProgramError for what is not planned: axes that the machine has not, moves that follow the spindle (G33).
+    Raises ProgramError for unsupported moves: axes that the machine does not have, spindle-synchronized moves (G33).
     """
     columns = [_LETTERS.index(letter) for letter in axes]
     absent = [k for k, letter in enumerate(_LETTERS) if letter not in axes]
     collected, feeds, tolerance, mode = _Collected(), _Feeds(axes), 0.0, "continuous"
-    stops = False  # whether the move before has asked for a stop behind it
+    stops = False  # True if the previous move requires a stop after it
     for move in moves:
         if isinstance(move, Going):
             for column in absent:
@@ -445,7 +448,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
 
 
 def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """Return the segments of a move in `columns` of the machine's axes; empty if the move has no length."""
+    """Yield the segments of a move in `columns` of the machine's axes; none if the move has no length."""
     number = move.source.number
     start = [move.start[column] for column in columns]
     way = [move.end[column] - move.start[column] for column in columns]
@@ -461,7 +464,8 @@ def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tol
 
 
 def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """Return a spline as chords within a tenth of the tolerance, or exactly, from rest, where there is no tolerance.
+    """Yield a spline as chords within a tenth of the tolerance, or exactly, from rest to rest, if there is no
+    tolerance.
 
     The chords of n equal steps are within max|B''| / (8 n²) of a Bezier curve B(0..1).
     """
@@ -505,7 +509,7 @@ def _at(shape: np.ndarray, x: float) -> np.ndarray:
 
 
 def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
-    """Return the axes along which the feed counts, and True if other axes move too."""
+    """Return the axes to which the feed refers, and True if other axes move as well."""
     moved = [move.start[axis] != move.end[axis] for axis in range(9)]
     if not isinstance(move, Straight):
         moved[:3] = True, True, True
@@ -529,7 +533,7 @@ def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]
     sense = math.copysign(1.0, angle)
     shape[[first, second], 0] = x, y
     shape[[first, second], 1] = -sense * y, sense * x
-    # what the circle misses of the end, and the other axes, go linearly along
+    # the remaining distance to the end, and the other axes, vary linearly along the arc
     s, versine = math.sin(abs(angle)), 2.0 * math.sin(0.5 * angle) ** 2
     drift = np.array(way) - (shape[:, 1] * s - shape[:, 0] * versine)
     straight = np.delete(drift, [first, second])

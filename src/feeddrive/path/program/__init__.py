@@ -1,1 +1,1 @@
-"""Part programs in RS-274/NGC: their lines, words and expressions, their modes, their moves."""
+"""Part programs in RS-274/NGC: lines, words and expressions, modes, and moves."""

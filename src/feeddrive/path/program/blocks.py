@@ -1,8 +1,8 @@
-"""A block of a part program: its line, words and expressions, and its codes in the order of their execution.
+"""A block of a part program: its line, words and expressions, and its codes in order of execution.
 
-
-Parameters are numbered (`#31`), named (`#<depth>`), or follow the interpreter itself; a `.var` file keeps them.
-Precedence, as in LinuxCNC: `**`; `* / mod`; `+ -`; `eq ne gt ge lt le`; `and or xor`; each from left to right.
+Parameters are numbered (`#31`), named (`#<depth>`), or reflect the interpreter's state; numbered ones are stored in a
+`.var` file.  Operator precedence, as in LinuxCNC: `**`; `* / mod`; `+ -`; `eq ne gt ge lt le`; `and or xor`; each
+evaluated from left to right.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LONGEST_LINE = 65536
 
 
 class Line(NamedTuple):
-    """A line of a program: its file, its number from 1, its text without the line end."""
+    """A line of a program: its file, its number from 1, its text without the line ending."""
 
     file: str
     number: int
@@ -34,7 +34,7 @@ class Line(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The position of a line in its file: bytes and lines before it."""
+    """The position of a line in its file: the number of bytes and lines before it."""
 
     offset: int
     number: int
@@ -43,9 +43,9 @@ class Place(NamedTuple):
 class BlockError(Exception):
     """An error in a block, before its position in the file is known.
 
-    word   the word as the message shows it; its letter is looked for in the line if `index` is missing
-    index  characters before it in the line as `compact` leaves it
-    column its column in the line as it is, from 1, where that is known
+    word   the word shown in the message; its letter is searched in the line if `index` is missing
+    index  its index in the line as compacted by `compact`
+    column its column in the original line, from 1, if known
     """
 
     def __init__(self, reason: str, word: str = "", index: int | None = None, column: int | None = None) -> None:
@@ -54,7 +54,7 @@ class BlockError(Exception):
 
 
 class LineReader:
-    """Reads the lines of a file, and can return to an earlier position."""
+    """A reader of the lines of a file that can return to an earlier position."""
 
     def __init__(self, path: Path) -> None:
         """Open the file for its first line; raise at once if it cannot be read."""
@@ -82,7 +82,7 @@ class LineReader:
 
     @property
     def last(self) -> Place:
-        """The position of the line that was read last."""
+        """The position of the last line read."""
         return Place(self._last, self._number - 1)
 
     def go(self, place: Place) -> None:
@@ -93,7 +93,7 @@ class LineReader:
         self._file.seek(self._offset)
 
     def read(self) -> Line | None:
-        """Return the next line; None behind the last one."""
+        """Return the next line; None at the end of the file."""
         if self._file is None:
             self._file = self._open()
         raw = self._file.readline(LONGEST_LINE + 1)
@@ -115,7 +115,7 @@ class LineReader:
         return Line(self.name, self._number, raw.decode("utf-8", "replace").rstrip("\r\n"))
 
     def _marked(self, raw: bytes) -> bytes:
-        """Return the first line without the byte order mark of UTF-8; refuse that of UTF-16."""
+        """Return the first line without the byte order mark of UTF-8; refuse UTF-16."""
         if raw.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
             reason = "the file has two bytes for each character (UTF-16): save it as plain text (UTF-8)"
             raise ProgramError(self.name, 1, 1, "", reason)
@@ -162,7 +162,7 @@ def _kept(text: str) -> list[int]:
 def compact(text: str) -> tuple[str, list[str]]:
     """Return a line in lower case without white space and comments, and its comments in parentheses.
 
-    White space means nothing in RS-274, not even inside a number: `g0x +0. 12 34y 7` is `g0x+0.1234y7`.
+    White space has no meaning in RS-274, not even inside a number: `g0x +0. 12 34y 7` is `g0x+0.1234y7`.
     """
     if "(" not in text:
         return "".join(text.partition(";")[0].split()).lower(), []
@@ -195,10 +195,10 @@ READ_ONLY = range(5400, 5429)
 
 
 class Parameters:
-    """The parameters: by number, by name within the running subroutine, and by `_name` for the whole program.
+    """The parameters of a program: by number, by name (local to the current subroutine), and by `_name` (global).
 
-    numbered  those that are not 0
-    live      values that follow the program: number or name -> function
+    numbered  the nonzero numbered parameters
+    live      read-only parameters that reflect the program's state: number or name -> function
     """
 
     def __init__(self, numbered: dict[int, float] | None = None) -> None:
@@ -220,7 +220,7 @@ class Parameters:
         return names[key]
 
     def known(self, key: int | str) -> bool:
-        """True if a parameter has a value, as EXISTS asks."""
+        """Return True if a parameter has a value, as tested by EXISTS."""
         return key in self.live or isinstance(key, int) or key in (self.common if key.startswith("_") else self.local)
 
     def set(self, key: int | str, value: float) -> None:
@@ -247,7 +247,7 @@ def read_offsets(path: Path | str) -> dict[int, float]:
     """Read the numbered parameters of a `.var` file of LinuxCNC: two columns, number and value.
 
     They hold the work offsets (5221 ff), G28 (5161 ff), G30 (5181 ff) and G92 (5210 ff), in mm and degrees, or in
-    inches if the machine's unit is the inch.
+    inches if that is the machine's unit.
     """
     file = Path(path)
     try:
@@ -353,7 +353,7 @@ _UNARY: dict[str, Callable[[float], float]] = {
 
 
 class Values:
-    """Reads values from a compacted line, from index `at` on."""
+    """A parser of values in a compacted line, starting at index `at`."""
 
     def __init__(self, text: str, parameters: Parameters, at: int = 0) -> None:
         self.text, self.parameters, self.at = text, parameters, at
@@ -387,7 +387,7 @@ class Values:
             self._depth -= 1
 
     def key(self) -> int | str:
-        """Read the name or the number of a parameter behind a #."""
+        """Read the name or the number of a parameter after a #."""
         named = _NAME.match(self.text, self.at)
         if named:
             self.at = named.end()
@@ -437,7 +437,7 @@ class Values:
         return math.degrees(math.atan2(y, self._expression()))
 
     def _expression(self) -> float:
-        """Read an expression behind an opening bracket, up to its closing one."""
+        """Read an expression after an opening bracket, up to the closing one."""
         values = [self.value()]
         operators: list[str] = []
         while True:
@@ -468,7 +468,7 @@ class Values:
 
 
 class Step(IntEnum):
-    """The actions of a block in the order in which they act; the modal groups have the same names."""
+    """The steps of a block in order of execution; the modal groups have the same names."""
 
     FEED_MODE = 1
     FEED = 2
@@ -495,7 +495,7 @@ class Step(IntEnum):
 
 
 class Code(NamedTuple):
-    """A code: its step, its group (codes that exclude each other in a block), and its meaning."""
+    """A G or M code: its step, its modal group (mutually exclusive codes in a block), and its meaning."""
 
     step: Step
     group: str
@@ -597,7 +597,7 @@ REFUSED: dict[str, str] = {
 
 
 def name_of(letter: str, code: int) -> str:
-    """Return a code as it is written: G59.3."""
+    """Return a code as written in a program, e.g. G59.3."""
     return f"{letter.upper()}{code // 10}" + (f".{code % 10}" if code % 10 else "")
 
 
@@ -615,11 +615,11 @@ _LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^")
 class Block:
     """The content of one line.
 
-    words     letter -> value, without G and M; who uses a word takes it out, and what is left is refused
-    codes     letter and ten times the number of each code, sorted by step
-    assigned  parameters that the block sets, after all of its values were read
+    words     letter -> value, without G and M; used words are removed, and any remaining word is refused
+    codes     letter and ten times the number of each code, in order of execution
+    assigned  parameters that the block sets after all its values have been read
     comments  texts in parentheses
-    control   the line without white space and comments, if it is an o-word's, else empty
+    control   the line without white space and comments if it contains an o-word, otherwise empty
     """
 
     __slots__ = ("assigned", "codes", "comments", "control", "line", "words")
@@ -633,7 +633,9 @@ class Block:
         self.control = ""
 
     def take(self, letter: str, code: str = "") -> float | None:
-        """Remove a word and return it; a missing one is None, or is refused if a code is named that needs it."""
+        """Remove a word and return it; return None for a missing word, or refuse it if `code` names a code that
+        requires it.
+        """
         value = self.words.pop(letter, None)
         if value is None and code:
             raise BlockError(f"{code} needs the word {letter.upper()}, which this block does not have: write it", code)
@@ -654,7 +656,7 @@ class Block:
 
 
 def read_block(line: Line, parameters: Parameters, skip_deleted: bool) -> Block:
-    """Read a line; with `skip_deleted` a line that begins with / is an empty block."""
+    """Parse a line; with `skip_deleted` a line that begins with / is an empty block."""
     block = Block(line)
     text, block.comments = compact(line.text)
     if not text:
@@ -693,7 +695,7 @@ def read_block(line: Line, parameters: Parameters, skip_deleted: bool) -> Block:
 
 
 def _read_words(block: Block, values: Values) -> None:
-    """Read words whose values are not all plain numbers, and settings of parameters."""
+    """Read words whose values are not all plain numbers, and parameter assignments."""
     text = values.text
     while values.at < len(text):
         start = values.at
@@ -767,7 +769,7 @@ _WRITTEN = {
 
 
 def _place(text: str, letter: str, value: float) -> int:
-    """Return the position of a word in a line of plain words; of equal ones the last."""
+    """Return the position of a word in a line of plain words; the last one if there are several."""
     return max(word.start() for word in _WORDS.finditer(text) if word[1] == letter and float(word[2]) == value)
 
 
@@ -788,8 +790,8 @@ def _refuse_two_of_a_group(block: Block) -> None:
 
 
 def read_debug(text: str, parameters: Parameters) -> str:
-    """Return the text of a (DEBUG, ...) or (PRINT, ...) comment with the values of its parameters; %d, %f, %.2f format
-    them.
+    """Return the text of a (DEBUG, ...) or (PRINT, ...) comment with the values of its parameters inserted,
+    formatted by %d, %f or %.2f.
     """
     form = "%f"
 

@@ -1,6 +1,6 @@
 """O-words: subroutines, loops and conditions of a part program.
 
-The program is never held in memory: a loop goes back to the place of its line in the file, a call to that of its
+The program is never held in memory: a loop returns to the position of its line in the file, a call to that of its
 subroutine.
 """
 
@@ -43,9 +43,9 @@ _ENDS = {"sub": "endsub", "if": "endif", "while": "endwhile", "do": "while", "re
 
 @dataclass
 class Open:
-    """An open loop or condition: where its body and its first line begin.
+    """An open loop or condition, with the positions of its body and its first line.
 
-    left  of a repeat how often it is still to run, of a condition whether a branch was taken
+    left  for a repeat, the remaining number of passes; for a condition, whether a branch was taken
     """
 
     kind: str
@@ -57,7 +57,9 @@ class Open:
 
 @dataclass
 class Frame:
-    """The call frame of a subroutine or of the program: where to return, and what it keeps of its caller."""
+    """The call frame of a subroutine or of the program: return position, arguments, local parameters, and open
+    loops.
+    """
 
     label: str
     reader: LineReader
@@ -68,7 +70,7 @@ class Frame:
 
 
 def statement_of(text: str) -> tuple[str, str] | None:
-    """Return label and kind of an o-word in a line that is skipped; None for other lines."""
+    """Return label and kind of an o-word in a skipped line; None for other lines."""
     try:
         statement = _SKIPPED.match(compact(text)[0])
     except BlockError:
@@ -79,7 +81,7 @@ def statement_of(text: str) -> tuple[str, str] | None:
 
 
 class Flow:
-    """Returns the lines of a program in the order of execution."""
+    """The control flow of a program, which returns its lines in order of execution."""
 
     def __init__(self, program: Path, parameters: Parameters, most_again: int = MOST_AGAIN) -> None:
         self._folder = program.parent
@@ -101,7 +103,7 @@ class Flow:
             reader.close()
 
     def moved(self) -> None:
-        """Note that the last line commanded the machine: loops that do so may run longer."""
+        """Record that the last line commanded the machine; such loops may repeat more often."""
         self._at_rest = 0
 
     def next_line(self) -> Line | None:
@@ -185,7 +187,7 @@ class Flow:
         return self._readers[path]
 
     def _skip(self, label: str, kinds: Sequence[str]) -> str:
-        """Skip to behind the line with the o-word `label` of one of the kinds; return the kind."""
+        """Skip past the next line with the o-word `label` of one of the kinds; return the kind."""
         while True:
             line = self.next_line()
             if line is None:
@@ -231,7 +233,7 @@ class Flow:
         self._again += 1
 
     def _load(self, label: str) -> None:
-        """Find a subroutine in the file of its name beside the program."""
+        """Load a subroutine from the file of the same name in the program's folder."""
         path = self._folder / f"{label}.ngc"
         if "/" in label or "\\" in label or not path.is_file():
             raise BlockError(
@@ -352,10 +354,10 @@ class Flow:
             self._break(label, arguments)
         else:
             self._skip(label, ("while",))
-            self._frames[-1].reader.go(self._frames[-1].reader.last)  # its condition is still to be read
+            self._frames[-1].reader.go(self._frames[-1].reader.last)  # its condition has yet to be read
 
     def _loop(self, label: str, kind: str) -> Open:
-        """Return the innermost loop of the label, and leave everything that was opened inside it."""
+        """Return the innermost loop with the label, and close everything opened inside it."""
         opened = self._frames[-1].opened
         while opened and (opened[-1].label != label or opened[-1].kind == "if"):
             opened.pop()

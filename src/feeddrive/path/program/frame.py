@@ -1,4 +1,4 @@
-"""From canonical commands in the program's units and coordinates to moves in SI and machine coordinates.
+"""Conversion of canonical commands in program units and coordinates to moves in SI units and machine coordinates.
 
 machine = R(rotation) (program + axis_offset) + origin + tool_offset          rotation in the XY plane
 """
@@ -65,7 +65,7 @@ _NUMBERED = ("SET_MOTION_OUTPUT_", "CLEAR_MOTION_OUTPUT_", "SET_AUX_OUTPUT_", "C
 
 
 def _travel_by_axis(axes: Travel) -> list[tuple[float, float] | None]:
-    """Return the travel of each of the nine axes; refuse an unknown axis name and a travel without length."""
+    """Return the travel of each of the nine axes; refuse an unknown axis name and an empty travel range."""
     for name, travel in axes.items():
         if name.lower() not in AXES or len(name) != 1:
             raise ParameterError(f"axes: {name!r} is no axis of part programs, which are X Y Z A B C U V W")
@@ -77,9 +77,9 @@ def _travel_by_axis(axes: Travel) -> list[tuple[float, float] | None]:
 
 
 class Frame:
-    """Turns commands into moves; it keeps units, plane, offsets and the machine's position.
+    """The converter of commands to moves, with units, plane, offsets and the machine's position as its state.
 
-    axes  the axes of the machine with their travel; None for all nine without ends
+    axes  the axes of the machine with their travel; None for all nine without travel limits
     """
 
     def __init__(self, axes: Travel | None = None) -> None:
@@ -130,7 +130,7 @@ class Frame:
         self._mode: PathMode | None = None
 
     def moves(self, commands: Iterable[Command]) -> Iterator[Move]:
-        """Yield the moves that the commands ask for."""
+        """Yield the moves that the commands request."""
         for command in commands:
             maker = self._makers.get(command.name)
             try:
@@ -143,7 +143,7 @@ class Frame:
     # coordinates
 
     def _machine(self, values: Point) -> Point:
-        """Convert program coordinates to machine coordinates in SI."""
+        """Convert program coordinates to machine coordinates in SI units."""
         if self._shift is None:
             self._shift = self._sum_of_offsets()
         if len(values) < 9:
@@ -257,7 +257,7 @@ class Frame:
         return spline
 
     def _program_here(self) -> list[float]:
-        """Return the machine's position in program coordinates; only axes that a spline does not move are used."""
+        """Return the machine's position in program coordinates; valid only for axes that a spline does not move."""
         if self._shift is None:
             self._shift = self._sum_of_offsets()
         here = [h - s for h, s in zip(self._here, self._shift, strict=True)]
@@ -309,7 +309,7 @@ class Frame:
         return Spindle(command.line, self._speed, self._direction)
 
     def _select_tool(self, command: Command) -> None:
-        self._selected = int(float(command.values[0]))  # CHANGE_TOOL of LinuxCNC has a row of the table
+        self._selected = int(float(command.values[0]))  # CHANGE_TOOL of LinuxCNC contains a row of the table
 
     # offsets
 

@@ -1,6 +1,6 @@
-"""The interpreter of part programs: lines in, canonical commands out, a block at a time and in constant memory.
+"""The interpreter of part programs, which converts lines to canonical commands block by block in constant memory.
 
-`Switches` has the codes that do not move: modes, spindle, tool, coolant, overrides, outputs and stops.
+`Switches` handles the codes without motion: modes, spindle, tool, coolant, overrides, outputs and stops.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _SWITCHED = {500: "FEED_OVERRIDE", 510: "SPEED_OVERRIDE", 520: "ADAPTIVE_FEED", 
 
 
 class Switches:
-    """The codes of a block that move no axis; `ended` is True once the program has ended."""
+    """The executor of the codes that move no axis; `ended` is True once the program has ended."""
 
     def __init__(self, state: State, emit: Emit, tools: dict[int, Tool] | None) -> None:
         self._state, self._emit, self._tools = state, emit, tools
@@ -92,14 +92,14 @@ class Switches:
             self._emit("SET_FEED_RATE", 0.0)
 
     def speed(self, speed: float) -> None:
-        """Execute S: the speed of the spindle in rpm."""
+        """Execute S: set the spindle speed in rpm."""
         if speed < 0:
             raise BlockError(f"a spindle speed is not negative: S{number(speed, 6)}; M4 turns counterclockwise", "S")
         self._state.speed = speed
         self._emit("SET_SPINDLE_SPEED", 0, speed)
 
     def select(self, tool: int) -> None:
-        """Execute T: select the tool of the next change."""
+        """Execute T: select the tool for the next change."""
         if self._tools is not None and tool and tool not in self._tools:
             raise BlockError(f"tool {tool} is not in the tool table: add it there", "T")
         self._state.selected = tool
@@ -267,13 +267,13 @@ _ARC_WORDS = frozenset("ijkr")
 
 
 class Interpreter:
-    """Runs a part program.
+    """The interpreter of a part program.
 
     tools        the tool table, by number
     numbered     numbered parameters at the start, such as those of a `.var` file
     tables_inch  tool table and parameters are in inches instead of mm
-    skip_deleted lines that begin with / are left out
-    most_again   how many lines loops and calls may read again
+    skip_deleted True to skip lines that begin with /
+    most_again   largest number of lines that loops and calls may repeat
     """
 
     def __init__(
@@ -365,7 +365,7 @@ class Interpreter:
         self._emit("ON_RESET")
 
     def _execute(self, block: Block) -> None:
-        """Execute a block, its codes in their order."""
+        """Execute the codes of a block in order."""
         if block.assigned:
             for key, value in block.assigned:
                 self._parameters.set(key, value)
@@ -440,7 +440,7 @@ class Interpreter:
             self._switches.select(block.whole("t", "T", 0, 99999))
 
     def _implied_motion(self, words: dict[str, float]) -> int:
-        """Return the modal motion if the words of a block without a motion code ask for one."""
+        """Return the modal motion if the words of a block without a motion code imply one, otherwise -1."""
         motion = self._state.motion
         if not MOVING.isdisjoint(words):
             if motion == 800:
@@ -452,7 +452,7 @@ class Interpreter:
         return motion if motion in (20, 30) and not _ARC_WORDS.isdisjoint(words) else -1
 
     def _offset(self, block: Block, code: int, motion: int) -> None:
-        """Execute codes that are not modal and use axis words themselves."""
+        """Execute non-modal codes that use axis words."""
         state, name = self._state, name_of("g", code)
         if motion not in (-1, 0, 10, 800):
             raise BlockError(f"{name} and {name_of('g', motion)} both use the words of axes: use two lines", name)

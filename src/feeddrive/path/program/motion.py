@@ -1,7 +1,7 @@
 """The motions of a part program with their feed: straight moves, arcs, splines, synchronized feeds, canned cycles.
 
-The cycles G73, G74, G81 to G86 and G89 traverse over the hole, traverse to R, feed to the depth and retract.  They are
-described for the plane XY; in G18 and G19 the axis across the plane takes the place of Z.
+The cycles G73, G74, G81 to G86 and G89 traverse to the hole, traverse to R, feed to the depth and retract.  They are
+described for the XY plane; in G18 and G19 the axis normal to the plane replaces Z.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ STICKY = {730: "zrq", 740: "zrp", 810: "zr", 820: "zrp", 830: "zrq", 840: "zrp",
 def drill(
     state: State, block: Block, emit: Emit, code: int, same: bool, lead: Callable[[list[float]], list[float]]
 ) -> None:
-    """Emit the moves of a canned cycle at one place, or at L places in a row.
+    """Emit the moves of a canned cycle at one position, or at L successive positions.
 
-    same  True if the modal motion was this cycle already, whose words are then kept
-    lead  where the block's axis words lead from a point
+    same  True if the modal motion was already this cycle, whose words are then retained
+    lead  function that returns the target of the block's axis words from a point
     """
     name = name_of("g", code)
     first, second, across = PLANES[state.plane]
@@ -59,7 +59,7 @@ def drill(
         point[across] = level = clearance
         emit("STRAIGHT_TRAVERSE", *point)
     leave = clearance if state.retract_to_r else level
-    # a cycle runs in exact path mode, as in LinuxCNC; the mode of the program returns behind it
+    # a cycle runs in exact path mode, as in LinuxCNC; the program's mode is restored after it
     if state.path_mode != "CANON_EXACT_PATH":
         emit("SET_MOTION_CONTROL_MODE", "CANON_EXACT_PATH")
     hole = _Hole(state, emit, kept, clearance, depth, leave, across)
@@ -81,7 +81,7 @@ def drill(
 
 
 def _kept_words(state: State, block: Block, code: int, same: bool, across: str, name: str) -> dict[str, float]:
-    """Return the words of a series of cycles, including those of this block."""
+    """Return the sticky words of a series of cycles, updated with those of this block."""
     kept = state.cycle if same else {}
     axis = AXES.index(across)
     if state.level is None or state.level[0] != axis:
@@ -104,7 +104,7 @@ def _kept_words(state: State, block: Block, code: int, same: bool, across: str, 
 
 
 class _Hole:
-    """The moves of a cycle at one hole, from R on."""
+    """The moves of a cycle at one hole, starting at R."""
 
     def __init__(
         self,
@@ -196,7 +196,7 @@ class _Hole:
 
 
 def emit_path_mode(state: State, emit: Emit) -> None:
-    """Emit the path mode."""
+    """Emit the command that sets the path mode."""
     if state.path_mode == "CANON_CONTINUOUS":
         emit("SET_MOTION_CONTROL_MODE", state.path_mode, state.tolerance)
     else:
@@ -212,9 +212,9 @@ MOVING = frozenset(AXES + "@^")
 
 
 class Motion:
-    """Emits the commands of a block's motion.
+    """The executor of a block's motion, which emits its commands.
 
-    moved  is called before each of them
+    moved  callback before each motion command
     """
 
     def __init__(self, state: State, emit: Emit, moved: Callable[[], None]) -> None:
@@ -369,8 +369,8 @@ class Motion:
         return start[0] + (offsets[0] or 0.0), start[1] + (offsets[1] or 0.0)
 
     def _spline(self, block: Block, code: int) -> None:
-        """Emit G5 (cubic) or G5.1 (quadratic) in XY; I J lead from the start to the first control point, P Q from the
-        end.
+        """Emit G5 (cubic) or G5.1 (quadratic) in XY; I J is the offset of the first control point from the start, P
+        Q that of the second from the end.
         """
         state, name = self._state, name_of("g", code)
         if state.plane != 170:
@@ -405,7 +405,7 @@ class Motion:
         self._emit("NURBS_FEED", *(value for point in points for value in point), target[0], target[1])
 
     def _synchronized(self, block: Block) -> None:
-        """Emit G33: a feed that advances K in each turn of the spindle."""
+        """Emit G33: a feed that advances K per spindle revolution."""
         state = self._state
         pitch = block.take("k", "G33")
         assert pitch is not None
@@ -423,7 +423,7 @@ class Motion:
 def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tuple[list[float], list[int]]:
     """Return the target of axis words from a start, and the axes that they name.
 
-    @ and ^ are radius and angle about the program's zero.
+    @ and ^ are radius and angle about the program zero.
     """
     target = list(start)
     moved: list[int] = []
@@ -449,7 +449,7 @@ def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tup
 
 
 def _length(start: list[float], end: list[float]) -> float:
-    """Return the length of a straight move for its feed: of X Y Z, else of U V W, else of A B C (degrees)."""
+    """Return the length of a straight move that its feed refers to: along X Y Z, else U V W, else A B C (degrees)."""
     for axes in ((0, 1, 2), (6, 7, 8), (3, 4, 5)):
         length = math.hypot(*(end[axis] - start[axis] for axis in axes))
         if length > 0:

@@ -1,12 +1,10 @@
-"""What a part program asks of a machine: canonical commands, and moves in machine coordinates.
+"""Canonical commands of a part program, and its moves in machine coordinates.
 
-Canonical commands: what a block asks of a machine, in the units and coordinates of the program, and their text.
+A canonical command states what a block requests, in the units and coordinates of the program.  The names and the text
+are those of LinuxCNC's stand-alone interpreter, so that both front ends produce the same stream.
 
-The names and the text are those of the stand-alone interpreter of LinuxCNC, so that two front ends give one stream.
-
-The moves of a part program: canonical, in machine coordinates (m, rad, s), and the geometry of arcs G2, G3.
-
-Points have nine coordinates, of the axes X Y Z A B C U V W.
+Moves are in machine coordinates (m, rad, s), with the geometry of the arcs G2 and G3.  Points have nine coordinates,
+for the axes X Y Z A B C U V W.
 """
 
 from __future__ import annotations
@@ -78,8 +76,8 @@ _TEXT: dict[str, Callable[[tuple[Value, ...]], str]] = {
 
 
 def canonical_text(command: Command) -> str:
-    """Return the text of a command as LinuxCNC's interpreter prints it, without the line number; PRINT has no text
-    there.
+    """Return the text of a command as LinuxCNC's interpreter prints it, without the line number; empty for PRINT,
+    which it does not print.
     """
     if command.name == "PRINT":
         return ""
@@ -90,7 +88,7 @@ _COMMAND = re.compile(r"([A-Z_][A-Z_0-9]*)\((.*)\)$")
 
 
 def read_command(text: str, line: Line) -> Command | None:
-    """Parse the text of a command; None if it is no command."""
+    """Parse the text of a command; None if it is not a command."""
     match = _COMMAND.fullmatch(text)
     if not match:
         return None
@@ -116,7 +114,7 @@ MOST_TURNS = 100_000
 def center_of_radius(
     start: tuple[float, float], end: tuple[float, float], radius: float, clockwise: bool, unit: float
 ) -> tuple[float, float]:
-    """Return the center of an arc of a stated radius; a negative radius selects the longer arc. `unit`: mm in a program
+    """Return the center of an arc of given radius; a negative radius selects the longer arc. `unit`: mm per program
     unit.
     """
     if radius == 0:
@@ -147,7 +145,7 @@ def center_of_radius(
 def check_radii(
     start: tuple[float, float], end: tuple[float, float], center: tuple[float, float], letters: str, unit: float
 ) -> None:
-    """Refuse an arc whose start and end do not lie on one circle. `letters`: the words of the center."""
+    """Refuse an arc whose start and end are not on one circle. `letters`: the words that define the center."""
     first = math.hypot(start[0] - center[0], start[1] - center[1]) * unit
     last = math.hypot(end[0] - center[0], end[1] - center[1]) * unit
     spread = abs(first - last)
@@ -164,17 +162,17 @@ def check_radii(
 
 
 def _millimeters(length: float) -> Quantity:
-    """Return a length in mm as a quantity that is read in mm."""
+    """Return a length in mm as a quantity displayed in mm."""
     return Quantity(length, "mm", stays=True)
 
 
 def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[float, float], turns: int) -> float:
-    """Return the angle of an arc, rad: positive counterclockwise. An arc that ends where it begins is a full turn."""
+    """Return the angle of an arc, rad: positive counterclockwise. An arc with equal start and end is a full turn."""
     a = math.atan2(start[1] - center[1], start[0] - center[0])
     b = math.atan2(end[1] - center[1], end[0] - center[0])
     angle = b - a
     if turns > 0:
-        # an end that equals the start but for rounding is a full turn, not none
+        # an end equal to the start up to rounding is a full turn, not a zero one
         while angle <= 1e-12:
             angle += math.tau
         return angle + math.tau * (turns - 1)
@@ -189,7 +187,7 @@ Point = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Straight:
-    """A straight move from `start` to `end` at the feed, or as fast as the axes can (`traverse`)."""
+    """A straight move from `start` to `end` at the feed, or at rapid traverse (`traverse`)."""
 
     source: Line
     start: Point
@@ -201,9 +199,10 @@ class Straight:
 class Arc:
     """An arc or helix at the feed.
 
-    axes    first and second axis of its plane, and the axis across it, right-handed: 0, 1, 2 in XY
-    center  of the circle, on the first and second axis; radii of start and end may differ by the program's rounding
-    turns   1, 2, ..: counterclockwise seen from the third axis, ending in this turn; -1, -2, ..: clockwise
+    axes    first and second axis of its plane, and the normal axis, right-handed: 0, 1, 2 in XY
+    center  center of the circle, along the first and second axis; radii at start and end may differ by rounding of the
+            program
+    turns   1, 2, ..: counterclockwise seen from the third axis, number of turns begun; -1, -2, ..: clockwise
     """
 
     source: Line
@@ -228,7 +227,7 @@ class Arc:
 
 @dataclass(frozen=True, slots=True)
 class Spline:
-    """A Bezier curve of second or third order at the feed; `points` are its control points, without start and end."""
+    """A Bezier curve of second or third degree at the feed; `points` are its control points, without start and end."""
 
     source: Line
     start: Point
@@ -264,11 +263,11 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True)
 class PathMode:
-    """The path mode from here on.
+    """The path mode of the following moves.
 
     mode             exact_path (G61), exact_stop (G61.1) or continuous (G64)
-    tolerance        how far the path may be left, m (G64 P); 0: as far as the planner wants
-    naive_tolerance  within which points in a row count as one line, m (G64 Q)
+    tolerance        largest deviation from the path, m (G64 P); 0: chosen by the planner
+    naive_tolerance  tolerance for merging consecutive points into one line, m (G64 Q)
     """
 
     source: Line
@@ -279,11 +278,11 @@ class PathMode:
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """The feed from here on.
+    """The feed of the following moves.
 
-    linear    path speed of moves with X Y Z (or U V W), m/s; m in a turn if `per_turn`
-    angular   the same number for moves of A B C only, rad/s; rad in a turn if `per_turn`
-    per_turn  True for a feed per turn of the spindle (G95)
+    linear    path speed of moves with X Y Z (or U V W), m/s; m per revolution if `per_turn`
+    angular   feed of moves of A B C only, from the same number, rad/s; rad per revolution if `per_turn`
+    per_turn  True for a feed per spindle revolution (G95)
     """
 
     source: Line
@@ -294,7 +293,9 @@ class Feed:
 
 @dataclass(frozen=True, slots=True)
 class Spindle:
-    """The spindle from here on: `spindle_speed` in rpm, `direction` 1 clockwise, -1 counterclockwise, 0 stopped."""
+    """The spindle state during the following moves: `spindle_speed` in rpm, `direction` 1 clockwise, -1
+    counterclockwise, 0 stopped.
+    """
 
     source: Line
     spindle_speed: float
@@ -303,7 +304,9 @@ class Spindle:
 
 @dataclass(frozen=True, slots=True)
 class Synchronized:
-    """Feeds from here on advance by `pitch` (m) in a turn of the spindle (G33); 0 ends it."""
+    """A spindle-synchronized feed: the following feeds advance by `pitch` (m) per spindle revolution (G33); 0 ends
+    it.
+    """
 
     source: Line
     pitch: float
@@ -311,7 +314,7 @@ class Synchronized:
 
 @dataclass(frozen=True, slots=True)
 class ToolChange:
-    """The machine changes to tool `number`; 0 is none."""
+    """A change to tool `number`; 0 is no tool."""
 
     source: Line
     number: int
@@ -319,13 +322,13 @@ class ToolChange:
 
 @dataclass(frozen=True, slots=True)
 class Offsets:
-    """The offsets from here on; the moves already contain them in their coordinates.
+    """The offsets of the following moves, whose coordinates already include them.
 
     system       1 to 9: G54 to G59.3
-    origin       of the work offset
-    rotation     of the work offset about Z, rad
-    axis_offset  of G92 and G52
-    tool_offset  of G43
+    origin       origin of the work offset
+    rotation     rotation of the work offset about Z, rad
+    axis_offset  offset of G92 and G52
+    tool_offset  offset of G43
     """
 
     source: Line
@@ -338,7 +341,7 @@ class Offsets:
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """A change of another output: `what` (mist, flood, feed_override, output 3 ...) takes `value`."""
+    """A change of another output: `what` (mist, flood, feed_override, output 3 ...) is set to `value`."""
 
     source: Line
     what: str
@@ -347,7 +350,7 @@ class Switch:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A text for the operator, of (MSG, ...), (DEBUG, ...) or (PRINT, ...)."""
+    """A message to the operator from (MSG, ...), (DEBUG, ...) or (PRINT, ...)."""
 
     source: Line
     text: str
@@ -355,7 +358,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A stop for the operator; `optional`: only if the operator has asked for it (M1)."""
+    """A program stop; `optional`: only if the operator has enabled optional stops (M1)."""
 
     source: Line
     optional: bool

@@ -1,8 +1,8 @@
-"""Reading a part program: choose the front end that can read it, and return its commands or its moves.
+"""Reading of a part program with a suitable front end, as canonical commands or as moves.
 
-The front ends are our own interpreter and that of LinuxCNC: the program `rs274` runs, and its canonical text is read.
+The front ends are our own interpreter and that of LinuxCNC, whose program `rs274` is run and its canonical text parsed.
 It supports cutter compensation and the rest of the language, but prints only four decimals of the program unit (0.1 um
-in mm, 2.5 um in inches), and no U, V and W.
+in mm, 2.5 um in inches), and neither U, V nor W.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _AXES = re.compile(r"[uvw](?=[-+\d.#\[])")
 
 
 def needs_rs274(program: Path) -> bool:
-    """True if a program has codes that only the interpreter of LinuxCNC supports, such as G41."""
+    """Return True if a program has codes that only the interpreter of LinuxCNC supports, such as G41."""
     reader = LineReader(program)
     try:
         if not _may_need(program):
@@ -62,7 +62,7 @@ def needs_rs274(program: Path) -> bool:
             try:
                 text = compact(line.text)[0]
             except BlockError:
-                return False  # the own reader says what is wrong
+                return False  # our own reader reports the error
             if ("g" in text or "m" in text) and _NEEDED.search(_NAME.sub("", text)):
                 return True
     finally:
@@ -71,7 +71,7 @@ def needs_rs274(program: Path) -> bool:
 
 
 def _may_need(program: Path) -> bool:
-    """Quick test for such codes that may say yes too often; a line that is too long is left to our own reader to
+    """Test quickly for such codes, with possible false positives; an overlong line is left to our own reader to
     refuse.
     """
     end, since = b"", 0
@@ -101,7 +101,7 @@ def rs274_commands(
         command = [PROGRAM, "-g", *(["-b"] if skip_deleted else [])]
         unit = 1.0 if tables_inch else INCH
         for option, text in (("-t", _tool_table(tools, unit)), ("-v", _parameter_file(numbered, unit))):
-            if text or option == "-t":  # without a table the interpreter has tools of its own
+            if text or option == "-t":  # without a table the interpreter uses default tools
                 table = Path(folder) / f"table{option}"
                 table.write_text(text, encoding="utf-8")
                 command += [option, str(table)]
@@ -164,7 +164,7 @@ def _parameter_file(numbered: dict[int, float] | None, unit: float) -> str:
 
 
 class _Source:
-    """The lines of a program by number; only their positions are kept in memory."""
+    """The lines of a program, by number; only their positions are held in memory."""
 
     def __init__(self, program: Path, copy: Path) -> None:
         """Write a copy of the program in which each line has its number as N."""
@@ -185,14 +185,14 @@ class _Source:
         self._reader.close()
 
     def line(self, number: int) -> Line:
-        """Return a line by its number; an unknown number gets the position of the first line."""
+        """Return a line by its number; for an unknown number return the last line accessed."""
         if number != self._line.number and 1 <= number <= len(self._offsets):
             self._reader.go(Place(self._offsets[number - 1], number - 1))
             self._line = self._reader.read() or self._line
         return self._line
 
     def last(self) -> Line:
-        """The last line."""
+        """Return the last line."""
         return self.line(len(self._offsets))
 
 
@@ -231,7 +231,7 @@ def _read(source: _Source, output: Path, complaint: str, code: int, no_tools: bo
 
 
 def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: bool) -> ProgramError:
-    """Return the interpreter's error, at the line that it prints with it."""
+    """Return the interpreter's error, located at the line that it reports."""
     messages = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
     for text in messages[1:]:
         match = re.match(r"/?N(\d+)\s", text)
@@ -261,15 +261,16 @@ def read_program(
 ) -> Generator[Move]:
     """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
-    axes          axes of the machine with their travel, such as {"X": (0, 0.5), "Z": None}; None: all, without ends
+    axes          axes of the machine with their travel, such as {"X": (0, 0.5), "Z": None}; None: all nine, without
+                  travel limits
     tools         tool table (.tbl); without one M6 changes to any tool, and G43 H is refused
-    offsets       parameters (.var): work offsets, G28, G30
+    offsets       parameter file (.var): work offsets, G28, G30
     tables_inch   both tables are in inches instead of mm
-    skip_deleted  leave out lines that begin with /
+    skip_deleted  skip lines that begin with /
     front_end     own; rs274: LinuxCNC's interpreter; auto: rs274 where a program needs it (G41) and it is installed
-    most_again    how many lines loops and calls may read again
+    most_again    largest number of lines that loops and calls may repeat
 
-    A wrong program ends the iteration with a `ProgramError` of file, line, column, word and reason.
+    An invalid program ends the iteration with a `ProgramError` stating file, line, column, word and reason.
     """
     commands = read_commands(
         program,
@@ -284,7 +285,7 @@ def read_program(
 
 
 def _moves(frame: Frame, commands: Generator[Command]) -> Generator[Move]:
-    """Yield the moves; close the files of the commands whatever ends them."""
+    """Yield the moves; always close the files of the commands at the end."""
     with closing(commands):
         yield from frame.moves(commands)
 

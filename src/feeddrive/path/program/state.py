@@ -2,7 +2,7 @@
 
 machine = R(rotation) (program + axis_offset) + origin + tool_offset          rotation in the XY plane, degrees
 
-G10, G43, G49, G52, G54 to G59.3 and G92 move coordinates and not the machine; G28 and G30 move it to a stored place.
+G10, G43, G49, G52, G54 to G59.3 and G92 shift coordinates without motion; G28 and G30 move to a stored position.
 """
 
 from __future__ import annotations
@@ -108,13 +108,13 @@ def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
 
 
 class State:
-    """The modes of a program, and its position in program coordinates and the program's unit of length.
+    """The modal state of a program, and its position in program coordinates and the program's length unit.
 
     inch      True if the program's unit is the inch
-    user_inch True if parameters and tables are kept in inches
-    motion    the modal motion: G1 is 10; 800 is none
-    cycle     words of a series of canned cycles
-    level     where these cycles began: axis and coordinate
+    user_inch True if parameters and tables are stored in inches
+    motion    the modal motion as ten times the code: 10 for G1; 800 for none
+    cycle     sticky words of a series of canned cycles
+    level     initial level of these cycles: axis and coordinate
     """
 
     def __init__(self, parameters: Parameters, user_inch: bool) -> None:
@@ -151,11 +151,11 @@ class State:
 
     @property
     def scale(self) -> float:
-        """Program units in one user unit of length."""
+        """The number of program length units per user unit."""
         return 1.0 if self.inch == self.user_inch else INCH if self.user_inch else 1.0 / INCH
 
     def use_inch(self, inch: bool) -> None:
-        """Change the program's unit of length; the machine's position does not change."""
+        """Change the program's length unit; the machine's position is unchanged."""
         if inch != self.inch:
             self.inch = inch
             if self.level:
@@ -205,7 +205,7 @@ class State:
         axis_offset: Sequence[float] | None = None,
         tool_offset: Sequence[float] | None = None,
     ) -> None:
-        """Change offsets while the machine stands still: the program coordinates of its position change."""
+        """Change offsets without motion of the machine: the program coordinates of its position change."""
         standing = self.machine(self.position)
         before = self.position
         if origin is not None:
@@ -221,10 +221,10 @@ class State:
             axis, level = self.level
             self.level = axis, level + self.position[axis] - before[axis]
 
-    # what the program can ask for
+    # parameters that the program can read
 
     def publish(self) -> None:
-        """Publish parameters that follow the program: #5400 to #5428 and the names that begin with _."""
+        """Publish the parameters that reflect the program's state: #5400 to #5428 and the names that begin with _."""
         live = self.parameters.live
         live[5400] = lambda: float(self.tool)
         for axis in range(9):
@@ -322,7 +322,7 @@ def _write_system(
 
 
 def _with_system(state: State, origin: list[float], rotation: float) -> list[float]:
-    """Return the coordinates of the present position under another work offset."""
+    """Return the coordinates of the current position under a different work offset."""
     kept = state.origin, state.rotation
     standing = state.machine(state.position)
     state.origin, state.rotation = origin, rotation
@@ -372,7 +372,7 @@ def _write_tool(
 
 
 def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], code: int) -> None:
-    """Execute G43, G43.1, G43.2 or G49: the tool offset."""
+    """Execute G43, G43.1, G43.2 or G49: set the tool offset."""
     offset = [0.0] * 9
     if code == 431:
         offset = list(state.tool_offset)
@@ -397,7 +397,7 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
 
 
 def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
-    """Execute G52 or G92, which rename the present position, or G92.1 to G92.3: clear, suspend, restore that."""
+    """Execute G52 or G92 (assign coordinates to the current position), or G92.1 to G92.3 (clear, suspend, restore)."""
     numbered = state.parameters.numbered
     offset = list(state.axis_offset)
     if code in (520, 920):
@@ -421,7 +421,9 @@ def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
 
 
 def go_home(state: State, emit: Emit, code: int, target: list[float], moved: list[int]) -> None:
-    """Execute G28 or G30: move over the point of the axis words to the stored position, with these axes or with all."""
+    """Execute G28 or G30: move via the point of the axis words to the stored position, with these axes or with all
+    if none is named.
+    """
     state.position = list(target)
     emit("STRAIGHT_TRAVERSE", *target)
     home = state.to_program(
@@ -439,5 +441,5 @@ def go_home(state: State, emit: Emit, code: int, target: list[float], moved: lis
 
 
 def set_home(state: State, code: int) -> None:
-    """Execute G28.1 or G30.1: store the present position."""
+    """Execute G28.1 or G30.1: store the current position."""
     state.store(HOME_1 if code == 281 else HOME_2, state.machine(state.position))

@@ -1,34 +1,32 @@
 """The independent proof that a planned motion keeps its limits in continuous time.
 
-Ranges of the derivatives of a path, of a motion along it, and of what each axis then does.
+It bounds the ranges of the derivatives of a path, of a motion along it, and of each axis:
 
     q'    = r' u'
     q''   = r'' u'² + r' u''
     q'''  = r''' u'³ + 3 r'' u' u'' + r' u'''
     q'''' = r'''' u'⁴ + 6 r''' u'² u'' + r'' (3 u''² + 4 u' u''') + r' u''''
 
-with q = r(u(t)).  Polynomials of time have exact extremes; r' .. r'''' have Taylor forms about the middle of a span.
-Rounding is not directed: what is summed here gets a slack of its largest term, which covers it.
+with q = r(u(t)).  Extremes of polynomials of time are exact; r' .. r'''' are bounded by Taylor forms about the middle
+of a span.
 
-An independent proof that a planned motion keeps the limits of each axis in continuous time, joints included.
+Over a span of time on one piece of the path each factor of the chain rule is an interval.  A span for which the limits
+cannot be shown to hold is halved, until they are or its middle violates one.  At the joints of path and time the jumps
+are computed from the planned state.  Apart from the evaluation of path and motion no code is shared with the planner,
+so its errors are not repeated here.
 
-Over a span of time on one piece of the path each factor of the chain rule is an interval (`ranges`).  A span for which
-the limits cannot be shown is halved, until they are shown or its middle violates one.  At the joints of path and time
-the jumps are computed from the planned state.  Apart from the evaluation of path and motion no code is shared with
-the planner: a fault there is not repeated here.
+Rounding is not directed.  A test involves some hundred roundings, so 1e-13 of its largest term is added to its
+interval; each limit is relaxed by a relative 1e-9.
 
-Rounding is not directed.  A test rounds some hundred times, so 1e-13 of its largest term is added to its interval;
-each limit is widened by 1e-9 of itself.
+Two runs may overlap: while one comes to rest in the corner c and the next one leaves it, q = q0 + q1 - c.  Each
+derivative of q is the sum of two motions along one piece each.  With r' replaced by its midpoint the dominant terms of
+both form one polynomial of time, whose range is exact even if they cancel; the remaining terms are intervals.
 
-Two runs may overlap: while one comes to rest in the corner c and the next leaves it, q = q0 + q1 - c.  Each derivative
-of q is the sum of two motions along one piece each.  With r' near its middle the largest terms of both are one
-polynomial of time, whose range is exact, also where they cancel; the others are intervals.
-
-Let w0 be the way that is left of the first and w1 that which is done of the second, and t* the time at which they are
-equal.  Between lines q stands for the point of the path at the way w1 - w0 from the corner, from which it is
-min(w0, w1) |t1 - t0| away: most at t*.  Otherwise it stands for q0 before t*, at most w1 away, for q1 behind, and at t*
-for the path between them: the (Fréchet) distance is at most max(w0, w1, |q - c|) there, plus the deviation of the
-pieces from their chords.
+Let w0 be the remaining distance of the first run and w1 the distance covered by the second, and t* the time at which
+they are equal.  Between lines q is assigned to the path point at the distance w1 - w0 from the corner, from which it
+deviates by min(w0, w1) |t1 - t0|, at most at t*.  Otherwise it is assigned to q0 before t* (distance at most w1), to q1
+after t*, and at t* to the path between them: the (Fréchet) distance is at most max(w0, w1, |q - c|) at t*, plus the
+deviation of the pieces from their chords.
 """
 
 from __future__ import annotations
@@ -107,7 +105,7 @@ def parabola_range(a: float, b: float, c: float, t0: float, t1: float) -> tuple[
 
 @kernel
 def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) -> tuple[float, float]:
-    """Return the range of a + b t + c t²/2 + d t³/6: its ends, and where its slope b + c t + d t²/2 is 0."""
+    """Return the range of a + b t + c t²/2 + d t³/6: from its ends and the zeros of its derivative b + c t + d t²/2."""
     p = cubic(a, b, c, d, t0)
     q = cubic(a, b, c, d, t1)
     low = min(p, q)
@@ -133,7 +131,9 @@ def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) ->
 
 @kernel
 def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats3) -> float:
-    """Bound |r'| over [x0, x1]; write the intervals of r' .. r'''' by Taylor forms about its middle in out[i, k-1]."""
+    """Return a bound of |r'| over [x0, x1]; write intervals of r' .. r'''' by Taylor forms about the midpoint into
+    out[i, k-1].
+    """
     middle = 0.5 * (x0 + x1)
     radius = 0.5 * (x1 - x0)
     n = len(shape)
@@ -267,7 +267,7 @@ def products(v0: float, v1: float, a0: float, a1: float, j0: float, j1: float, u
 
 @kernel
 def add_product(r0: float, r1: float, u0: float, u1: float, out: Floats) -> int:
-    """Add [r0, r1] · [u0, u1] to the interval in `out`, and its size to that of the largest term there."""
+    """Add [r0, r1] · [u0, u1] to the interval in `out`, and update the magnitude of its largest term."""
     low, high = times(r0, r1, u0, u1)
     out[0] = out[0] + low
     out[1] = out[1] + high
@@ -277,9 +277,9 @@ def add_product(r0: float, r1: float, u0: float, u1: float, out: Floats) -> int:
 
 @kernel
 def add_ranges(u: Floats2, s: float, r: Floats2, middle: float, out: Floats2) -> int:
-    """Add q' .. q'''' of one axis to the rows of `out`: low, high and the size of the largest term.
+    """Add q' .. q'''' of one axis to the rows of `out`: low, high and the magnitude of the largest term.
 
-    The products are in `u`, r' .. r'''' in the rows of `r`; of r' only what it differs from `middle` is taken.
+    The products are in `u`, r' .. r'''' in the rows of `r`; for r' only its difference from `middle` is used.
     """
     low = r[0, 0] - middle
     high = r[0, 1] - middle
@@ -298,7 +298,9 @@ def add_ranges(u: Floats2, s: float, r: Floats2, middle: float, out: Floats2) ->
 
 @kernel
 def largest_share(out: Floats2, limits: Floats, slack: float) -> tuple[float, int]:
-    """Return the largest share of a limit of one axis that the intervals of `add_ranges` allow, and its derivative."""
+    """Return the largest share of a limit of one axis that the intervals of `add_ranges` allow, and the index of
+    that limit.
+    """
     most = 0.0
     where = 0
     for k in range(4):
@@ -311,7 +313,7 @@ def largest_share(out: Floats2, limits: Floats, slack: float) -> tuple[float, in
 
 @kernel
 def _stands(r: Floats2) -> bool:
-    """True if an axis does not move."""
+    """Return True if an axis does not move."""
     most = 0.0
     for k in range(4):
         most = max(most, max(abs(r[k, 0]), abs(r[k, 1])))
@@ -333,8 +335,8 @@ def share_of_limits(
     feed: float,
     slack: float,
 ) -> tuple[float, int]:
-    """Return the largest share of a limit that the intervals allow, and which: 4 axis + derivative - 1, or -1 for the
-    feed.
+    """Return the largest share of a limit that the intervals allow, and the index of that limit: 4 axis + derivative
+    - 1, or -1 for the feed.
     """
     u = zeros(9, 2)
     out = zeros(4, 3)
@@ -358,7 +360,9 @@ def share_of_limits(
 def _taken(
     kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, b: float, e: float, r: Floats3
 ) -> float:
-    """Write intervals of one motion over a span: products in `u`, r' .. r'''' in `r`; u' and on at t = 0 from u[9]."""
+    """Write the intervals of one motion over a span: products into `u`, r' .. r'''' into `r`; u' .. u''' at t = 0
+    are in u[9] to u[11].
+    """
     v = u[9, 0]
     a = u[10, 0]
     j = u[11, 0]
@@ -393,7 +397,9 @@ def _share(
     r0: Floats3,
     r1: Floats3,
 ) -> tuple[float, int]:
-    """Return the largest share of a limit that the sum may use from b to e, and which limit, as `share_of_limits`."""
+    """Return the largest share of a limit that the sum of two motions may use from b to e, and the limit's index, as
+    `share_of_limits`.
+    """
     out = zeros(4, 3)
     _taken(kind0, length0, shape0, x0, s0, u0, b, e, r0)
     _taken(kind1, length1, shape1, x1, s1, u1, b, e, r1)
@@ -455,10 +461,10 @@ def prove_sum(
     r: Floats3,
     q: Floats3,
 ) -> tuple[int, int, float]:
-    """Prove the sum of two motions with common time pieces: return spans tested, faults, and a bound of the distance,
-    m.
+    """Prove the sum of two motions with common time intervals; return the number of spans tested, of faults, and a
+    bound of the distance, m.
 
-    Each fault is a row of `faults`: time piece, time in it, limit, share.
+    Each fault is a row of `faults`: time interval, time within it, limit, share.
     """
     spans = 0
     faulty = 0
@@ -602,7 +608,7 @@ def distance(
     derivatives(kind0, length0, shape0, x0, r[1])
     derivatives(kind1, length1, shape1, x1, r[2])
     for i in range(len(shape0)):
-        # q - c, and how far the pieces bend beside their chords to the corner
+        # q - c, and the deviation of the pieces from their chords to the corner
         apart = r[1, i, 0] - r[0, i, 0] + r[2, i, 0]
         gap = gap + apart * apart
         apart = r[2, i, 1] / norm1 - r[0, i, 1] / norm0
@@ -617,8 +623,8 @@ def distance(
     return max(max(left, done), sqrt(gap) + bent) * (1.0 + 1e-12)
 
 
-WIDENED = 1e-9  # of a limit
-_KEPT = 100  # faults
+WIDENED = 1e-9  # relative widening of a limit
+_KEPT = 100  # largest number of faults recorded
 
 
 @kernel
@@ -639,8 +645,8 @@ def _span(
     halves: Floats2,
     r: Floats3,
 ) -> tuple[int, int, float]:
-    """Test one piece: return the tests, the limit that does not hold (-2: all hold) and when; x, u' .. u'''' are at t =
-    0.
+    """Test one time interval; return the number of tests, the violated limit (-2: none) and its time; x, u' .. u''''
+    are at t = 0.
     """
     tests = 0
     count = 1
@@ -716,11 +722,12 @@ def _prove(
     after: Floats2,
     q: Floats2,
 ) -> tuple[int, int]:
-    """Return tests and faults; a row of `faults` is piece of the path, time piece, time in it, limit, share.
+    """Return the number of tests and of faults; a row of `faults` holds path piece, time interval, time within it,
+    limit, share.
 
-    A motion that is not `alone` is only proven to have no jumps: its limits are those of a sum, for `prove_sum`.
-    `state` is x, u' .. u''' where the part before ended, on the first piece of this one, and `place` the position there
-    unless it begins `anywhere`; then where this one ends.
+    A motion that is not `alone` is only proven to have no jumps; its limits apply to a sum, checked by `prove_sum`.
+    On input `state` is x, u' .. u''' at the end of the previous part, on the first piece of this one, and `place` the
+    position there unless the motion begins `anywhere`; on output they refer to the end of this part.
     """
     tests = 0
     count = 0
@@ -746,7 +753,7 @@ def _prove(
     a = state[2]
     j = state[3]
     for m in range(len(duration) + 1):
-        # what jumps in time, seen by the axes; a run begins and ends at rest, at the ends of its path
+        # jumps in time, for the axes; a run begins and ends at rest, at the ends of its path
         rest = m == len(duration)
         if rest and not ends:
             break
@@ -779,14 +786,14 @@ def _prove(
         T = duration[m]
         low, high = cubic_range(v, a, j, s, 0.0, T)
         if not (T > 0.0) or low < -backwards or not (high < 1e300):
-            # it must not run backwards, but for rounding
+            # it must not move backwards, except for rounding
             return tests, _noted(faults, count, p, m, 0.0, -4.0, low)
         whole = way(v, a, j, s, T)
         begin = x[m]  # of the time piece, from the start of the present piece of the path
         t0 = 0.0
         while True:
             left = length[p] - begin
-            # what ends within rounding of a joint lies before it
+            # an interval that ends within rounding of a joint lies before it
             on = whole > left + sliver and p < last
             t1 = when(left, v, a, j, s, t0, T) if on else T
             if t1 > t0 and alone:
@@ -809,7 +816,7 @@ def _prove(
             ahead = piece[m + 1] == p + 1 if m + 1 < len(duration) else not ends and p + 1 == last
             if not on and not (ahead and p < last):
                 break
-            # the joint of the path: what jumps there, with the speed that is planned
+            # the joint of the path: jumps there, at the planned speed
             v1 = cubic(v, a, j, s, t0)
             a1 = a + t0 * (j + 0.5 * t0 * s)
             j1 = j + t0 * s
@@ -853,10 +860,10 @@ DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
 
 
 class Fault(NamedTuple):
-    """The place at which a motion is not proven."""
+    """A point at which a motion is not proven."""
 
     line: int  # of the part program
-    time: float  # s from the begin of the run
+    time: float  # s from the start of the run
     what: str
 
     def __str__(self) -> str:
@@ -867,13 +874,13 @@ class Fault(NamedTuple):
 class Proof(Result):
     """The result of the proof of a motion along a path.
 
-    faults    where a limit is exceeded, or could not be shown to hold; the first hundred
-    count     of all faults
-    use       the largest share of velocity .. snap limit that each axis takes at the times looked at, shape (N, 4)
+    faults    points at which a limit is exceeded or could not be shown to hold; the first hundred
+    count     number of all faults
+    use       the largest share of velocity .. snap limit used by each axis at the times evaluated, shape (N, 4)
     jump      largest jump of velocity, acceleration or jerk at a joint, as a share of its limit
-    apart     largest jump of a position at a joint, m
+    apart     largest jump of position at a joint, m
     missed    largest distance to a corner where runs overlap, as a share of its tolerance
-    spans     spans of time that were looked at
+    spans     number of time spans tested
     """
 
     faults: tuple[Fault, ...]
@@ -885,20 +892,20 @@ class Proof(Result):
     spans: int
 
     def table(self) -> Table:
-        """The largest share of each limit, by axis."""
+        """Return a table of the largest share of each limit, by axis."""
         rows = [[axis, *(Quantity(share, "share") for share in row)] for axis, row in enumerate(self.use)]
         held = "every limit holds" if self.count == 0 else f"{self.count} faults, the first: {self.faults[0]}"
         return Table(f"{held}; {self.spans} spans of time", ["axis", *DERIVATIVES], rows)
 
 
 class Prover:
-    """Proves the parts of runs in their order; `limits` m/s .. m/s⁴, shape (N, 4)."""
+    """The prover of consecutive parts of runs; `limits` m/s .. m/s⁴, shape (N, 4)."""
 
     def __init__(self, limits: np.ndarray, widened: float = WIDENED) -> None:
         axes = len(limits)
         self._limits, self._widened = np.ascontiguousarray(limits, float), widened
         self._state, self._time, self._place = np.zeros(4), 0.0, np.zeros(axes)
-        self._stands = False  # whether a run has ended at `_place`, where the next one must begin
+        self._stands = False  # True if a run has ended at `_place`, where the next one must begin
         self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
         self._room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
         self._both = [np.zeros((3, axes, 5)), np.zeros((2, axes, 5))]
@@ -922,7 +929,9 @@ class Prover:
         return self._count == before
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
-        """Prove one run: no jumps, limits if `alone`, from where the last run ended or `anywhere`."""
+        """Prove one run: no jumps, and the limits if it is `alone`, starting at the end of the last run or
+        `anywhere`.
+        """
         spans, count = _prove(
             pieces.kind,
             pieces.length,
@@ -946,7 +955,7 @@ class Prover:
         self._time += float(motion.duration.sum())
 
     def _together(self, part: Part, entering: Entering, corner: np.ndarray, time: float) -> None:
-        """Prove two runs that overlap on one piece each, equally long, from the corner: limits of the sum, and
+        """Prove two overlapping runs of equal duration on one piece each at the corner: limits of the sum, and
         distance.
         """
         one, two = part.pieces, entering.pieces
@@ -1000,8 +1009,8 @@ class Prover:
 
 
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
-    """Return the faults of a motion that does not begin at rest, as rows of piece, time piece, time in it, limit,
-    share.
+    """Return the faults of a motion that does not begin at rest, as rows of path piece, time interval, time within
+    it, limit, share.
     """
     axes, first = len(limits), int(motion.piece[0])
     state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])

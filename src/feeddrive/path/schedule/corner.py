@@ -1,15 +1,16 @@
-"""The corner between two runs: overlapped stops or a time bump, whichever is quicker.
+"""Motion through the corner between two runs: overlapping stops or a bump in time, whichever is faster.
 
-Overlap: the next run begins before the one before has come to rest.  With D the time in which both move,
-q = q0(t) + q1(t - T0 + D) - c.  It keeps a limit if the sum of both motions does, and between lines the tolerance if it
-is near enough to the corner when the ways of both to it are equal; between other pieces these ways must be as short,
-too.
+Overlap: the next run begins before the previous one has come to rest.  With D the time during which both move,
+q = q0(t) + q1(t - T0 + D) - c.  A limit holds if the sum of both motions satisfies it.  Between lines the tolerance
+holds if q is close enough to the corner at the time when both runs are at equal distances from it; between other
+pieces these distances must also be within the tolerance.
 
-Bump: a run that passes a corner at the speed v has a node there, where u'' = u''' = 0.  Its direction would jump by
-t1 - t0; added to it is v (t1 - t0) phi(t), phi = K * (t)_+ - (t)_+, K = box(w) * box(w) * box(s), s <= w, which is 0 at
-|t| >= h = w + s/2.  This equals an overlap of two stops by 2 h: with H the step of speed smoothed by K, the first run
-has the speed u' - v H, goes on for h behind the node, and comes to rest in the corner; the other begins h before the
-node and has the speed u' - v (1 - H).  Both are nearest to the corner at the node, v phi(0) away:
+Bump: a run that passes a corner at the speed v has a node there, where u'' = u''' = 0.  To remove the jump t1 - t0 of
+its direction, the motion is superposed with v (t1 - t0) phi(t), phi = K * (t)_+ - (t)_+, K = box(w) * box(w) * box(s),
+s <= w, which is 0 at |t| >= h = w + s/2.  This equals an overlap of two stops by 2 h: with H the unit step smoothed by
+K, the first run has the speed u' - v H, continues for h after the node, and comes to rest in the corner; the other
+begins h before the node and has the speed u' - v (1 - H).  Both are nearest to the corner at the node, at the distance
+v phi(0):
 
     phi(0) = w/6 + s²/(24 w) - s³/(192 w²)
 """
@@ -39,9 +40,9 @@ from feeddrive.path.motion import (
 )
 from feeddrive.path.schedule.ramp import bounds, boxcars, cube_root, jerk_before, phase
 
-_HALVINGS = 24  # of the time in which both move
-_SLIVER = 1e-12  # of an overlap: two phases that end so near to each other end together
-BELOW = 1.0 - 1e-10  # of a tolerance: rounding
+_HALVINGS = 24  # largest number of halvings of the overlap
+_SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
+BELOW = 1.0 - 1e-10  # of a tolerance, for rounding
 
 
 @kernel
@@ -54,10 +55,10 @@ def _widened(low: float, high: float, down: float, up: float, more: float, out: 
 
 @kernel
 def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
-    """Add to the rows of `out` by how much velocity .. snap of an axis may differ from those along the tangent.
+    """Add to the rows of `out` the largest deviation of velocity .. snap of an axis from the motion along the tangent.
 
-    c is r' of the axis at the corner, `most` bounds r' .. r'''' and `away` the way to the corner; u' .. u'''' as they
-    are at the begin of h seconds.
+    c is r' of the axis at the corner, `most` bounds r' .. r'''' and `away` the distance to the corner; u' .. u'''' are
+    the values at the start of an interval of h seconds.
     """
     # r' - c
     up = min(most[1] * away, max(most[0] - c, 0.0))
@@ -97,10 +98,11 @@ def together(
     limits: Floats2,
     feed: float,
 ) -> tuple[float, float]:
-    """Return the largest share of a limit or the feed that the sum uses, and the distance to the corner, m.
+    """Return the largest share of a limit or of the feed used by the sum of two motions, and the distance to the
+    corner, m.
 
-    The first motion ends on a piece of the given length, the second begins on another one, and they overlap for `lasts`
-    seconds; the directions are r' in the corner.  Ranges are those of Bernstein points.
+    The first motion ends on a piece of the given length, the second begins on another piece, and they overlap for
+    `lasts` seconds; the directions are r' in the corner.  Ranges are bounded by Bernstein points.
     """
     axes = len(limits)
     p0 = zeros(4)
@@ -181,7 +183,7 @@ def together(
             share = max(share, sqrt(speed) / feed)
             end_left = length0 - (x0 + way(v0, a0, j0, s0, h))
             if distance == 1e300 and (end_left <= far1 or end >= lasts):
-                # the ways become equal here
+                # the distances to the corner become equal here
                 low = 0.0
                 high = h
                 for _ in range(50):
@@ -232,7 +234,9 @@ def overlap(
     limits: Floats2,
     feed: float,
 ) -> float:
-    """Return the longest overlap up to `longest` that holds, by bisection; 0 if there is none."""
+    """Return the longest overlap up to `longest` that satisfies limits and tolerance, by bisection; 0 if there is
+    none.
+    """
     low = 0.0
     high = longest
     lasts = longest
@@ -263,7 +267,7 @@ def overlap(
 
 @kernel
 def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
-    """Return a time piece from t on, for `lasts` seconds."""
+    """Write the part of a time interval from t on, for `lasts` seconds, into `out`."""
     out[0] = lasts
     out[1] = row[1] + way(row[2], row[3], row[4], row[5], t)
     out[2] = cubic(row[2], row[3], row[4], row[5], t)
@@ -277,10 +281,12 @@ def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
 def shared(
     one: Floats2, two: Floats2, lasts: float, last: Floats2, first: Floats2, rest: Floats
 ) -> tuple[int, int, float, int]:
-    """Split the last seconds of one and the first of the other motion into common time pieces; return how many.
+    """Split the last seconds of one and the first seconds of the other motion into common time intervals; return their
+    number.
 
-    Then the piece in which the one ends alone, after how many seconds of it, and that in which the other goes on alone:
-    `rest` is what is left of it.  What ends within 1e-12 of the time together ends together.
+    The other results are the interval of the first motion in which the overlap starts, the seconds of it before the
+    overlap, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within
+    1e-12 of the overlap time are treated as simultaneous.
     """
     near = _SLIVER * lasts
     m = len(one)
@@ -290,7 +296,7 @@ def shared(
         if left < one[m, 0] - near:
             break
         left = left - one[m, 0]
-    # what is left of both present pieces: no digits are lost where they are long
+    # the remainders of both current intervals, so that no digits are lost in long ones
     left0 = left if left > near else one[m, 0]
     begins = m
     alone = one[m, 0] - left0
@@ -317,7 +323,7 @@ def shared(
 
 
 def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
-    """Overlap two runs by `lasts` s: return both until the first ends, and the rest of the second."""
+    """Overlap two runs by `lasts` s: return the parts until the first run ends, and the rest of the second run."""
     ends, begins = rows(one.motion), rows(two.motion)
     last, first, rest = (np.zeros((len(ends) + len(begins), 6)) for _ in range(3))
     count, m, alone, n = shared(ends, begins, lasts, last, first, rest[0])
@@ -337,17 +343,17 @@ def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[li
 
 # places of what describes a stretch, as in `straight`
 LENGTH, FASTEST, ACCELERATION, JERK, SNAP, HEAD, TAIL, NUMBERS = 0, 1, 2, 3, 4, 5, 10, 15
-WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 1, 2, 3, 4  # of its head and of its tail, behind the speed there
-ROWS = 40  # of its motion at most
-_TRIES = 9  # of the speed in a corner
-_NEAR = 0.005  # of it
-_PEAKS = 60  # tried for a stretch
-_FULL = 1e-9  # of its way need not be used by ramps
+WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 1, 2, 3, 4  # offsets from the speed at the head and at the tail of a stretch
+ROWS = 40  # largest number of rows of its motion
+_TRIES = 9  # largest number of trial speeds in a corner
+_NEAR = 0.005  # relative accuracy of this speed
+_PEAKS = 60  # largest number of trial peaks of a stretch
+_FULL = 1e-9  # of its length need not be used by ramps
 
 
 @kernel
 def _phase(at: float, v: float, a: float, j: float, s: float, T: float, count: int, out: Floats2) -> int:
-    """Append a time piece if it has a duration."""
+    """Append a time interval if its duration is positive."""
     if T <= 0.0:
         return count
     out[count] = T, at, v, a, j, s
@@ -356,7 +362,7 @@ def _phase(at: float, v: float, a: float, j: float, s: float, T: float, count: i
 
 @kernel
 def _ramp(low: float, rise: float, a: float, b: float, c: float, x: float, up: bool, count: int, out: Floats2) -> int:
-    """Append the phases of a ramp from x on."""
+    """Append the phases of a ramp that starts at x."""
     if rise <= 0.0 or a <= 0.0:
         return count
     sense = 1.0 if up else -1.0
@@ -398,7 +404,7 @@ def _box(v: float, wide: float, short: float, out: Floats2) -> int:
 
 @kernel
 def _ramps(stretch: Floats, peak: float) -> tuple[float, float, float, float, float, float]:
-    """Return the boxcar widths of the ramps of a stretch to a peak and from it."""
+    """Return the boxcar widths of the ramps of a stretch up to and down from a peak speed."""
     v0 = stretch[HEAD]
     v1 = stretch[TAIL]
     A = stretch[ACCELERATION]
@@ -420,7 +426,7 @@ def _used(stretch: Floats, peak: float) -> float:
 
 @kernel
 def _peak(stretch: Floats) -> float:
-    """Return the highest speed of a stretch; 0 if it has no motion."""
+    """Return the highest speed of a stretch; 0 if no motion is possible."""
     length = stretch[LENGTH]
     low = max(stretch[HEAD], stretch[TAIL])
     high = stretch[FASTEST]
@@ -436,7 +442,7 @@ def _peak(stretch: Floats) -> float:
         under = used - length
         if under > 0.0:
             return 0.0
-    # the regula falsi, with an end that stays twice at half its weight
+    # regula falsi (Illinois): an end retained twice gets half its weight
     side = 0
     for _ in range(_PEAKS):
         if high - low <= 1e-12 * high or under >= -_FULL * length:
@@ -460,7 +466,9 @@ def _peak(stretch: Floats) -> float:
 
 @kernel
 def _duration(stretch: Floats, peak: float) -> float:
-    """Return the duration of the motion on a stretch with this peak, bumps included, s; 0 if there is none."""
+    """Return the duration of the motion on a stretch with this peak speed, bumps included, s; 0 if there is no
+    motion.
+    """
     if peak <= 0.0:
         return 0.0
     a, b, c, d, e, f = _ramps(stretch, peak)
@@ -470,19 +478,19 @@ def _duration(stretch: Floats, peak: float) -> float:
 
 @kernel
 def straight(stretch: Floats, out: Floats2) -> int:
-    """Write the quickest motion on a stretch as rows of duration, x and u' .. u'''' at their start; return how many, 0:
-    none.
+    """Write the time-optimal motion on a stretch as rows of duration, x and initial u' .. u''''; return their number, 0
+    if there is none.
 
-    length, highest speed; acceleration, jerk and snap along the line; of its head and of its tail the speed in the
-    node, w and s of the bump there (0: none, the stretch begins or ends with the node), shares of jerk and snap of the
-    ramp to it.
+    The entries of `stretch` are: length, highest speed; acceleration, jerk and snap limits along the line; for head and
+    tail each the speed at the node, w and s of the bump there (0: none, the stretch begins or ends with the node), and
+    the shares of jerk and snap for the ramp to it.
     """
     return _rows(stretch, _peak(stretch), out)
 
 
 @kernel
 def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
-    """Write the motion with a stated peak; return how many rows, 0: none."""
+    """Write the motion with a given peak speed; return the number of rows, 0 if there is no motion."""
     length = stretch[LENGTH]
     v0 = stretch[HEAD]
     v1 = stretch[TAIL]
@@ -583,7 +591,7 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
 
 @kernel
 def lasting(rows: Floats2, count: int) -> float:
-    """Return the duration of the first rows."""
+    """Return the total duration of the first `count` rows, s."""
     total = 0.0
     for k in range(count):
         total = total + rows[k, 0]
@@ -592,7 +600,7 @@ def lasting(rows: Floats2, count: int) -> float:
 
 @kernel
 def width(away: float, short: float) -> tuple[float, float]:
-    """Return w and s of the bump with phi(0) = away (s); s as stated, or w where that is shorter."""
+    """Return w and s of the bump with phi(0) = away (s); s as given, or w if that is shorter."""
     # with s = w the peak is phi(0) = 39 w/192: a longer s would exceed w
     if 39.0 * short >= 192.0 * away:
         w = away * 192.0 / 39.0
@@ -628,12 +636,12 @@ def bump(
     rows1: Floats2,
     result: Floats,
 ) -> tuple[int, int]:
-    """Write the quickest bump between two stretches: into both, its speed, w, s and shares into `result`; return the
-    rows of both.
+    """Find the fastest bump between two stretches; write it into both, and its speed, w, s and shares into `result`;
+    return the number of rows of both.
 
-    `before` overlaps with the first stretch for `lasts` seconds.  None if it is not quicker than `quickest` s for both;
-    `half` leaves half of the second one for the corner behind it.  With w = 6 near/v, and since ramps cancel less than
-    1.2 times the limit of the jerk v |t1 - t0|/w², v³ is at most 2.2 · 36 jerk near².
+    `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if it is not faster than
+    `quickest` s for both; `half` reserves half of the second stretch for the following corner.  With w = 6 near/v, and
+    since ramps cancel less than 1.2 times the limit of the jerk v |t1 - t0|/w², v³ is at most 2.2 · 36 jerk near².
     """
     gap = 0.0
     jerk = 1e300
@@ -651,7 +659,7 @@ def bump(
     reached = 0.0
     for shape in range(4):
         share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
-        low = reached  # slower ramps need a higher speed in the corner
+        low = reached  # slower ramps require a higher speed in the corner
         high = fastest
         above = 1.0  # the largest share of a limit there, 1: not known
         more = 1.0  # that of one before, whose third power is
@@ -707,7 +715,7 @@ def bump(
                 good = most <= 1.0 + 1e-10 and away <= before_tolerance
                 excess = most
             if slower or good:
-                low = v  # smaller ones are slower, too
+                low = v  # lower speeds are slower as well
                 if good:
                     reached = v
                     best = time
@@ -745,11 +753,11 @@ def bump(
 
 
 _SLOWED = (0.93, 0.85)  # shares of the jerk
-_SHORTEST = 1e-4  # s of overlap; less is not worth parts of their own
+_SHORTEST = 1e-4  # s of overlap; less does not justify separate parts
 
 
 class _End(NamedTuple):
-    """The end of a run at a corner: a motion on one piece of its path, its direction there and its bounds."""
+    """The end of a run at a corner: the motion on one piece of its path, its direction at the corner and its bounds."""
 
     rows: np.ndarray
     lasts: float  # s
@@ -760,7 +768,9 @@ class _End(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """The part of a motion that may be replanned: on one line, between nodes, time pieces `first` to before `last`."""
+    """The part of a motion that may be replanned: on one line, between nodes, time intervals `first` up to but
+    excluding `last`.
+    """
 
     first: int
     last: int
@@ -768,10 +778,10 @@ class _Stretch(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """A part whose end is not fixed yet, and how it overlaps with the previous part.
+    """A part whose end is not final yet, and its overlap with the previous part.
 
-    whole  it is a run along one line, and its head and its tail are made together
-    seen   what corners at both of its ends see of such a run
+    whole  stretch of a run along one line, whose head and tail are planned together; None for other runs
+    seen   ends of such a run at its corners
     """
 
     part: Part
@@ -783,9 +793,10 @@ class _Run(NamedTuple):
 
 
 class Crossings:
-    """Lets each run begin before the one before it has ended, as far as limits and tolerances allow.
+    """The planner of corners, which starts each run before the previous one has ended as far as limits and tolerances
+    allow.
 
-    limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
 
     def __init__(self, limits: np.ndarray) -> None:
@@ -794,15 +805,17 @@ class Crossings:
         self._open: _Run | None = None
 
     def add(self, part: Part, tolerance: float) -> list[Part]:
-        """Return the parts that are final once the next part is known; `tolerance` of the corner in which it ends, m,
-        0: none.
+        """Add a part and return those that are now final; `tolerance` is that of the corner in which it ends, m, 0:
+        none.
         """
         begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
         run = self._line(Section(part.pieces, part.ends, tolerance)) if begins else None
         return self._next(run or _Run(part, tolerance, None))
 
     def add_line(self, section: Section) -> list[Part] | None:
-        """As `add`, for a run that is one line, in closed form; None for any other section of a run."""
+        """Add a run that is a single line, in closed form, and return the parts as `add` does; None for any other
+        section of a run.
+        """
         run = self._line(section)
         return self._next(run) if run else None
 
@@ -815,14 +828,14 @@ class Crossings:
         return self._fix(one)
 
     def end(self) -> list[Part]:
-        """Return the remaining parts, with which the motion stops."""
+        """Return the remaining parts, after which the motion is at rest."""
         one, self._open = self._open, None
         leaves = self._fix(one) if one else []
         last, self._fixed = self._fixed, None
         return [*leaves, last] if last else leaves
 
     def _line(self, section: Section) -> _Run | None:
-        """Return a run that begins here and is one line."""
+        """Return the run of a section that is a single line; None for any other section."""
         pieces = section.pieces
         if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
             return None
@@ -838,7 +851,7 @@ class Crossings:
         return _Run(Part(pieces, from_rows(motion_rows, 0), True), section.tolerance, _Stretch(0, count, numbers), seen)
 
     def _fix(self, run: _Run) -> list[Part]:
-        """Fix the motion of a run; return the parts that are final."""
+        """Make the motion of a run final; return the parts that are now final."""
         before, self._fixed = self._fixed, run.part
         if before is None:
             return []
@@ -848,7 +861,7 @@ class Crossings:
         return leaves
 
     def _stopped(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Return both runs unchanged, and how long they overlap."""
+        """Return both runs with unchanged motions and their longest overlap."""
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
         feed = max(end.feed, begin.feed)
         # of a run that is a single part the other half is for its other end
@@ -874,7 +887,7 @@ class Crossings:
         return one, two._replace(lasts=lasts if lasts >= _SHORTEST else 0.0, corner=one.tolerance)
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Return two runs with the corner between them, the first one in its final form."""
+        """Return two runs with the corner between them planned, the first one in its final form."""
         best = self._stopped(one, two)
         tail = one.whole or self._tail(one.part)
         head = two.whole or self._head(two.part)
@@ -891,7 +904,9 @@ class Crossings:
         return best
 
     def _slowed(self, run: _Run, stretch: _Stretch | None, at: int, share: float) -> _Run | None:
-        """Slow a run's ramp on a line to the corner: a share of the jerk, and the square of that share of the snap."""
+        """Slow a run's ramp to the corner on a line: use a share of the jerk and the square of that share of the
+        snap.
+        """
         if stretch is None:
             return run
         numbers, motion_rows = stretch.numbers.copy(), np.zeros((ROWS, 6))
@@ -906,7 +921,7 @@ class Crossings:
         return run._replace(part=part, whole=_Stretch(0, count, numbers), seen=_made(run.seen, motion_rows[:count]))
 
     def _holds(self, run: _Run) -> bool:
-        """True if a replanned run may still overlap with the previous one as it does."""
+        """Return True if a replanned run still satisfies limits and tolerance in its overlap with the previous one."""
         if run.lasts == 0.0 or self._fixed is None:
             return True
         end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
@@ -929,7 +944,7 @@ class Crossings:
     def _bump(
         self, one: _Run, end: _End, tail: _Stretch, two: _Run, begin: _End, head: _Stretch, lasts: float, feed: float
     ) -> tuple[_Run, _Run] | None:
-        """Return both runs with a bump, if that is quicker than an overlap of `lasts` seconds."""
+        """Return both runs with a bump, if that is faster than an overlap of `lasts` seconds, otherwise None."""
         motion0, motion1 = one.part.motion, two.part.motion
         quickest = _time(motion0, tail) + _time(motion1, head) - lasts
         numbers0, numbers1 = tail.numbers.copy(), head.numbers.copy()
@@ -996,7 +1011,7 @@ class Crossings:
         return _Stretch(0, m, self._numbers(part.pieces, 0, float(motion.x[m]), 0.0, float(motion.speed[m])))
 
     def _numbers(self, pieces: Pieces, k: int, length: float, begin: float, end: float) -> np.ndarray:
-        """Return the numbers that describe a stretch of a line, from node to node."""
+        """Return the parameters of a stretch of a line from node to node, as for `straight`."""
         slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / float(pieces.length[k]), 1e-200)
         numbers = np.zeros(NUMBERS)
         numbers[FASTEST : SNAP + 1] = np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)
@@ -1007,7 +1022,7 @@ class Crossings:
 
 
 def _together(both: tuple[_Run, _Run]) -> float:
-    """Return the time of both runs, s."""
+    """Return the total duration of both runs, s."""
     return _time(both[0].part.motion) + _time(both[1].part.motion) - both[1].lasts
 
 
@@ -1016,7 +1031,7 @@ def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
 
 
 def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
-    """Replace a stretch on piece k of a motion, in rows as of `straight`."""
+    """Replace a stretch on piece k of a motion by rows in the form of `straight`."""
     if stretch.first == 0 and stretch.last == len(motion.duration):
         return from_rows(new, k, float(motion.x[0]))
     parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
@@ -1024,18 +1039,18 @@ def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Moti
 
 
 def _made(seen: _End | None, new: np.ndarray) -> _End | None:
-    """Return the end of a run with another motion."""
+    """Return the end of a run with its motion replaced."""
     return seen._replace(rows=new, lasts=float(np.sum(new[:, 0]))) if seen else None
 
 
 def _end(part: Part, last: bool) -> _End:
-    """Return the end of a part: on its last piece, or on its first."""
+    """Return the end of a part at a corner: on its last piece if `last`, otherwise on its first."""
     pieces, on = part.pieces, part.motion
     k = len(pieces.length) - 1 if last else 0
     if k or not last:
         inside = on.piece == k
         if not last:
-            m = int(np.flatnonzero(inside)[-1])  # it may go on to the next piece
+            m = int(np.flatnonzero(inside)[-1])  # it may continue on the next piece
             there = on.x[m] + way(*(float(column[m]) for column in (*on[3:], on.duration)))
             inside[m] = inside.all() and there <= pieces.length[k]
         on = Motion(*(column[inside] for column in on))

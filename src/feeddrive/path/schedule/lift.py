@@ -1,8 +1,9 @@
-"""Motions made quicker where nodes need not rest: u'' and u''' are free but at the ends of what is lifted.
+"""Lifting: motions made faster by dropping the condition u'' = u''' = 0 at the nodes inside a lifted section.
 
-The plan before has u'' = u''' = 0 at each node, and each ramp takes the least room of all pieces that it crosses.  Here
-u'² is a spline over u between two states of that plan, and all its coefficients are moved at once (`spline`).  What
-comes of it, in pieces of constant snap, is taken if the proof accepts it and it is quicker; else the plan stays.
+The original plan has u'' = u''' = 0 at each node, and each ramp obeys the strictest limits of all pieces that it
+crosses.  Here u'² is a spline in u between two states of that plan, and all its coefficients are optimized
+simultaneously (`spline`).  The result, in time intervals of constant snap, is used if it is proven and faster;
+otherwise the original plan is kept.
 """
 
 from __future__ import annotations
@@ -27,24 +28,24 @@ from feeddrive.path.schedule.spline import (
     tops,
 )
 
-SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at points: the rest is for what lies between them
-_FINE = 7.0  # spans in the time of half a ramp
-_HALF = 4  # time pieces of it: all of a ramp as short as can be
-_FINEST = 0.02  # of the mean duration of time pieces; some have no more than what rounding leaves
-_TURNS = 0.15  # of u'/|u''| is the most that a span may last
-_NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, stays as it is
-_RESTS = 1e-9  # of the largest speed: it rests
-_TOGETHER = 6  # spans whose last one ends exactly where the spline does
+SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
+_FINE = 7.0  # number of spans in the duration of half a ramp
+_HALF = 4  # number of time intervals in half a ramp: all those of the shortest one
+_FINEST = 0.02  # of the mean duration of time intervals; some exist only due to rounding
+_TURNS = 0.15  # largest duration of a span relative to u'/|u''|
+_NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, remains unchanged
+_RESTS = 1e-9  # of the largest speed: below it the motion is at rest
+_TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 40
-_PENALTIES = (0.4, 0.1, 3e-3)  # at first, where each round begins, and at last
-_ROUNDS = 8  # of proofs
-_TIGHTER = 0.01  # of a limit where the proof of it fails: twice that, then twice as much in each round
-_ASIDE = 16  # spans on either side of such a place that are moved anew
-_HELD = 0.3  # of the time of what is lifted waits for what follows
-_HUMP = 15  # time pieces of a ramp up, a plateau and a ramp down
-_LEAST = 100  # time pieces that are lifted at once, but at the end of a run
-_LITTLE = 0.007  # of the time around a ramp: a straight path must save as much; lifting gets 0.7 of that at most
-_TOP = 0.995  # of the speed that feed and velocities allow: a plateau there stays
+_PENALTIES = (0.4, 0.1, 3e-3)  # initially, at the start of each round, and finally
+_ROUNDS = 8  # largest number of proofs
+_TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
+_ASIDE = 16  # number of spans on either side of such a point that are optimized again
+_HELD = 0.3  # of the duration of the lifted motion is held back for the next part
+_HUMP = 15  # number of time intervals of a ramp up, a plateau and a ramp down
+_LEAST = 100  # least number of time intervals lifted together, except at the end of a run
+_LITTLE = 0.007  # of the time around a ramp: least saving on a straight path; lifting gains at most 0.7 of that
+_TOP = 0.995  # of the speed allowed by feed and velocity limits: such a plateau is kept
 
 
 class _Points(NamedTuple):
@@ -60,19 +61,19 @@ class _Points(NamedTuple):
 
 
 class Lifter:
-    """Lifts the parts of runs, one after the other; `limits` m/s .. m/s⁴, shape (N, 4).
+    """The lifter of consecutive parts of runs; `limits` m/s .. m/s⁴, shape (N, 4).
 
-    The end of what is lifted waits, to be lifted again with what follows; it goes on to where the plan does, so that
-    with the stop of the plan there is always one in hand.
+    The end of a lifted section is held back, to be lifted again with the next part; it ends in the same state as the
+    original plan, whose planned stop therefore remains valid.
     """
 
     def __init__(self, limits: np.ndarray) -> None:
         self._limits = np.ascontiguousarray(limits, float)
-        self.hand: Part | None = None  # what waits
-        self._spans = 0  # time pieces of it that are spans already
+        self.hand: Part | None = None  # the part held back
+        self._spans = 0  # number of its time intervals that are already spans
 
     def add(self, part: Part) -> Iterator[Part]:
-        """Return the parts that are final when this one is known: all, where the run ends."""
+        """Yield the parts that are final after this one: all of them if the run ends."""
         if self.hand is not None:
             part = _after(self.hand, part)
         if not part.ends and len(part.motion.duration) - self._spans < _LEAST:
@@ -117,8 +118,8 @@ class _Path:
         tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
-        """Return the time that may be saved in a section, s: for a ramp as in `ramp_gain`, otherwise unknown and
-        infinite.
+        """Return the largest time that may be saved in a section, s: for a ramp from `ramp_gain`, otherwise infinite
+        (unknown).
         """
         if last - first > _HUMP // 2:
             return np.inf
@@ -126,12 +127,12 @@ class _Path:
         return ramp_gain(pieces.kind, pieces.length, pieces.shape, self._limits, *motion, first, last, room)
 
     def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
-        """Return a quicker, proven motion between the same states, or None; it may begin or end at rest.
+        """Return a faster, proven motion between the same states, or None; it may begin or end at rest.
 
-        The first `spans` time pieces are spans already.
+        The first `spans` time intervals are already spans.
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
-            return None  # on a line it is the quickest one
+            return None  # on a line it is already time-optimal
         lengths = self._pieces.length
         if begins:
             motion = _divided(motion, 0, _NEAR_REST * float(motion.duration[0]), lengths)
@@ -145,10 +146,10 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """As `lifted`, without rests; `end` is u' .. u''' at its end."""
+        """Lift a motion as `lifted` does, without ends at rest; `end` is u' .. u''' at its end."""
         time, knots, coefficient = self._spline(motion, end, spans)
         if np.any(np.diff(knots[3:-3]) <= 0.0):
-            return None  # time pieces that have no way but for rounding
+            return None  # time intervals without motion except for rounding
         n = len(time) - 1
         looked = self._points(time, knots)
         begins, goes_on, ends = _PENALTIES
@@ -163,13 +164,13 @@ class _Path:
                 if _quicker(looked, tried, goes_on, ends, first, last):
                     if last - first == n:
                         return None
-                    # farther from there something has to give way
+                    # changing these spans alone is infeasible: optimize all of them
                     tried, new = coefficient.copy(), [(0, n)]
                     if _quicker(looked, tried, goes_on, ends, 0, n):
                         return None
                     break
             if not in_time(knots, tried, self._begin, ends_of, _TOGETHER, *timed, *more):
-                return None  # between the points that were looked at it runs backwards
+                return None  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
                 return timed if np.sum(timed.duration) < np.sum(motion.duration) else None
@@ -187,15 +188,17 @@ class _Path:
         return None
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
-        """Return the faults in what changed with spans `first` to before `last`, as `faults_of`."""
+        """Return the faults, as `faults_of`, in the section affected by changes in the spans from `first` up to but
+        excluding `last`.
+        """
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
         faults[:, 1] += first
         return faults
 
     def _spline(self, motion: Motion, end: np.ndarray, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the times of knots, the knots and the coefficients of u'²(u) near a motion, with its states at the
-        ends.
+        """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and has its states
+        at the ends.
         """
         n = len(motion.duration)
         wide = min(_HALF, n)
@@ -253,7 +256,7 @@ class _Path:
 
 
 def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
-    """Run `quickest` on spans from `first` to before `last`; three coefficients at each end of them stay."""
+    """Run `quickest` on the spans from `first` up to but excluding `last`; three coefficients at each end are fixed."""
     some = slice(*np.searchsorted(looked.span, [first, last]))
     part = _Points(looked.span[some] - first, *(array[some] for array in looked[1:]))
     m, n = len(part.span), last - first + 3
@@ -262,7 +265,9 @@ def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: floa
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
-    """Return the spans to repeat when limits at some spans are lowered: `_ASIDE` on either side of each, of n."""
+    """Return the ranges of spans, of n, to be optimized again after the limits at `spans` were lowered: `_ASIDE` on
+    either side of each.
+    """
     ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():
         first, last = max(k - _ASIDE, 0), min(k + 1 + _ASIDE, n)
@@ -273,16 +278,16 @@ def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
 
 
 def _around_time(motion: Motion, first: int, last: int) -> float:
-    """Return the time of a section and half of that of the plateaus before and behind it, s."""
+    """Return the duration of a section plus half of that of the plateaus before and after it, s."""
     beside = [m for m in (first - 1, last) if 0 <= m < len(motion.duration)]
     flat = [m for m in beside if motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0 and motion.snap[m] == 0.0]
     return float(np.sum(motion.duration[first:last]) + 0.5 * np.sum(motion.duration[flat]))
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Return the ranges of time pieces that can be lifted: between rests and plateaus at the highest speed."""
+    """Return the ranges of time intervals that can be lifted: between standstills and plateaus at the highest speed."""
     flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
-    # a time piece that ends at a joint does not see the piece behind it
+    # a time interval that ends at a joint is not affected by the piece after it
     end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)
     end = np.maximum(end, motion.piece)
     for m in np.flatnonzero(flat):
@@ -297,8 +302,8 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
-    """Return two halves to lift instead of a section that cannot be lifted: split at its middle node, the second one
-    first.
+    """Return two halves to lift in place of a section that cannot be lifted, split at its middle node, the second
+    half first.
     """
     inner = np.arange(first + _HUMP, last - _HUMP)
     nodes = inner[(motion.acceleration[inner] == 0.0) & (motion.jerk[inner] == 0.0)]
@@ -309,7 +314,9 @@ def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
 
 
 def _rests(motion: Motion) -> np.ndarray:
-    """True where the motion rests before each time piece, and after the last one."""
+    """Return a bool array that is True where the motion is at rest, before each time interval and after the last
+    one.
+    """
     last = len(motion.duration) - 1
     speed = np.append(motion.speed, _end(_some(motion, last, last + 1))[0])
     return speed <= _RESTS * np.max(speed)
@@ -325,13 +332,13 @@ def _one(motions: list[Motion]) -> Motion:
 
 
 def _end(motion: Motion) -> np.ndarray:
-    """Return u' .. u''' at the end of a single time piece."""
+    """Return u' .. u''' at the end of a motion of a single time interval."""
     (t,), _, _, (v,), (a,), (j,), (s,) = motion
     return np.array([cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s])
 
 
 def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
-    """Split time piece m in two, the first of which lasts t, on a path of pieces of such lengths."""
+    """Split time interval m after the time t, on a path with pieces of the given lengths."""
     T, p, x, v, a, j, s = (column[m] for column in motion)
     there = x + way(v, a, j, s, t)
     while there > length[p] and p + 1 < len(length):
@@ -344,7 +351,7 @@ def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
 
 
 def _after(hand: Part, part: Part) -> Part:
-    """Join two parts."""
+    """Join two consecutive parts."""
     last = len(hand.pieces.length) - 1
     pieces = one_after_the_other([part_of_pieces(hand.pieces, 0, last), part.pieces])
     motion = part.motion._replace(piece=part.motion.piece + last)
@@ -352,7 +359,9 @@ def _after(hand: Part, part: Part) -> Part:
 
 
 def _cut(part: Part, spans: int) -> tuple[Part, Part]:
-    """Split a part among its last spans where u''' is smallest, in the middle of those that may wait."""
+    """Split a part within its last `spans` spans at the smallest |u'''|, near the middle of those that may be held
+    back.
+    """
     motion, n = part.motion, len(part.motion.duration)
     left = np.cumsum(motion.duration[::-1])[::-1][n - spans :]
     here = np.flatnonzero((left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))

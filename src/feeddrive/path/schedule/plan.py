@@ -1,10 +1,11 @@
 """The speeds of nodes along a stretch of path, and the ramps and plateaus between them.
 
-A stretch lies between two nodes, where u'' = u''' = 0.  Its hump is the ramp from the left node up to a peak, a
-plateau, and the ramp down to the right node, with the highest peak that the distance allows.  First a free hump shows
-where caps would bind.  The slowest piece that it crosses too fast is held at its cap, as far as both ramps to it leave
-room, and the stretches on either side are planned in the same way; otherwise the stretch gets the highest hump that
-keeps all caps.  Such a hump always exists, as the nodes were reached by ramps that hold: no step is taken back.
+A stretch lies between two nodes, where u'' = u''' = 0.  Its hump is the ramp from the left node up to a peak speed, a
+plateau, and the ramp down to the right node, with the highest peak that the distance allows.  First a hump without
+regard to the caps (speed limits of pieces) shows which of them are active.  The slowest piece that it crosses too fast
+is passed at its cap, if both ramps to it leave room, and the stretches on either side are planned recursively;
+otherwise the stretch gets the highest hump that satisfies all caps.  Such a hump always exists, as the nodes were
+reached by feasible ramps: no backtracking is needed.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ from feeddrive.path.schedule.ramp import (
     straight,
 )
 
-_PEAKS = 40  # tried for a hump
-_FAR = 6  # tries after which a peak near the upper end is given up, if none has held
-_FULL = 1.0 - 3e-6  # of a stretch: ramps that take up this much of it need no higher peak
+_PEAKS = 40  # largest number of trial peaks of a hump
+_FAR = 6  # number of tries without success after which peaks near the upper end are abandoned
+_FULL = 1.0 - 3e-6  # of a stretch: ramps that use this much of it need no higher peak
 
 
 class Stretch(NamedTuple):
@@ -39,9 +40,9 @@ class Stretch(NamedTuple):
 
     begin, end  u of the nodes, m
     v0, v1      speeds at the nodes, m/s
-    peak        speed of the plateau, m/s; 0 if no hump is known
-    up, down    the ramps; a brake has none upwards
-    held        true for a plateau at the cap of a piece, which is not planned again
+    peak        speed of the plateau, m/s; 0 if there is no hump yet
+    up, down    the ramps; a braking stretch has no ramp up
+    held        True for a final stretch at the cap of a piece, which is not replanned
     """
 
     begin: float
@@ -56,7 +57,9 @@ class Stretch(NamedTuple):
 
 @kernel
 def piece_at(begin: Floats, u: float, right: bool) -> int:
-    """Return the piece on which u lies; at a joint the one to the right, or to the left."""
+    """Return the index of the piece that contains u; at a joint the piece to the right if `right`, otherwise to the
+    left.
+    """
     low = 0
     high = len(begin) - 1
     while high - low > 1:
@@ -103,10 +106,10 @@ def plateau_end(stretch: Stretch) -> float:
 def _filling(
     space: float, v0: float, v1: float, fastest: float, left: Bounds, right: Bounds, up: float, down: float
 ) -> float:
-    """The peak whose ramps fill a space.
+    """Return the peak speed whose ramps fill a given distance.
 
-    `left` and `right` are the bounds of the ramps up and down on straight pieces, of which they take `up` and `down`
-    times the time.
+    `left` and `right` are the bounds of the ramps up and down on straight pieces; the ramps last `up` and `down` times
+    as long.
     """
     low = max(v0, v1)
     high = fastest
@@ -129,14 +132,14 @@ def _filling(
             miss_low = 0.5 * miss_low
         if high - low <= 1e-7 * low or again > 50:
             return low
-        # the regula falsi, with the end that stays at half its weight
+        # regula falsi (Illinois): the retained end gets half its weight
         peak = low - miss_low * (high - low) / (miss_high - miss_low) if again > 0 else 0.5 * (low + high)
     return low
 
 
 @kernel
 def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
-    """Return the stretch with the highest peak that can be found, at least its own; peak 0 if there is none.
+    """Return the stretch with the highest peak found, at least its own; peak 0 if there is none.
 
     A `free` hump may exceed the caps of pieces, but not the highest of them.
     """
@@ -154,7 +157,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
     high = fastest
     up = 1.0
     down = 1.0
-    fails = False  # whether the high one does
+    fails = False  # True if the highest peak is infeasible
     if low >= high:
         return stretch
     peak = max(_filling(space, v0, v1, high, left, right, up, down), least)
@@ -175,7 +178,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
                 goes = plateau_end(tried)
                 full = ends - stretch.begin + stretch.end - goes >= _FULL * space
                 if not free:
-                    # no peak a little above the cap of a plateau holds
+                    # no peak slightly above the cap of a plateau is feasible
                     cap = least_cap(path, first, last, ends, goes)
                     good = peak <= cap * (1.0 + 1e-12)
                     full = full or peak >= cap * (1.0 - 1e-9)
@@ -200,7 +203,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
             if wanted <= 1.0005 * low or (fails and wanted >= 0.9995 * high):
                 wanted = sqrt(low * high) if low > 0.0 else max(0.3 * high, least)
             if low == 0.0 and again >= _FAR:
-                # a slow piece is far from where the ramps are looked at: no peak near the high one holds
+                # a slow piece lies beyond the ramps evaluated: no peak near the highest one is feasible
                 wanted = max(min(wanted, 0.3 * high), least)
         peak = wanted
     return best
@@ -208,7 +211,9 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
 
 @kernel
 def too_fast(path: Path, stretch: Stretch, above: float) -> int:
-    """Return, of the pieces that a hump crosses too fast for ramps, the one with the lowest cap > `above`; -1: none."""
+    """Return the piece with the lowest cap > `above` among those that a hump crosses too fast for ramps; -1 if there
+    is none.
+    """
     first = piece_at(path.begin, stretch.begin, True)
     last = piece_at(path.begin, stretch.end, False)
     slowest = -1
@@ -237,7 +242,9 @@ def hump_time(stretch: Stretch) -> float:
 
 @kernel
 def brake(path: Path, left: float, right: float, v0: float, v1: float) -> Stretch:
-    """Return the stretch that holds v0 > 0 from `left` on and then brakes to v1 at `right`; peak 0 if there is none."""
+    """Return the stretch with constant speed v0 > 0 from `left` that then brakes to v1 at `right`; peak 0 if there
+    is none.
+    """
     last = piece_at(path.begin, right, False)
     good, down, _ = fit(path, right, last, -1, left, v1, v0, False, 1.0)
     stretch = Stretch(left, right, v0, v1, peak=v0, down=down)
@@ -253,7 +260,7 @@ def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> St
     """Return a stretch from `left` that brakes from v0 > 0 to v1 in as short a distance as possible; peak 0 if there is
     none.
 
-    It ends at `stop` at the latest.
+    It ends no later than at `stop`.
     """
     bounds = straight(path.most[piece_at(path.begin, left, True)], path.limits)
     ramp = boxcars(v0 - v1, bounds.acceleration, bounds.jerk, bounds.snap)
@@ -279,17 +286,17 @@ def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> St
     return brake(path, left, left + high, v0, v1)
 
 
-_TRIES = 8  # slow pieces of a stretch, of which one is held
-_HIGHEST, _LEAST = 16.0, 4.0  # times a speed that is held: up to which ramps on either side are compared
-MARGIN = 4e-15  # of the way that is planned at once: so long before a joint a ramp ends, for rounding not to cross it
+_TRIES = 8  # number of slow pieces of a stretch that are tried as plateaus
+_HIGHEST, _LEAST = 16.0, 4.0  # speeds, relative to the plateau, up to which ramps on either side are compared
+MARGIN = 4e-15  # of the planned length: a ramp ends this far before a joint, so that rounding cannot move it across
 
 
 @kernel
 def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float) -> float:
-    """Return the time gained by a ramp that begins at `far` with the speed c and not at `near`; s. It may extend to
+    """Return the time gained by a ramp from the speed c that starts at `far` instead of `near`, s.  It may extend to
     `end`.
 
-    For the highest speed of some to which both have one.
+    The ramps end at the highest of several trial speeds for which both exist.
     """
     factor = _HIGHEST
     while factor > _LEAST:
@@ -321,10 +328,12 @@ def _leaves(
     behind: float,
     c: float,
 ) -> bool:
-    """True if ramps to c that end at `reached` and begin at `behind` leave a plateau, held from `ends` to `goes`."""
+    """Return True if the ramps to and from c, which end at `reached` and begin at `behind`, leave a plateau from
+    `ends` to `goes`.
+    """
     if ends > goes or ends >= now.end or goes <= now.begin:
         return False
-    # the ramp to the other node alone, as it is
+    # equivalent to the single ramp to the other node
     if (ends <= now.begin and goes == behind) or (goes >= now.end and ends == reached):
         return False
     return least_cap(path, first, low, reached, ends) >= c and least_cap(path, high, last, goes, behind) >= c
@@ -332,11 +341,11 @@ def _leaves(
 
 @kernel
 def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, Stretch]:
-    """Hold piece p at c between the ramps from both nodes; return the stretches left of it and right of it.
+    """Pass piece p at the constant speed c between ramps from both nodes; return the stretches to its left and right.
 
-    Either it alone is held, or neighbors, too, which ramps may not cross at that speed: what is quicker.  Each of both
-    sides has a hump that holds, or no way at all.  Ramps end `MARGIN` before the plateau, and begin so far behind it.
-    False if there is no such plateau.
+    The plateau covers only this piece, or also neighbors that ramps may not cross at that speed, whichever is faster.
+    Each side has a feasible hump or zero length.  Ramps end `MARGIN` before the plateau and begin `MARGIN` after it.
+    The first result is False if there is no such plateau.
     """
     if c < now.v0 or c < now.v1:
         return False, now, now
@@ -388,10 +397,11 @@ def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, S
 def _beginning(
     path: Path, quick: Records[Cap], u0: float, u1: float, v0: float, slow: Ints, stack: Records[Stretch]
 ) -> int:
-    """Return the number of stretches of a plan to a stop at u1 that holds, its last stretch first; 0: there is none.
+    """Write a feasible plan to a stop at u1 into `stack`, last stretch first; return the number of stretches, 0 if
+    there is none.
 
-    From rest a hump.  A motion that comes faster than a piece ahead allows is braked before pieces that are slower than
-    all before them: `slow` holds them.  Of these as few as possible.
+    From rest the plan is a single hump.  A motion faster than a piece ahead allows is braked before pieces that are
+    slower than all before them (kept in `slow`), at as few of these as possible.
     """
     if v0 == 0.0:
         whole = Stretch(u0, u1, 0.0, 0.0)
@@ -466,8 +476,8 @@ def plan(
     stack: Records[Stretch],
     out: Records[Stretch],
 ) -> int:
-    """Plan from u0 at speed v0 to a stop at u1; return the rows of `out` that are filled, 0 if v0 is too fast to stop
-    in time.
+    """Plan from u0 at speed v0 to a stop at u1; return the number of rows written to `out`, 0 if v0 is too fast to
+    stop in time.
     """
     height = _beginning(path, quick, u0, u1, v0, slow, stack)
     count = 0
@@ -543,7 +553,7 @@ def _phases(
     jerk: Floats,
     snap: Floats,
 ) -> tuple[int, float, int]:
-    """Append the phases of one ramp; return the new count, u and piece."""
+    """Append the phases of one ramp; return the new count, u and piece index."""
     low = v0 if up else v1
     rise = peak - low
     v = v0 if up else peak
@@ -570,7 +580,7 @@ def _phases(
             u = u + T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
             v = v + T * (a + T * (0.5 * j + T * s / 6.0))
             a = a + T * (j + 0.5 * T * s)
-        # in closed form, so that it does not gather rounding
+        # in closed form, so that rounding does not accumulate
         j = sense * jerk_before(number + 1, jerk_most)
     return count, u, p
 
@@ -588,7 +598,7 @@ def timed(
     jerk: Floats,
     snap: Floats,
 ) -> int:
-    """Write the pieces of constant snap of the first `many` stretches; return how many."""
+    """Write the time intervals of constant snap of the first `many` stretches; return their number."""
     count = 0
     p = 0
     for k in range(many):

@@ -1,4 +1,4 @@
-"""Ramps of the speed u', and the bounds that a piece of path sets them.
+"""Ramps of the speed u', and their bounds on a piece of the path.
 
 With M_k = max |r_i^(k)| on a piece and speed, acceleration, jerk and snap of u up to v, A, J, S:
 
@@ -10,8 +10,7 @@ A ramp is a step smoothed by three boxcars, so that the snap is piecewise consta
     u'(t) = low + rise · (step * box(L1) * box(L2) * box(L3)),   L1 <= L2,  L1 + L2 <= L3
 
 It begins and ends with u'' = u''' = 0.  Its jerk is at most rise/(L2 L3), its acceleration rise/L3, its snap
-rise/(L1 L2 L3), and it covers the distance (low + high)/2 · (L1 + L2 + L3).  A ramp downwards is a ramp upwards in
-reversed time.
+rise/(L1 L2 L3), and it covers the distance (low + high)/2 · (L1 + L2 + L3).  A ramp down is a time-reversed ramp up.
 
 Source: Lambrechts, Boerlage & Steinbuch 2005, whose fourth-order profile is two such ramps.
 """
@@ -28,14 +27,14 @@ from feeddrive.path.motion import cubic, way, when
 
 # a bound is sure to be one after rounding
 _WIDER = 1.0 + 1e-13
-_LEVEL = 1.001  # ratio of caps of neighbors that get the same one
+_LEVEL = 1.001  # largest ratio of the caps of neighbors that are made equal
 
 
 @kernel
 def bounds(kind: int, length: float, shape: Floats2, out: Floats2) -> float:
     """Write M1 .. M4 of each axis into `out` (N, 4); return a bound of |r'|.
 
-    Of a polynomial by the points of its Bernstein form, in whose hull it lies; of an arc in closed form.
+    Polynomials are bounded by the convex hull of their Bernstein points, arcs in closed form.
     """
     n = len(shape)
     norm = 0.0
@@ -134,7 +133,9 @@ def root(value: float, degree: int) -> float:
 
 @kernel
 def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) -> float:
-    """Return the speed limit of a piece: by the feed, by each velocity, by `share` of what its curvature allows."""
+    """Return the speed limit of a piece from the feed, the velocity limits, and `share` of the limit due to its
+    curvature.
+    """
     # |r'| of splines is 1 but for a little: they get the same cap as lines
     speed = feed / norm if norm > 1.0 + 1e-10 else feed
     for i in range(len(limits)):
@@ -160,9 +161,10 @@ def pieces_room(
     most: Floats3,
     caps: Floats2,
 ) -> int:
-    """`bounds` of n pieces into `most` (n, N, 4); their caps when held and when crossed by ramps into `caps` (n, 2).
+    """Write the `bounds` of n pieces into `most` (n, N, 4), and their caps for plateaus and for crossing ramps into
+    `caps` (n, 2).
 
-    Neighbors whose caps differ by rounding or nearly so get the lowest of them: no ramps between such.
+    Neighbors with nearly equal caps all get the lowest of them, so that no ramps occur between them.
     """
     for p in range(len(length)):
         norm = bounds(kind[p], length[p], shape[p], most[p])
@@ -187,9 +189,9 @@ def pieces_room(
     return 0
 
 
-_WALKS = 16  # along a ramp, in search of the quickest
-_NEAR = 0.003  # logarithm of the time that a ramp may be too slow
-_ABOVE = 1.0 + 2e-9  # of speed, acceleration and jerk: what Newton's method leaves
+_WALKS = 16  # largest number of passes along a ramp to find the fastest one
+_NEAR = 0.003  # logarithm of the duration by which a ramp may be too slow
+_ABOVE = 1.0 + 2e-9  # relative tolerance of speed, acceleration and jerk for Newton's method
 
 
 class Ramp(NamedTuple):
@@ -219,12 +221,12 @@ class Bounds(NamedTuple):
 
 
 class Path(NamedTuple):
-    """The pieces of a path and what they allow.
+    """The pieces of a path with their bounds and speed limits.
 
-    begin   u at which each of n pieces begins, and the end of the last, m, shape (n + 1,)
-    most    largest first .. fourth derivative of each axis by u, shape (n, N, 4)
+    begin   u at the start of each of n pieces, and at the end of the last, m, shape (n + 1,)
+    most    bounds of the first .. fourth derivative of each axis with respect to u, shape (n, N, 4)
     caps    speed limits of each piece, shape (n, 2)
-    limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
 
     begin: Floats
@@ -241,7 +243,7 @@ def duration(ramp: Ramp) -> float:
 
 @kernel
 def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
-    """The shortest ramp over a step of speed, m/s.
+    """Return the shortest ramp for a change of speed, m/s.
 
     L1 = min(J/S, √(A/S), ∛(dv/2S)),  L2 = min(A/(S L1), L with S L1 L (L1 + L) = dv),  L3 = dv/(S L1 L2)
     """
@@ -259,7 +261,7 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
 
 @kernel
 def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[float, float]:
-    """Return duration and snap of one of the seven phases of a ramp upwards."""
+    """Return duration and snap of one of the seven phases of a ramp up."""
     snap = rise / (L1 * L2 * L3)
     if number == 0 or number == 6:
         return L1, snap
@@ -272,8 +274,8 @@ def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[fl
 
 @kernel
 def jerk_before(number: int, jerk: float) -> float:
-    """Return the jerk at the start of a phase of a ramp upwards, 7 for its end: it rises, holds, falls, rests, and
-    back.
+    """Return the jerk at the start of a phase of a ramp up (7: its end): it rises, is constant, falls, is 0, and the
+    same with negative sign.
     """
     if number == 0 or number == 3 or number == 4 or number == 7:
         return 0.0
@@ -282,7 +284,7 @@ def jerk_before(number: int, jerk: float) -> float:
 
 @kernel
 def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
-    """Return the speed of a ramp upwards after this distance, m/s."""
+    """Return the speed of a ramp up after the distance `far`, m/s."""
     if far <= 0.0:
         return low
     whole = (low + 0.5 * rise) * duration(ramp)
@@ -310,11 +312,12 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
 
 @kernel
 def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: float, s: float, free: bool) -> float:
-    """Return how much slower a ramp must be to keep the limits on a piece, as the logarithm of its time; negative:
-    quicker.
+    """Return the necessary increase of a ramp's duration to satisfy the limits on a piece, as a logarithm; negative if
+    it may be shorter.
 
-    v .. s are the largest speed .. snap of u there.  Newton's step of use = limit, where u'', u''', u'''' fall with the
-    first, second, third power of the time: the use is convex in its logarithm, so that it never asks for too much.
+    v .. s are the largest speed .. snap of u there.  The result is one Newton step for use = limit, where u'', u''',
+    u'''' decrease with the first, second, third power of the duration: the use is convex in the logarithm of the
+    duration, so the step never overshoots.
     """
     least = -0.3
     if free:
@@ -352,8 +355,8 @@ def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: floa
 
 @kernel
 def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: float) -> float:
-    """Return the time in [t0, t1] at which a ramp upwards has come this far: Newton's method from above, as the
-    distance is convex.
+    """Return the time in [t0, t1] at which a ramp up reaches the distance `far`, by Newton's method from above, as
+    the distance is convex.
     """
     # the distance is convex: its tangent at t0 arrives too late, and from there Newton's method cannot overshoot
     slope = cubic(v, a, j, s, t0)
@@ -375,9 +378,10 @@ def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: fl
 def lacking(
     path: Path, u: float, first: int, sense: int, low: float, rise: float, ramp: Ramp, free: bool, enough: float
 ) -> float:
-    """Return how much slower a ramp must be to hold on every piece that it crosses, as `_lacks`; up to 0: it holds.
+    """Return the necessary increase of a ramp's duration, as `_lacks`, to satisfy the limits on every piece that it
+    crosses; it does if the value is <= 0.
 
-    Above `enough` it is not known how much more.
+    Values above `enough` are lower bounds.
     """
     L1, L2, L3 = ramp
     jerk = rise / (L2 * L3)
@@ -394,7 +398,7 @@ def lacking(
     t = 0.0  # in the phase, where the piece begins
     while True:
         far = (path.begin[p + 1] - u) if sense > 0 else (u - path.begin[p])
-        # acceleration and jerk of u where the piece begins, then the largest until it ends
+        # acceleration and jerk of u where the piece begins, then their largest values on it
         a_most = a + t * (j + 0.5 * t * s)
         j_most = abs(j + t * s)
         s_most = abs(s)
@@ -429,7 +433,7 @@ def lacking(
 
 @kernel
 def straight(most: Floats2, limits: Floats2) -> Bounds:
-    """Return the acceleration, jerk and snap of u that a piece would allow if it were straight."""
+    """Return the acceleration, jerk and snap of u that a piece would allow without curvature."""
     a = 1e300
     j = 1e300
     s = 1e300
@@ -446,14 +450,15 @@ def straight(most: Floats2, limits: Floats2) -> Bounds:
 def fit(
     path: Path, u: float, first: int, sense: int, end: float, low: float, high: float, free: bool, guess: float
 ) -> tuple[bool, Ramp, float]:
-    """Return the quickest ramp found from `low` at u to `high` that every piece crossed allows.
+    """Return the fastest ramp found from `low` at u to `high` that satisfies the limits on every piece it crosses.
 
-    `sense` is 1 towards greater u and -1 towards smaller u, along which the speed rises; `first` is the piece it starts
-    on, `end` the last u it may reach.  False if there is none.  A free ramp may be quicker than the caps of pieces,
-    which then leave it what they leave at their cap for crossing: it shows where caps bind.
+    `sense` is the direction in which the speed rises, 1 for increasing and -1 for decreasing u; `first` is the piece it
+    starts on, `end` the last u it may reach.  The first result is False if there is none.  A `free` ramp may exceed the
+    caps of pieces, where limits are evaluated at the cap for crossing: it shows which caps are active.
 
-    The shape of the ramp is that of the limits on its first piece, as if that were straight.  It is made slower until
-    it holds; the last result is by how much, or by how much it would have to be, and `guess` where to begin.
+    The shape of the ramp follows from the limits on its first piece without curvature.  It is scaled in time until it
+    satisfies all limits; the last result is the scale factor, or the one that would be required, and `guess` its
+    initial value.
     """
     rise = high - low
     if rise <= 1e-14 * high:
@@ -463,11 +468,11 @@ def fit(
     slowest = (end - u) * sense / ((low + 0.5 * rise) * (L1 + L2 + L3))
     if slowest < 0.5:
         return False, NO_RAMP, guess
-    shape = 1.0 + 4e-9  # of straight pieces, where it holds exactly
+    shape = 1.0 + 4e-9  # scale for straight pieces, where the ramp is exactly feasible
     least = 0.5 * min(1.0, slowest)
     scale = min(max(guess, least), slowest)
-    slow = 0.0  # the quickest that holds
-    quick = 0.0  # the slowest that does not
+    slow = 0.0  # the fastest feasible one
+    quick = 0.0  # the slowest infeasible one
     for _ in range(_WALKS):
         ramp = Ramp(scale * L1, scale * L2, scale * L3)
         lack = lacking(path, u, first, sense, low, rise, ramp, free, 0.0 if scale >= slowest else 0.5)

@@ -1,11 +1,11 @@
-"""The motion along a run, from rest to rest, planned window by window while its path comes in.
+"""The motion along a run, from rest to rest, planned window by window as its path becomes available.
 
-Each window ends with a stop, so that there is always one in hand.  Of its plan the nodes in its first part are kept;
-the next window goes on from the last of them.  If a slower path that comes into view asks for more than can be braked
-from there, the plan before is followed to its next node, at the latest to its stop.
+Each window ends with a stop, so a safe stop is always planned.  The nodes in the first part of its plan become final;
+the next window starts from the last of them.  If newly known path ahead is too slow to brake for from there, the
+previous plan is followed to its next node, at the latest to its stop.
 
-With an override the motion is fixed from node to node, and on plateaus by `HORIZON` at most.  At each of these the
-factor of the feed is asked: where it has changed, the motion brakes as soon as the limits allow, or is planned anew.
+With an override the motion becomes final node by node, and on plateaus at most `HORIZON` ahead.  At each of these
+points the feed factor is read: if it has changed, the motion brakes as soon as the limits allow, or is replanned.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from feeddrive.path.schedule.ramp import Path, pieces_room
 # shares of what curvature allows, of a piece that is held at its cap and of one that ramps cross: for contours, and for
 # chains of corners, where ramps need more of the room
 SHARES = ((0.9, 0.6), (0.7, 0.4))
-WINDOW = 400  # pieces
-_KEPT = 0.6  # of the way of a window
+WINDOW = 400  # number of pieces
+_KEPT = 0.6  # of the length of a window becomes final
 HORIZON = 0.05
 """s of a plateau that are fixed at once when the factor of the feed may change."""
-_CAPS = 8  # tries of the speed to which a motion brakes
+_CAPS = 8  # largest number of trial speeds to brake to
 
 
 class _Room(NamedTuple):
@@ -40,9 +40,9 @@ class _Room(NamedTuple):
 
 
 class _Plan(NamedTuple):
-    """Stretches from the present node on, and where each piece of the path begins there; the last is where they end.
+    """A plan from the current node: its stretches, and u at the start of each path piece and at the end of the last.
 
-    ends  the run ends there, too
+    ends  True if the run ends there
     """
 
     begin: np.ndarray
@@ -51,11 +51,11 @@ class _Plan(NamedTuple):
 
 
 class Schedule:
-    """Plans runs whose sections come one after the other.
+    """The planner of runs whose sections are added successively.
 
-    limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    window  pieces that are planned at once; more where ramps are longer
-    time    s, of what is fixed; with an override whoever takes other pauses adds them
+    limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    window  number of pieces planned together; more where ramps are longer
+    time    end of the final motion, s; with an override the caller adds pauses from other sources
     """
 
     def __init__(self, limits: np.ndarray, window: int = WINDOW, override: Override | None = None) -> None:
@@ -65,7 +65,7 @@ class Schedule:
 
     def _begin(self) -> None:
         """Start a run at rest."""
-        self._pieces: Pieces | None = None  # from the present node on
+        self._pieces: Pieces | None = None  # from the current node on
         self._rooms: list[_Room] = []
         self._u, self._speed, self._wide = 0.0, 0.0, self._window  # u on the first of the pieces
         self._hand: _Plan | None = None  # the rest of the last plan, to its stop
@@ -76,7 +76,7 @@ class Schedule:
         return self._pieces is None
 
     def add(self, section: Section) -> Iterator[Part | Pause]:
-        """Yield the parts of the motion that are final when this section is known: all, where the run ends."""
+        """Yield the parts of the motion that are final after this section: all of them if the run ends."""
         self._append(section.pieces)
         while self._pieces is not None:
             n = len(self._pieces.length)
@@ -104,7 +104,7 @@ class Schedule:
                 yield from self._go_on(self._override, planned, count)
 
     def _go_on(self, override: Override, planned: _Plan, count: int) -> Iterator[Part]:
-        """As `_go`, node by node, as long as the factor stays."""
+        """Yield the parts of `_go` node by node, as long as the feed factor is unchanged."""
         steps = _steps(planned.rows[:count], planned.begin)
         planned = planned._replace(rows=np.vstack([steps, planned.rows[count:]]))
         for _ in range(len(steps)):
@@ -114,7 +114,9 @@ class Schedule:
             planned = self._hand
 
     def _follow(self, override: Override, last: int, ends: bool) -> Generator[Part | Pause, None, bool]:
-        """Change to the factor now in force; return True if the motion went on meanwhile."""
+        """Change to the current feed factor, yielding the motion or pause this requires; return True if anything was
+        yielded.
+        """
         wanted = override.at(self.time)
         if wanted == self._factor:
             return False
@@ -130,7 +132,7 @@ class Schedule:
         assert self._pieces is not None
         rooms = self._rooms_of(part_of_pieces(self._pieces, 0, last), wanted) if wanted > 0.0 else None
         if rooms and self._planned(last, ends, rooms, self._u, self._speed) is not None:
-            self._turn_to(wanted)  # the motion is slow enough already: something else than the feed limits it here
+            self._turn_to(wanted)  # the motion is slow enough already: it is not limited by the feed here
             return False
         braked = self._braked(last, ends, rooms)
         if braked is not None:
@@ -145,15 +147,15 @@ class Schedule:
         return True
 
     def _turn_to(self, factor: float) -> None:
-        """Plan for another factor of the feed from here on."""
+        """Use another feed factor for planning from here on."""
         assert self._pieces is not None
         self._factor, self._rooms = factor, self._rooms_of(self._pieces, factor)
 
     def _braked(self, last: int, ends: bool, rooms: list[_Room] | None) -> _Plan | None:
-        """Return a plan that first brakes until it can go on in these rooms, or to rest if they are None; None if there
-        is none.
+        """Return a plan that first brakes until it can continue under the caps in `rooms`, or to rest if these are
+        None; None if there is none.
 
-        Nor is there one where only the pieces ahead are too slow for the present speed.
+        The result is also None if only the pieces ahead are too slow for the current speed.
         """
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
@@ -175,9 +177,7 @@ class Schedule:
         return None
 
     def stop(self) -> Part | None:
-        """Yield the parts from the end of the last one to the stop that is already planned; nothing at rest before a
-        run.
-        """
+        """Return the part from the end of the last one to the stop already planned; None at rest before a run."""
         if self._pieces is None or self._hand is None or not len(self._hand.rows):
             return None
         pieces = part_of_pieces(self._pieces, 0, len(self._hand.begin) - 1)
@@ -195,8 +195,8 @@ class Schedule:
         ]
 
     def _planned(self, last: int, ends: bool, rooms: list[_Room], u: float, speed: float) -> _Plan | None:
-        """Return the quickest plan from u to a stop at the end of this many pieces; None if the speed is too high for
-        one.
+        """Return the fastest plan from u to a stop at the end of the first `last` pieces; None if the speed is too
+        high to stop.
         """
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
@@ -222,7 +222,7 @@ class Schedule:
         pieces, node = self._pieces, float(kept[-1, 1])
         place = min(int(np.searchsorted(begin, node, side="right")) - 1, len(begin) - 2)
         if place + 1 < len(pieces.length) and node - begin[place] >= pieces.length[place]:
-            place += 1  # at a joint, but for rounding
+            place += 1  # at a joint, up to rounding
         self._u, self._speed = max(node - float(begin[place]), 0.0), float(kept[-1, 3])
         self._pieces = part_of_pieces(pieces, place, len(pieces.length))
         self._rooms = [_Room(room.most[place:], room.caps[place:]) for room in self._rooms]
@@ -230,7 +230,7 @@ class Schedule:
         return self._part(part_of_pieces(pieces, 0, place + 1), begin, kept, False)
 
     def _rooms_of(self, pieces: Pieces, factor: float) -> list[_Room]:
-        """Return bounds and caps for each of `SHARES` under this factor of the feed."""
+        """Return bounds and caps for each of `SHARES` for this feed factor."""
         n, limits, rooms = len(pieces.length), self._limits.copy(), list[_Room]()
         limits[:, 0] *= min(factor, 1.0)  # on a traverse they are the feed
         for shares in SHARES:
@@ -241,7 +241,9 @@ class Schedule:
         return rooms
 
     def _part(self, pieces: Pieces, begin: np.ndarray, rows: np.ndarray, ends: bool) -> Part:
-        """Return a part in pieces of constant snap: two ramps of seven phases and a plateau for each stretch."""
+        """Return a part in time intervals of constant snap: two ramps of seven phases and a plateau for each
+        stretch.
+        """
         size = 15 * len(rows)
         room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
         count = timed(begin, np.ascontiguousarray(rows), len(rows), *room)
@@ -251,17 +253,17 @@ class Schedule:
 
 
 def plan_run(pieces: Pieces, limits: np.ndarray, window: int = WINDOW) -> Motion:
-    """Return the motion along a whole run; `limits` and `window` as of a `Schedule`."""
+    """Return the motion along a whole run; `limits` and `window` as for `Schedule`."""
     motions, first = list[Motion](), 0
     for part in Schedule(limits, window).add(Section(pieces, True)):
         assert isinstance(part, Part)  # it holds only with an override
         motions.append(part.motion._replace(piece=part.motion.piece + first))
-        first += len(part.pieces.length) - 1  # where a part ends, the next one begins
+        first += len(part.pieces.length) - 1  # the next part begins on the piece where this one ends
     return Motion(*(np.concatenate(arrays) for arrays in zip(*motions, strict=True)))
 
 
 def _time(rows: np.ndarray) -> float:
-    """Return the time of stretches, s."""
+    """Return the total duration of stretches, s."""
     u0, u1, v0, v1, peak = rows[:, :5].T
     up, down = rows[:, 5:8].sum(axis=1), rows[:, 8:11].sum(axis=1)
     way = u1 - u0 - 0.5 * (v0 + peak) * up - 0.5 * (v1 + peak) * down
@@ -269,13 +271,17 @@ def _time(rows: np.ndarray) -> float:
 
 
 def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Return which stretches have a ramp, or a plateau that is longer than rounding; they have no motion otherwise."""
+    """Return a bool array that is True for stretches with a ramp or a plateau longer than rounding; the others have
+    no motion.
+    """
     ramps = np.any(rows[..., 5:11] > 0.0, axis=-1)
     return ramps | (rows[..., 1] - rows[..., 0] > MARGIN * (begin[-1] - begin[0]))
 
 
 def _cut(planned: _Plan) -> tuple[_Plan, int]:
-    """Return how many stretches end in the first part of a window; a plateau there is cut in two."""
+    """Return the number of stretches that end in the first part of a window, and the plan with a plateau split at
+    its end.
+    """
     rows, ends = planned.rows, _KEPT * planned.begin[-1]
     count = int(np.searchsorted(rows[:, 1], ends, side="right"))
     if count < len(rows):
@@ -294,7 +300,7 @@ def _cut(planned: _Plan) -> tuple[_Plan, int]:
 
 
 def _steps(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Cut stretches at all their nodes: behind ramps, and after each `HORIZON` of a plateau."""
+    """Split stretches at all their nodes: after ramps, and after each `HORIZON` of a plateau."""
     steps, margin = [], MARGIN * (begin[-1] - begin[0])
     for row in rows:
         u0, u1, v0, v1, peak = row[:5]

@@ -1,18 +1,18 @@
-"""z(u) = u'² as a cubic spline, as quick as the limits of each axis allow: Newton's method with a barrier.
+"""Time-optimal z(u) = u'² as a cubic spline under the limits of each axis, by Newton's method with a barrier function.
 
-With r_n the derivatives of an axis by u and z', z'', z''' those of z by u
+With r_n the derivatives of an axis and z', z'', z''' those of z with respect to u
 
     q'   = r1 √z
     q''  = r2 z + r1 z'/2
     q''' = √z (r3 z + 3/2 r2 z' + r1 z''/2)
     q''''= r4 z² + 3 r3 z z' + r2 (3/4 z'² + 2 z z'') + r1 (z' z''/4 + z z'''/2)
 
-The time ∫ du/√z gets a penalty -μ log(1 - g²) for each share g of a limit at each point; μ falls.  The penalty of a
-share, not of z, is expanded to second order with the slope of g alone, so that each step solves a positive system with
-three neighbors on either side.  A state of the spline that violates a limit which held before is never accepted.
+The time ∫ du/√z gets a penalty -μ log(1 - g²) for each used share g of a limit at each point; μ decreases.  The penalty
+is expanded to second order in g, and g to first order in z, so that each step solves a positive definite system of half
+bandwidth three.  A step that violates a limit which was satisfied before is never accepted.
 
-Spans are the parts of the motion between knots: where they lie, at which points of them the limits are evaluated, and
-the way back from u to time.
+Spans are the parts of the motion between knots; this module also places the knots, selects the points at which limits
+are evaluated, and converts from u back to time.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.motion import cubic, derivatives, way
 from feeddrive.path.schedule.ramp import bounds, boxcars, cap
 
-_LOOSE = 1.03  # times the share of a point that breaks a limit: what it may take
-_TOUCHES = 1.0 - 1e-6  # a share as large is taken for one that breaks a limit: its penalty would be too steep
-_INWARDS = 0.3  # the least penalty while one does
-_NEARER = 0.1  # of the way to a limit is left by a step at least
-_FALL = 0.25  # of the penalty in a step
-_HALVINGS = 12  # of a step
-_NOT_FORWARD = 1e300  # the share where u'² is not above 0
+_LOOSE = 1.03  # relaxed limit at a violating point, relative to its present share
+_TOUCHES = 1.0 - 1e-6  # larger shares are treated as violations: the penalty would be too steep
+_INWARDS = 0.3  # least penalty while a limit is violated
+_NEARER = 0.1  # least part of the distance to a limit that a step must leave
+_FALL = 0.25  # reduction of the penalty per step
+_HALVINGS = 12  # largest number of halvings of a step
+_NOT_FORWARD = 1e300  # share returned where u'² is not positive
 
 
 @kernel
@@ -75,7 +75,7 @@ def basis(knots: Floats, k: int, x: float, out: Floats2) -> int:
 
 @kernel
 def _penalty(g: float, loose: float) -> tuple[float, float]:
-    """Return the first and second derivative of -log(1 - (g/loose)²) by g."""
+    """Return the first and second derivative of -log(1 - (g/loose)²) with respect to g."""
     gap = loose * loose - g * g
     first = 2.0 * g / gap
     return first, 2.0 / gap + first * first
@@ -83,7 +83,7 @@ def _penalty(g: float, loose: float) -> tuple[float, float]:
 
 @kernel
 def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
-    """Return the largest share of a limit at a point; r1 .. r4 in shares of the limits, see `lifted`."""
+    """Return the largest used share of a limit at a point; r1 .. r4 are scaled by the limits, see `quickest`."""
     if z[0] <= 0.0:
         return _NOT_FORWARD
     z0, z1, z2, z3 = z
@@ -112,7 +112,9 @@ def _expanded(
     slope: Floats,
     bend: Floats2,
 ) -> int:
-    """Add slope and curvature of time and penalties at a point, by z .. z'''; `weight` of penalties, m of `away`."""
+    """Add gradient and Hessian of time and penalties at a point with respect to z .. z'''; `weight` of the
+    penalties, `away` in m.
+    """
     z0, z1, z2, z3 = z
     root = sqrt(z0)
     d0 = -0.5 * away / (z0 * root)
@@ -136,11 +138,11 @@ def _expanded(
     for i in range(len(r)):
         a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
         if a1 == 0.0 and a2 == 0.0 and s3 == 0.0 and s4 == 0.0:
-            continue  # it stands
+            continue  # the axis does not move
         if full:
             g0 = a2
             g1 = 0.5 * a1
-            # second derivatives of g are left out (Gauss-Newton), so that the Hessian stays positive
+            # second derivatives of g are omitted (Gauss-Newton), so that the Hessian stays positive definite
             first, second = _penalty(g0 * z0 + g1 * z1, loose)
             d0 = d0 + weight * first * g0
             d1 = d1 + weight * first * g1
@@ -228,7 +230,9 @@ def _system(
     slope: Floats,
     band: Floats2,
 ) -> int:
-    """Assemble the slope of time and penalties by the coefficients, and the lower band of their Hessian."""
+    """Assemble the gradient of time and penalties with respect to the coefficients, and the lower band of the
+    Hessian.
+    """
     z = zeros(4)
     by = zeros(4)
     bend = zeros(4, 4)
@@ -305,7 +309,9 @@ def _system(
 
 @kernel
 def _solved(band: Floats2, first: int, last: int, slope: Floats, step: Floats) -> bool:
-    """Solve band · step = -slope for the coefficients from `first` to before `last`, by Cholesky within the band."""
+    """Solve band · step = -slope for the coefficients from `first` up to but excluding `last`, by banded Cholesky
+    factorization.
+    """
     for c in range(first, last):
         for back in range(4):
             d = 3 - back
@@ -358,18 +364,18 @@ def quickest(
     step: Floats,
     band: Floats2,
 ) -> int:
-    """Make the spline quicker, in place; return at how many points it still violates a limit. Three coefficients of
-    each end stay.
+    """Optimize the spline for time, in place; return the number of points at which it still violates a limit. Three
+    coefficients at each end are fixed.
 
-    A point that breaks a limit has a looser one of its own, which is drawn tight with each step.  Nothing is done, and
-    the answer is 1, if u'² is not above 0 everywhere at first.
+    A point that violates a limit gets a relaxed one, which is tightened with each step.  If u'² is not initially
+    positive everywhere, nothing is changed and the result is 1.
 
-    span     of each point, ascending, and `row` its `basis`
+    span     span index of each point, ascending; `row` is its `basis`
     r        r1 .. r4 of each axis over the limits: (n, N, 9) = r1 r2 for q'', r1 r2 r3 for q''', r1 .. r4 for q''''
-    most     z by velocity and feed
-    full     whether more than q'''' is looked at
-    weight   of the penalties at a point, s; `away` of the time there, m
-    penalty  at first; each step takes a part of it, down to `last`
+    most     largest z by velocity and feed
+    full     0 if only q'''' is evaluated
+    weight   weight of the penalties at a point, s; `away` is that of the time, m
+    penalty  initial μ; it is reduced stepwise down to `last`
     """
     z = zeros(4)
     n = len(coefficient)
@@ -421,14 +427,16 @@ def quickest(
     return above
 
 
-GRADE = 0.1  # by how much the duration of a span may change over its duration
-_NEAR = 0.998  # of a limit may be used near the ends
-POINTS = 2  # of a span on one piece of the path
+GRADE = 0.1  # largest change of the span duration relative to the duration
+_NEAR = 0.998  # usable share of a limit near the ends
+POINTS = 2  # number of points of a span per path piece
 
 
 @kernel
 def tops(kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Floats2, out: Floats, most: Floats2) -> int:
-    """Write the speed u' that feed and velocities allow on each piece into `out`; `most` is work space, (N, 4)."""
+    """Write the largest u' allowed by feed and velocity limits on each piece into `out`; `most` is work space, (N,
+    4).
+    """
     for p in range(len(length)):
         norm = bounds(kind[p], length[p], shape[p], most)
         out[p] = cap(most, norm, feed[p], limits, 1e30)
@@ -452,10 +460,11 @@ def ramp_gain(
     last: int,
     r: Floats2,
 ) -> float:
-    """Return the time, s, that a ramp of time pieces `first` to before `last` would save if its path were straight.
+    """Return the time, s, that a ramp of time intervals `first` up to but excluding `last` would save if its path were
+    straight.
 
-    On a line in the direction of either end, the more favorable one, it takes L1 + L2 + L3 between the same speeds; the
-    way that this saves is gone at the higher one.  1e300 if it is more than one ramp.
+    On a line in the direction of either end, whichever is more favorable, it takes L1 + L2 + L3 between the same
+    speeds; the distance saved is covered at the higher speed.  1e300 for more than one ramp.
     """
     lasts = 0.0
     for m in range(first, last):
@@ -498,7 +507,7 @@ def ramp_gain(
 
 @kernel
 def graded(duration: Floats, edge: Floats) -> int:
-    """Shrink the step sizes at the ends of time pieces, s, until neighboring steps differ by at most `GRADE` per
+    """Shrink the step sizes at the ends of time intervals, s, until neighboring steps differ by at most `GRADE` per
     second.
     """
     n = len(duration)
@@ -512,8 +521,8 @@ def graded(duration: Floats, edge: Floats) -> int:
 
 @kernel
 def instants(duration: Floats, step: Floats, edge: Floats, out: Floats) -> int:
-    """Write times of knots, s, `step` apart in each time piece, `edge` at their ends and graded between; return how
-    many.
+    """Write knot times, s, with spacing `step` in each time interval, `edge` at their ends, and graded in between;
+    return their number.
     """
     n = len(duration)
     count = 0
@@ -527,7 +536,7 @@ def instants(duration: Floats, step: Floats, edge: Floats, out: Floats) -> int:
             t = t + min(step[m], min(edge[m] + GRADE * t, (edge[m + 1] + GRADE * (T - t)) / (1.0 + GRADE)))
         t = t - T
         gone = gone + T
-    # the last one comes too late by less than a step: all are moved a little
+    # the last one is late by less than a step: all are scaled slightly
     for k in range(count):
         out[k] = out[k] * (gone / (gone + t))
     out[count] = gone
@@ -547,7 +556,7 @@ def states(
     time: Floats,
     out: Floats2,
 ) -> int:
-    """Evaluate u to u''' of a motion at rising times; `begin` is u where each piece of the path begins."""
+    """Evaluate u to u''' of a motion at increasing times; `begin` is u at the start of each path piece."""
     m = 0
     gone = 0.0
     for k in range(len(time)):
@@ -586,14 +595,14 @@ def points(
     away: Floats,
     d: Floats2,
 ) -> int:
-    """Write the points that `quickest` evaluates: start and end of each span's part on each piece; return how many.
+    """Write the points that `quickest` evaluates: start and end of each span's part on each piece; return their number.
 
-    At the end only the snap, which differs from that at the begin behind it.
+    At the end of a span only the snap is evaluated, which differs from that at the start of the next.
 
-    begin   u where each piece of the path begins
-    top     speed that feed and velocities allow on it
-    shares  of the limits of velocity to snap that may be used; more near the ends, where the state is given
-    time    of the knots in the motion so far, s
+    begin   u at the start of each path piece
+    top     largest speed by feed and velocity limits on it
+    shares  usable shares of the velocity to snap limits; larger near the ends, where the state is given
+    time    times of the knots in the present motion, s
     """
     count = 0
     p = 0
@@ -630,13 +639,15 @@ def points(
             x = e
         for c in range(first, count):
             weight[c] = (time[k + 1] - time[k]) / (count - first)
-    full[0] = 0  # where it begins is given
+    full[0] = 0  # the state at the start is given
     return count
 
 
 @kernel
 def _bent(first: int, last: int, miss: Floats, duration: Floats, snap: Floats, row: Floats2, system: Floats2) -> int:
-    """Change the snaps of spans `first` to before `last` by the least that adds `miss` to u' .. u at their end."""
+    """Apply the smallest change of the snaps of spans `first` up to but excluding `last` that adds `miss` to the
+    state at their end.
+    """
     whole = 0.0
     for m in range(first, last):
         whole = whole + duration[m]
@@ -698,12 +709,13 @@ def in_time(
     room: Floats2,
     system: Floats2,
 ) -> bool:
-    """Write a piece of constant snap for each span; return False if the spline is not above 0 everywhere.
+    """Write a time interval of constant snap for each span; return False if the spline is not positive everywhere.
 
-    As many pieces as are taken `together` end where the spline does, exactly.
+    Each group of `together` intervals ends exactly in the state of the spline.
 
-    The time of a span is ∫ du/√z by Gauss's rule of four points; its snap changes u''' by as much as the spline does,
-    and a little more, so that u, u' and u'' meet the spline, too.  `ends` are u' .. u''' where it begins and ends.
+    The duration of a span is ∫ du/√z by four-point Gauss quadrature; its snap reproduces the change of u''' along the
+    spline, with a small correction so that u, u' and u'' match as well.  `ends` are u' .. u''' at the start and the
+    end.
     """
     n = len(duration)
     z = zeros(4)
@@ -759,7 +771,7 @@ def in_time(
                 a = a + t * (j + 0.5 * t * s)
                 j = j + t * s
             if again < 2:
-                # the second time for what the first one leaves by rounding
+                # the second pass removes the rounding error of the first
                 miss[0] = knots[last + 3] - knots[first + 3] - u
                 miss[1] = at_knots[last, 0] - v
                 miss[2] = at_knots[last, 1] - a
