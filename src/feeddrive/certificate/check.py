@@ -259,7 +259,7 @@ def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
 
 
 def at(polynomials: Sequence[Poly], f: float, T: float) -> list[complex]:
-    """Evaluate polynomials at e^(j2πfT), all over one factor.
+    """Evaluate polynomials at e^(j2πfT), up to a common factor.
 
     The point is rounded to 60 binary digits; from there on the evaluation is exact.
     """

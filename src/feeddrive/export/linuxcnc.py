@@ -227,7 +227,7 @@ class Item(NamedTuple):
 
     @property
     def c(self) -> str:
-        """The name for access in the C code of halcompile."""
+        """The name by which the C code of a component reads and writes it."""
         return re.sub("_+", "_", re.sub("[-.]", "_", self.name))
 
 

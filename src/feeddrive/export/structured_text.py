@@ -129,7 +129,7 @@ class Printing(Protocol):
         ...
 
     def narrow(self, text: str) -> str:
-        """Convert a long real to the stored type."""
+        """Convert an LREAL to the stored type."""
         ...
 
 
@@ -475,11 +475,11 @@ class Printer:
         return Assignment(name, text).lines()
 
     def _wide(self, text: str) -> str:
-        """Convert a stored number to a long real."""
+        """Convert a stored number to LREAL."""
         return text if self.real == "LREAL" else f"REAL_TO_LREAL({text})"
 
     def narrow(self, text: str) -> str:
-        """Convert a long real to the stored type."""
+        """Convert an LREAL to the stored type."""
         return text if self.real == "LREAL" else f"LREAL_TO_REAL({text})"
 
     def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:

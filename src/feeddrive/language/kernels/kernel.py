@@ -456,13 +456,13 @@ class Kernel(Generic[_P, _R]):
 
     @cached_property
     def _counted(self) -> tuple[int, bool]:
-        """The number of arguments, and True if there are records among them."""
+        """The number of parameters, and True if any of them is a record."""
         parameters = self.source.signature.parameters
         return len(parameters), any(parameter.layout and not parameter.dimensions for parameter in parameters)
 
     @cached_property
     def _plain(self) -> bool:
-        """True if all results are numbers that ctypes returns as they are."""
+        """True if all results are numbers that ctypes returns unchanged."""
         return all(result in (FLOAT, INT) for result in self.source.signature.results)
 
     @cached_property

@@ -67,7 +67,7 @@ class Value(NamedTuple):
 
     @property
     def operands(self) -> list[tuple[str, str]]:
-        """The LLVM types and operands by which it is passed to a function or stored."""
+        """The LLVM types and operands by which the value is passed to a function or stored."""
         return [
             word
             for leaf in self.leaves
@@ -98,7 +98,7 @@ class Function(NamedTuple):
 
     @property
     def small(self) -> bool:
-        """True if it is inlined."""
+        """True if the function is inlined."""
         return self.size <= _INLINED
 
 
