@@ -153,8 +153,8 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
 
     Speed: half of the limit of guard and motor, at most 1 m/s; 0.2 m/s without a limit.  Acceleration: that of 30 % of
     the force limit, at most 10 m/s².  The move is long enough to reach both.  Force: a twentieth of the limit, or five
-    times the dry friction if that is larger, so that the axis moves. Raises ParameterError for a force that is not
-    positive.
+    times the dry friction if that is larger, so that the axis moves.
+    Raises ParameterError for a force that is not positive.
     """
     mass = float(loop.axis.plant.rigid_mass())
     motor = loop.axis.actuator.motor
