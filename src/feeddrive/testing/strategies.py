@@ -195,7 +195,7 @@ def _number(declared: Declaration) -> _Draw:
     signed = least is None and most is None
 
     def at(share: float) -> float:
-        """Return the number at a share of the range, evenly in the logarithm where it can be."""
+        """Return the number at a fraction of the range, on a logarithmic scale where possible."""
         if signed:
             sign, share = (1.0, share / 0.75) if share < 0.75 else (-1.0, 4.0 * share - 3.0)
             return sign * low * (high / low) ** share
@@ -208,7 +208,7 @@ def _number(declared: Declaration) -> _Draw:
     ends = [float(bound) for bound in (declared.least, declared.most) if bound is not None]
 
     def value(draw: st.DrawFn, turn: int) -> float:
-        """Return a number at a share of the range, now and then a closed bound."""
+        """Return a number at a random fraction of the range, occasionally a closed bound."""
         if ends and draw(_EITHER):
             return ends[(draw(_EITHER) + turn) % len(ends)]
         drawn = at((draw(_SHARES) + turn * _GOLDEN) % 1.0)
