@@ -81,9 +81,7 @@ def importer() -> Any:
 
 
 def _check_entries(packed: zipfile.ZipFile, path: str | Path) -> None:
-    """Check that an FMU contains a description, that no file lies outside its folder, and that its size is
-    admissible.
-    """
+    """Check that an FMU has a description, that no file lies outside its folder, and that it is not too large."""
     names = packed.namelist()
     if "modelDescription.xml" not in names:
         raise FmuError(f"{path}: is not an FMU: it holds no modelDescription.xml")
@@ -368,9 +366,7 @@ class Instance:
         return [port.factor * value for port, value in zip(ports, values, strict=True)]
 
     def step(self, time: float, length: float) -> None:
-        """Perform a communication step; times in s. Raises FmuError if it is refused or if the FMU ends the
-        simulation.
-        """
+        """Perform a communication step, times in s. Raises FmuError if it is refused or the FMU ends the simulation."""
         what = Text(f"step of {Quantity(length, 's'):6 SI} at {Quantity(time, 's'):6 SI}")
         answer = self._call(what, self.fmu.doStep, currentCommunicationPoint=time, communicationStepSize=length)
         if answer is not None and (answer[1] or answer[2]):  # terminateSimulation, earlyReturn

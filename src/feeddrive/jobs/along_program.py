@@ -64,8 +64,7 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
 
 @lru_cache(maxsize=1)  # the laws of a job run the same program
 def on_the_part(program: PlannedProgram) -> np.ndarray | None:
-    """Return a mask of the program's samples that count: those in which a tool leaves a wall of the part, see
-    `on_part`.
+    """Return a mask of the samples that count: those in which a tool leaves a wall of the part, see `on_part`.
 
     Without a [process] all samples at feed rate count.  A cut in which no sample leaves a wall counts as a whole.
     """
@@ -110,8 +109,7 @@ def _area(cut: Cut, tools: Mapping[int, Cutter]) -> float:
 
 
 def listening(job: Job) -> Listening:
-    """Return the catalogue's observers that estimate a disturbance, by kind and axis, with their initial gains for
-    tuning.
+    """Return the catalogue's observers that estimate a disturbance, by kind and axis, with initial gains for tuning.
 
     The mapping is empty for a job that does not cut.
     """
@@ -143,8 +141,9 @@ class Chatter(NamedTuple):
 
 
 def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
-    """Return the verdict on each kind of cut under the first law and the one with the least contour error, feed along
-    x.
+    """Return the verdict on each kind of cut under the first law and the one with the least contour error.
+
+    The feed is along x.
     """
     program = job.program
     ran = [row for row in rows if row.part is not None]

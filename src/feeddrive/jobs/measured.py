@@ -87,8 +87,7 @@ def of_channels(job: Job, log: Log) -> list[str]:
 
 
 def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the signals with the excitation at its injection point, before or behind the force limit, and a remark on
-    it.
+    """Return the signals with the excitation before or behind the force limit, where it acts, and a remark on it.
 
     The position residual shows the injection point if the limit is active; otherwise both points are equivalent.
     """

@@ -87,8 +87,8 @@ class JobResult(Result):
         return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
 
     def table(self) -> Table:
-        """Return a table of error, force, margins and minimum dynamic stiffness by law, or of the contour of a part
-        program.
+        """Return a table of error, force, margins and least dynamic stiffness by law; for a part program, of the
+        contour.
         """
         if self.parts:
             return laws_table(self.job.title, self.parts)

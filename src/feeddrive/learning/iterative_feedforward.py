@@ -39,8 +39,7 @@ _DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admiss
 def error_model(
     loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
 ) -> StateSpace | Lifted:
-    """Return the error model Ĝ_d at the loop's sample time, from the force missing in the feedforward (N) to the
-    following error (m).
+    """Return the error model Ĝ_d, from the force missing in the feedforward (N) to the following error (m), sampled.
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
@@ -319,8 +318,7 @@ def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
 def begin_compensation(
     loop: Loop, columns: Sequence[str] | None = None, *, stribeck_velocity: float | None = None
 ) -> Loop:
-    """Return the loop with an initial compensator: parameters at 0, or at the values that the loop feeds forward
-    already.
+    """Return the loop with an initial compensator: parameters at 0, or at the values already fed forward.
 
     columns            names of its parameters; default: mass, viscous and both Coulomb levels, as far as the law does
                        not feed them forward itself
@@ -396,9 +394,7 @@ class Iteration(Result):
         return float(np.sqrt(np.mean(self.predicted**2)))
 
     def table(self) -> Table:
-        """Return a table of the parameters now and next, with standard errors and with remarks on those that are
-        held.
-        """
+        """Return a table of the present and next parameters, with standard errors and remarks on those held."""
         rows = []
         was, now = self.before.parameters(), self.after.parameters()
         for name, value in was.items():

@@ -53,8 +53,7 @@ def tune_repetitive(
     most_lead: int = 40,
     velocity: float = 0.05,
 ) -> RepetitiveDesign:
-    """Return the repetitive controller of a loop for a motion that repeats every `period` s, with the lead that learns
-    fastest.
+    """Return the repetitive controller, with the fastest-learning lead, for a motion that repeats every `period` s.
 
         min over leads l of   max over f of   |q (1 - learning_gain T_r z^l)|
 
@@ -100,8 +99,9 @@ def tune_repetitive(
 
 
 def shift_response(loop: Loop, frequency: np.ndarray, velocity: float = 0.05) -> np.ndarray:
-    """Return T_r at frequencies in Hz: load position over a shift of the set position, including the shift's difference
-    quotient in the set velocity.
+    """Return T_r at frequencies in Hz: load position over a shift of the set position.
+
+    The difference quotient of the shift is added to the set velocity.
     """
     T = float(loop.sample_time)
     model = linearize(loop, ("set_position", "set_velocity"), ("position_load",), velocity=velocity)

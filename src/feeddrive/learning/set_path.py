@@ -39,8 +39,9 @@ class SetPath:
         return len(self.samples)
 
     def answers(self, positions: np.ndarray, phase: int = 0) -> np.ndarray:
-        """Return the table positions in m, shape (n, columns), for set positions of the same shape that were 0 before
-        row 0, which is sample `phase`.
+        """Return the table positions in m for set positions, both of shape (n, columns).
+
+        The set positions are 0 before row 0, which is sample `phase` of the period.
         """
         velocity = np.diff(positions, axis=0, prepend=0.0) / self.sample_time
         x = np.zeros((self.samples[0].A.shape[0], positions.shape[1]))
@@ -142,8 +143,9 @@ class _Columns:
             rows *= 2
 
     def matrix(self, first: int, last: int, begin: int, end: int, *, answered: bool = True) -> np.ndarray:
-        """Return the matrix of splines first .. last - 1 (or their responses) in rows begin .. end - 1; spline i begins
-        at row i · spacing.
+        """Return the matrix of splines first .. last - 1, or of their responses, in rows begin .. end - 1.
+
+        Spline i begins at row i · spacing.
         """
         columns = np.zeros((end - begin, last - first))
         for i in range(first, last):
@@ -164,8 +166,7 @@ def filtered_splines(
     window: int | None = None,
     kept: int | None = None,
 ) -> ChangedReference:
-    """Return set positions as a sum of splines whose simulated responses fit a reference best: tracking without an
-    inverse.
+    """Return set positions as splines whose simulated responses fit a reference best: tracking without an inverse.
 
         x_r' = Φ p,   p = argmin |x_r - Ψ p|²,   Ψ_i = answer of the table to the spline Φ_i (degree, knots)
 
@@ -313,8 +314,7 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
 
 
 def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
-    """Return set positions with which the table follows a reference without phase error, by the linear model of the
-    loop.
+    """Return set positions with which the table follows a reference without phase error, by the linear loop model.
 
         T_r = q^r B⁺ B⁻ / A,    x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r)
 

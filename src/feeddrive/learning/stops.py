@@ -18,8 +18,7 @@ _DURATION = 4.0  # s
 
 
 def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
-    """Return the loop with stops, identified from a simulated log, in place of its friction feedforward, and these
-    stops.
+    """Return the loop with stops in place of its friction feedforward, identified from a simulated log, and the stops.
 
     In the middle of its travel the axis swings for 4 s by 1 mm at 0.5 Hz, with smaller and faster swings on top.  Its
     mass is given; viscous friction and offset are identified together with the stops and left to the other blocks.

@@ -83,8 +83,7 @@ _ENDS = 3  # rows that a third difference needs on each side
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trial(Result):
-    """The data of one repetition: setpoint and following error (m) over time, each of shape (n,), at a sample time in
-    s.
+    """The data of one repetition: setpoint and following error (m), of shape (n,), at a sample time in s.
 
     `saturated` is true in samples in which the force was limited; None if that is unknown.  `remarks` describe the
     processing of the reference.

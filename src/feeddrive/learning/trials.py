@@ -80,9 +80,7 @@ class Trials(Result):
         return {name: np.array([block.parameters()[name] for block in blocks]) for name in blocks[0].parameters()}
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Return the standard errors over the trials by name, SI; NaN for a parameter not learned in the previous
-        trial.
-        """
+        """Return the standard errors over the trials by name, SI; NaN for a parameter that was not learned before."""
         names = self.iterations[0].before.parameters()
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
@@ -129,8 +127,7 @@ def iterate_trials(
     load: Callable[[int], Load] | Load | None = None,
     seed: int = 0,
 ) -> Trials:
-    """Simulate trials, each with the parameters learned from the previous one (see `next_iteration` for the update
-    law).
+    """Simulate trials, each with the parameters learned from the previous one by `next_iteration`.
 
     references  one motion, or several that take turns from trial to trial
     trials      number of trials, >= 2
@@ -269,9 +266,7 @@ def _lines(model: StateSpace | Lifted, size: int) -> np.ndarray:
 
 
 def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
-    """Return the response including 0 Hz, where an FRF has no line; for a multirate model the component at the excited
-    frequency.
-    """
+    """Return the response including 0 Hz, which an FRF omits; for a multirate model at the excited frequency."""
     if isinstance(model, Lifted):
         A, B, C, D = model.stacked(model.inputs, model.outputs)
         held = np.ones(B.shape[1])

@@ -62,8 +62,8 @@ class Axis(Block):
         drive: Number
 
     def check(self) -> None:
-        """Check that a rotary axis has no screw, that a plant of one body has one friction, and that the forces suit
-        the plant.
+        """Check that a rotary axis has no screw, that a one-body plant has one friction, and that forces suit the
+        plant.
         """
         of_screw = "lead" in declarations(type(self.plant)) or (
             self.actuator.motor is not None and "lead" in declarations(type(self.actuator.motor))
@@ -88,7 +88,7 @@ class Axis(Block):
             yield from force.substep_rules(h)
 
     def timing(self, T: float) -> Timing:
-        """Return the whole samples of dead time and whether a fraction remains. All lanes must agree."""
+        """Return the number of whole samples of dead time and whether a fraction remains. All lanes must agree."""
         samples = samples_of(self.actuator.dead_time, T)
         whole = ops.floor(samples)
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
@@ -210,8 +210,8 @@ MOST_TURN, MOST_DECAY = 1000.0, 100.0
 def slow_enough(
     mechanics: Mechanics, current_loop: Number | None, h: Number, what: str = "axis.plant"
 ) -> Iterator[Rule]:
-    """Yield the conditions that current loop (Hz), damping and modes are slow enough for substeps of h s; messages call
-    them `what`.
+    """Yield the conditions that current loop (Hz), damping and modes are slow enough for substeps of h s; `what` names
+    them.
     """
     whose = "the axis" if what == "axis.plant" else what
     if current_loop is not None:

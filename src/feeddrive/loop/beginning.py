@@ -139,7 +139,7 @@ class Work:
         return slice(start, start + count)
 
     def sampled(self, first: int, count: int) -> dict[str, Any]:
-        """Return setpoints, load and added forces (0 N if absent) over a range of samples by name; the last range is
+        """Return setpoints, load and added forces (0 N if absent) by name over a range of samples; the last is
         cached.
         """
         held, inputs = self.sample(first, count), {}
@@ -150,9 +150,7 @@ class Work:
         return inputs
 
     def _along(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
-        """Return the setpoints of a reference; those of a whole run are cached, since the next run often uses the same
-        path.
-        """
+        """Return the setpoints of a reference; those of a whole run are cached for further runs along the same path."""
         place = key(reference) if first == 0 and 1 < count <= _KEPT else None
         if place is None:
             return self._fresh(reference, t, first, count)
@@ -172,7 +170,7 @@ class Work:
         return Path(out)
 
     def inputs(self, code: Native, first: int, count: int) -> np.ndarray:
-        """Return the inputs of samples first .. first + count - 1 in the order of the machine code, (count, n),
+        """Return the inputs of samples first .. first + count - 1 in the order of the machine code, shape (count, n),
         read-only.
         """
         names = tuple(name for name, _ in code.plan.inputs)
@@ -258,9 +256,7 @@ class Trees(NamedTuple):
 
 
 class Beginning:
-    """The data of a system at the start of a run: delay structure, numbers and initial states by name, tables,
-    structure.
-    """
+    """The data for the start of a run: delay structure, numbers and initial states by name, tables and structure."""
 
     def __init__(
         self,
@@ -300,8 +296,7 @@ _structures: Recent[_Structure] = Recent(64)
 
 
 def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str]) -> Beginning:
-    """Return the data of a system at the start of a run; `start` is (position, velocity), by default that of the
-    setpoint.
+    """Return the data for the start of a run; `start` is (position, velocity), by default that of the setpoint.
 
     The result is cached for the next run of a loop with the same numbers, but not for machines, tables or variants in
     lanes.
@@ -367,9 +362,7 @@ def _prepared(plain: Any, timing: Any) -> Any:
 
 
 def key(held: Any) -> Hashable:
-    """Return a cache key of blocks: their structure and the bits of their numbers; None for tables or lanes, not
-    cached.
-    """
+    """Return the structure of blocks and the bits of their numbers as a cache key; None for tables or lanes."""
     structure, values = tree.structure_and_values(held)
     row = _bits(values)
     return None if row is None else (structure, row.tobytes())
@@ -436,8 +429,10 @@ class NativeBeginning:
     """The machine code of `prepare` and `start` for one structure of a loop."""
 
     def __init__(self, loop: Loop, timing: Any, row: np.ndarray | None) -> None:
-        """Compile. `row` holds the numbers of a run and limits loops of fixed count to the iterations that it needs;
-        None: no limit.
+        """Compile `prepare` and `start`.
+
+        `row` holds the numbers of a run and limits loops of fixed count to the iterations that it needs; None: no
+        limit.
         """
         self._leaves = [name for name, _ in tree.leaves(loop)]
         names = [*self._leaves, *STARTS]
@@ -463,9 +458,7 @@ class NativeBeginning:
         self._native: Native = native(plan(program), flush=False, quick=True)
 
     def run(self, row: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]] | None:
-        """Return numbers and initial states by name; None if a loop of fixed count needs more iterations than were
-        traced.
-        """
+        """Return numbers and initial states by name; None if a loop of fixed count exceeds the traced iterations."""
         outputs = np.empty((1, len(self._native.plan.outputs)))
         self._native.run(1, 0, row, np.empty((1, 0)), np.empty(0), outputs, ())
         counts, prepared = len(self._counts), len(self._counts) + len(self._constants)

@@ -191,7 +191,7 @@ class Control(Block):
     def answer(
         self, prepared: Prepared, state: State, judged: Judged, T: Number, added: Number | None = None
     ) -> tuple[State, Command]:
-        """Compute the second half of a sample; `added` is a velocity in m/s added to the law's velocity command
+        """Compute the second half of a sample; `added`, m/s, is added to the law's velocity command
         (`Law.position_gain`).
         """
         reading = self._reading(state, judged.motor, judged.load)
@@ -211,17 +211,15 @@ class Control(Block):
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def moved(self, state: State) -> Number:
-        """Return the part of the set-position shift by compensation that depends on the reading alone, m; the rest is
-        motion.
-        """
+        """Return the set-position shift by compensation that is due to the reading alone, m; the rest is motion."""
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
         shifts = [block.moved(held) for block, held in pairs]
         shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
         return reduce(add, shifts) if shifts else 0.0
 
     def check_live(self, old: Control, place: str = "control") -> None:
-        """Raise StructureError, naming the first difference, if this control differs from `old` in more than
-        numbers.
+        """Raise StructureError, naming the first difference, if more than numbers differ between this control and
+        `old`.
         """
         differs = tree.difference(old, self, place)
         if differs is not None:

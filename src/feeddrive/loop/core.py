@@ -162,7 +162,7 @@ class Core:
         time: Number,
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """Compute one substep of h seconds from `time` on: exact linear core, forces at its middle, friction at its
+        """Compute one substep of h seconds from `time` on: linear core exact, forces at mid-substep, friction at its
         end.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
@@ -483,8 +483,8 @@ class Joint:
     def advance(
         self, prepared: Prepared, state: State, at: Mapping[str, Acting], time: Number, T: Number
     ) -> tuple[State, dict[str, Axis.Step], dict[str, Number | None]]:
-        """Advance all axes from kT to (k+1)T; return the state, the forces of each axis for the record, and its mean
-        table force.
+        """Advance all axes from kT to (k+1)T; return the state and, by axis, forces for the record and mean table
+        force.
         """
         moved: dict[str, Axis.State] = state.axis._asdict()
         shared, remembered = list(state.shared), list(state.couplings)
@@ -516,9 +516,7 @@ class Joint:
         middle: Number,
         h: Number,
     ) -> dict[str, Push]:
-        """Return the forces of all couplings by axis, in the middle of a substep, and update the states of the
-        couplings.
-        """
+        """Return the coupling forces by axis in the middle of a substep, and update the states of the couplings."""
         motions: dict[str, Motion] = {}
         pushes: dict[str, Push] = {}
         for i, (coupling, coefficients) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):

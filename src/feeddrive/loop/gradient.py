@@ -77,9 +77,7 @@ class TracedModel:
 
 
 class LinearModel(NamedTuple):
-    """The numerical matrix [A B; C D], the (row, column) of its traced entries, and their derivatives, (entries,
-    leaves).
-    """
+    """The numerical matrix [A B; C D], the (row, column) of its traced entries, and their derivatives."""
 
     states: int
     matrix: np.ndarray
@@ -283,14 +281,15 @@ def require_slopes(
     moving: Mapping[int, Any],
     kinds: Collection[str],
 ) -> None:
-    """Raise NoSlopeError, naming the line, if outputs depend on the root or logarithm of 0 or on a choice at its edge.
+    """Raise NoSlopeError, naming the line, if outputs depend on a root or logarithm of 0 or on a choice at its
+    threshold.
 
     moving  seeds that are varied from outside; a choice by a count does not depend on them
     kinds   kinds of the blocks in which choices count
 
     A number counts as 0 if it is within its rounding error, for readings the encoder count: √|s| has a slope of 1e8 for
-    an s of 1e-17, which says nothing about the loop.  A choice is at its edge if its two operands are equal.  Returns
-    at once for a graph without such operations, and if the numbers themselves are not finite.
+    an s of 1e-17, which says nothing about the loop.  A choice is at its threshold if its two operands are equal.
+    Returns at once for a graph without such operations, and if the numbers themselves are not finite.
     """
     there = [index for index in graph.lines if index in values]
     steep = [index for index in there if graph.name(index) != "select"]
@@ -344,7 +343,9 @@ def _asked(graph: Graph, index: int) -> tuple[int, ...]:
 def _at_edge(
     graph: Graph, index: int, asked: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
 ) -> bool:
-    """True if the argument of a root is 0, or if a choice at its edge has two different values, within rounding."""
+    """True if the argument of a root is 0, or if a choice at its threshold has two different values, within
+    rounding.
+    """
     if len(asked) == 1:
         return bool(abs(values[asked[0]]) <= rounding[asked[0]])
     first, second = arguments(graph.nodes[index])[1:]
@@ -356,7 +357,9 @@ def _at_edge(
 
 
 def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
-    """Return the rounding error of each number below some nodes, to first order; for readings it includes the count."""
+    """Return the rounding error of each number below some nodes, to first order; for readings it is the encoder
+    count.
+    """
     unit, errors = 2.0**-50, dict[int, float]()
     for index in reachable(graph, outputs):
         node, own = graph.nodes[index], values[index]
@@ -440,13 +443,13 @@ def gradient(
     seed: int = 0,
     arithmetic: str = "exact",
 ) -> Gradient:
-    """Return the mean of `objective(signals)` over a run and its derivatives with respect to parameters
-    (`axis.x.control.law.Kv`).
+    """Return the mean of `objective(signals)` over a run and its derivatives with respect to parameters by path.
 
-    Forward mode: eight tangents are computed as one vector along with the run.  `objective` is plain arithmetic on the
-    `Signals` of one sample; for a machine on a mapping of them by axis.  Quantizers are replaced by their slope 1;
-    friction is differentiated in its present state, stuck or sliding, with the instants of sticking held fixed: tune
-    with `Regularised` friction, and verify with the real one.
+    Paths are those of the loop, such as `axis.x.control.law.Kv`.  Forward mode: eight tangents are computed as one
+    vector along with the run.  `objective` is plain arithmetic on the `Signals` of one sample; for a machine on a
+    mapping of them by axis.  Quantizers are replaced by their slope 1; friction is differentiated in its present state,
+    stuck or sliding, with the instants of sticking held fixed: tune with `Regularised` friction, and verify with the
+    real one.
     The derivative with respect to a dead time of whole substeps is the right-hand one.
     Raises ParameterError for an unknown name, and for `sample_time`, which is a constant of the design; NoSlopeError if
     a root or logarithm at 0 in the run leaves no finite gradient.
@@ -564,8 +567,7 @@ _traced: Recent[TracedBeginning] = Recent(64)
 def _seeds(
     loop: System, prepared: Prepared, setpoint: Any, start: Any, parameters: tuple[str, ...]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the derivatives of constants and initial states with respect to the parameters, shape (parameters,), if
-    not 0.
+    """Return the nonzero derivatives of constants and initial states with respect to the parameters, (parameters,).
 
     They come from the trace of `prepare` and `start`, which run once before the simulation.
     """

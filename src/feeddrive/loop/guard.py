@@ -156,7 +156,7 @@ class Guard(Block):
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
     def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
-        """Return reading and setpoint for a start: an invalid reading counts as 0, an invalid setpoint as the present
+        """Return reading and setpoint for a start; an invalid reading is replaced by 0, an invalid setpoint by the
         position.
         """
         one = motor is load
@@ -177,9 +177,7 @@ class Guard(Block):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
     ) -> tuple[State, Verdict]:
-        """Judge a sample before the law: invalid numbers, following error, velocity, travel, in this order of
-        precedence.
-        """
+        """Judge a sample before the law, in this order: invalid numbers, following error, velocity, travel."""
         one = motor is load  # one encoder: nothing to align
         ran, enabled = state.mode > 0.5, enable > 0.5
         # written so that NaN, which compares as false, is bad
@@ -227,14 +225,12 @@ class Guard(Block):
         return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, before_load, velocity)
 
     def _went_on(self, last: Number, state: State) -> Number:
-        """Return the substitute for an invalid reading: the extrapolated position, or the last one if nothing is
-        held.
-        """
+        """Return the substitute for an invalid reading: the extrapolated position, or the last one without holding."""
         return last + state.travel if self.holds else last
 
     def _set_on(self, prepared: Prepared, state: State, load: Number) -> tuple[Number, ...]:
-        """Return the substitute for an invalid setpoint: the extrapolated one, or the present position if nothing is
-        held.
+        """Return the substitute for an invalid setpoint: the extrapolated one, or the present position without
+        holding.
         """
         if not self.holds:
             return load, 0.0, 0.0, 0.0, 0.0
@@ -243,9 +239,7 @@ class Guard(Block):
     def _within_bounds(
         self, prepared: Prepared, setpoint: Setpoint, load: Number, moved: Number, mode: Number, usual: object
     ) -> tuple[Number, object]:
-        """Return mode and `usual` after checking all given bounds; each has its own local name, which exports have
-        too.
-        """
+        """Return mode and `usual` after checking all given bounds; each uses its own local names, also in exports."""
         if self.following_error_limit is not None:
             following_error = setpoint.position - load
             lags = ops.absolute(following_error) > self.following_error_limit
@@ -302,7 +296,7 @@ def _size(setpoint: Setpoint) -> Number:
 
 
 def travel_rules(of: str, least: Number | None, most: Number | None) -> Iterator[Rule]:
-    """Yield the condition that the lower end of a travel in m is below its upper end; `of` names the guard or the
+    """Yield the condition that the lower end of a travel in m is below its upper end; `of` names the guard or
     limits.
     """
     if least is not None and most is not None:

@@ -97,7 +97,7 @@ class JointHold(NamedTuple):
 
 
 def hold(mechanics: Mechanics, ports: Sequence[Port], T: Number, substeps: int) -> JointHold:
-    """Return the exact hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, from matrix exponentials in plain
+    """Return the exact hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, by matrix exponentials in plain
     arithmetic.
 
     With velocities in units of a position per substep the matrix has entries of the size of (ωh)² and h/τ, so the

@@ -1,6 +1,4 @@
-"""Lifting of multirate loops, whose law repeats itself after several samples, and the frequency responses of every
-loop.
-"""
+"""Lifting of multirate loops, whose law is periodic over several samples, and frequency responses of every loop."""
 
 from __future__ import annotations
 
@@ -166,9 +164,10 @@ def lifted(
 
 
 def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: str = "cut") -> tuple[FRF, np.ndarray]:  # noqa: A002
-    """Return the gain L of a loop opened from `output` to `input`, with its images closed, and their det(1 + L)
-    (`images_closed`).
+    """Return the gain L of a loop opened from `output` to `input`, with its images closed, and det(1 + L) of the
+    images.
 
+    See `images_closed` for both.
     Raises ParameterError for a period of more than 64 samples.
     """
     N, T = len(model.samples), model.sample_time
@@ -184,7 +183,7 @@ def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: 
 
 
 def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return the loop gain L = -force/cut, opened at the actuator, with all delays, sampled. 1 + L = 0 is the stability
+    """Return the sampled loop gain L = -force/cut, opened at the actuator, with all delays; 1 + L = 0 is the stability
     limit.
 
     For a machine it is the gain of one `axis`, with the loops of all others closed.  For a multirate law it is the gain
@@ -213,8 +212,7 @@ def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axi
 
 
 def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return the closed-loop compliance, table position over force on the table, m/N: the inverse of the dynamic
-    stiffness.
+    """Return the closed-loop compliance in m/N, table position over table force: the inverse of the dynamic stiffness.
 
     For a multirate law it is the component at the excited frequency, at the fast sample rate.
     """

@@ -43,8 +43,9 @@ def continuous(z: np.ndarray, sample_time: float) -> np.ndarray:
 
 
 def natural(z: np.ndarray, sample_time: float) -> Natural:
-    """Return natural frequency |s|/2π and damping ratio -Re s/|s| of s = ln(z)/T; the damping is 1 for z = 0 and for an
-    integrator, z = 1.
+    """Return the natural frequency |s|/2π and the damping ratio -Re s/|s| of s = ln(z)/T.
+
+    The damping is 1 for z = 0 and for an integrator, z = 1, which has no frequency.
     """
     s = continuous(z, sample_time)
     size = np.abs(s)
@@ -431,9 +432,7 @@ def _trimmed(
 
 
 def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
-    """Return the indices of those of n states that are reachable from an input and observable at an output in any
-    sample.
-    """
+    """Return the indices of the n states that are reachable from an input and observable at an output in any sample."""
     there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
     links, seen = there[:n, :n], np.any(there[n:, :n], axis=0)
     for _ in range(n):
@@ -442,9 +441,7 @@ def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
 
 
 def _reached(jacobians: Sequence[np.ndarray], n: int) -> np.ndarray:
-    """Return a mask over the columns: true for the states, of n, that an input reaches in any of the samples, and for
-    all inputs.
-    """
+    """Return a mask over the columns: the n states that an input reaches in any of the samples, and all inputs."""
     there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
     links, reached = there[:n, :n], np.any(there[:n, n:], axis=1)
     for _ in range(n):

@@ -113,8 +113,8 @@ class Loop(Block):
         axis: Any
 
     def place_of(self, field: str) -> str:
-        """Return the path of a field as in a machine file: the physics of axis x under `axis.x`, its control under
-        `axis.x.control`.
+        """Return the path of a field as in a machine file: `axis.x` for the physics, `axis.x.control` for the
+        control.
         """
         own = f"axis.{self.name}"
         return {"axis": own, "control": f"{own}.control"}.get(field, field)
@@ -155,8 +155,7 @@ class Loop(Block):
     def start(
         self, prepared: Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """Return the state with the axis at `position` (m), moving at `velocity` (m/s), with the control just switched
-        on.
+        """Return the state of an axis at `position` (m) and `velocity` (m/s), with the control just switched on.
 
         The control has read the position one sample before, so that its first velocity is right.
         """

@@ -53,9 +53,7 @@ class Controls:
         readings: Mapping[str, Given],
         T: Number,
     ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:
-        """Compute one sample: the states of the controls and of the couplings between them, and the commands by
-        axis.
-        """
+        """Compute one sample: the states of the controls and of their couplings, and the commands by axis."""
         judged = {
             name: control.judge(coefficients, states[name], *readings[name])
             for (name, control), coefficients in zip(self.controls.items(), prepared, strict=True)
@@ -96,7 +94,9 @@ def _of(coupling: Coupling, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Controller(Block):
-    """The control of an axis, and the motor that turns its force into the drive's unit: what runs on a target."""
+    """The control of an axis, and the motor that converts its force to the drive's unit: the part that runs on a
+    target.
+    """
 
     control: Control = part("all that runs on the controller")
     motor: Any = part("what makes the force", default=None)
@@ -149,7 +149,7 @@ class Controlled(Block):
 
 
 class Controllers(Block):
-    """The controls of all axes of a machine, with what runs between them: what runs on a target."""
+    """The controls of all axes of a machine, with the couplings between them: the part that runs on a target."""
 
     axis: Any = part("axes by name")
     couplings: tuple[Any, ...] = part(
@@ -330,8 +330,8 @@ class Machine(Block):
         return Machine.of({**self.loops(), **loops}, self.couplings, self.geometry)
 
     def check(self) -> None:
-        """Check that couplings name existing axes, that all axes have the same number of substeps, and that each axis
-        is a valid loop.
+        """Check that couplings name existing axes, that all have the same substeps, and that each axis is a valid
+        loop.
         """
         axes = self.axes()
         if not axes:
@@ -398,9 +398,7 @@ class Machine(Block):
         return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
-        """Return the state with each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All
-        are by axis.
-        """
+        """Return the state with each axis at its position (m) and velocity (m/s), given by axis; see `Loop.start`."""
         started: dict[str, Loop.State] = {}
         motions: dict[str, Motion] = {}
         for name, coefficients, held in zip(self.axes(), prepared.control, timing, strict=True):
@@ -412,7 +410,7 @@ class Machine(Block):
         return self.State(named(started), begun.shared, begun.couplings, self.controls().listen(setpoint))
 
     def controls(self) -> Controls:
-        """Return the controls of all axes and what runs between them."""
+        """Return the controls of all axes and the couplings between them."""
         return Controls({name: axis.control for name, axis in self.axes().items()}, self.couplings)
 
     def sample(

@@ -193,9 +193,7 @@ class Routine:
 
 
 def off_outputs(routine: Routine) -> dict[str, float]:
-    """Return the outputs of a control without valid parameters: switched off, with the safe force of the machine
-    file.
-    """
+    """Return the outputs of a control without valid parameters: disabled, with the safe force of the machine file."""
     outputs: dict[str, float] = {}
     for loop, port in zip(routine.origin.loops().values(), routine.origin.ports(), strict=True):
         guard, motor = loop.control.guard, loop.axis.actuator.motor
@@ -217,7 +215,7 @@ _ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
 
 
 class Physics(Block):
-    """The physics of all axes of a machine and what couples them."""
+    """The physics of all axes of a machine and the couplings between them."""
 
     axis: Any = part("axes by name")
     couplings: tuple[Coupling, ...] = part("what acts between them", default=())
@@ -283,10 +281,10 @@ def _check_rings(state: Any, name: str) -> None:
 
 
 def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
-    """Return the routine of the axis of a loop: a step moves it from kT to (k+1)T under a force and outputs its signals
-    there.
+    """Return the routine of the axis of a loop: a step moves it from kT to (k+1)T under a force.
 
-    `reset` sets the axis to `start_position` and outputs the signals there; the noise has this `seed`.
+    The outputs are those at (k+1)T.  `reset` sets the axis to `start_position` and outputs the signals there; the noise
+    has this `seed`.
     """
     traced = _Traced(loop.axis, loop)
     inputs = {signal: traced.input(signal) for signal in ("force", "load_force", "start_position")}

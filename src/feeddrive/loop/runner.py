@@ -310,11 +310,10 @@ def grouped(
     samples: int,
     inputs: Callable[[Native], np.ndarray],
 ) -> Groups:
-    """Return the variants in groups of `lanes`, by default of the fastest width on this computer; results are
-    bit-identical.
+    """Return the variants in groups of `lanes`; None takes the fastest number on this computer.
 
-    `native(lanes)` returns the machine code and `inputs(native)` the first samples; trial runs are made once per
-    structure, and only if the work is long enough to justify them.
+    Results are bit-identical for any number.  `native(lanes)` returns the machine code and `inputs(native)` the first
+    samples; trial runs are made once per structure, and only if the work is long enough to justify them.
     """
     variants = prepared.lanes()
     if lanes is not None or variants == 1:

@@ -142,9 +142,7 @@ GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
 
 
 class Recorded(Mapping[str, np.ndarray]):
-    """The signals by name from an array of shape (samples, signals); each is copied to its own array when it is
-    read.
-    """
+    """The signals by name from an array (samples, signals); each is copied to its own array when it is read."""
 
     def __init__(self, names: Sequence[str], rows: np.ndarray) -> None:
         self._places = {name: place for place, name in enumerate(names)}
@@ -239,9 +237,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def samples(duration: float, T: float) -> int:
-    """Return the number of samples from 0 to `duration`, both ends included, with a tolerance for rounding at the
-    end.
-    """
+    """Return the number of samples from 0 to `duration`, both ends included, tolerant to rounding at the end."""
     return int(np.floor(duration / T * (1.0 + 1e-12) + 1e-9)) + 1
 
 

@@ -111,9 +111,7 @@ def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], na
 
 
 def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: list[str], base: np.ndarray) -> np.ndarray:
-    """Return the change of the outputs if all numbers change in their last digits: the rounding noise of
-    differences.
-    """
+    """Return the change of the outputs if all numbers change in their last digits: the noise of differences."""
     rng, lanes = np.random.default_rng(0), 8
     steps: dict[str, np.ndarray] = {}
     for name in moved:
@@ -198,8 +196,8 @@ often = settings(compiled_once, max_examples=20)  # nothing is compiled or trace
 
 
 class Rows:
-    """The tests of the battery: those with the argument `block` run for all `blocks`, those with `asked` for traced
-    ones.
+    """The tests: those with the argument `block` run for all `blocks`, those with `asked` for blocks that run in a
+    step.
     """
 
     blocks: ClassVar[tuple[type[Block], ...]] = ()
@@ -299,9 +297,7 @@ class Rows:
     @often
     @given(data=st.data())
     def test_a_live_change_to_other_numbers_makes_no_bump(self, goes_on: type[Block], data: st.DataObject) -> None:
-        """Check live changes at rest and at constant speed without following error, also after errors that fill an
-        integrator.
-        """
+        """Check live changes at rest and at constant speed without following error, also with a charged integrator."""
         x = _inputs(data)
         T, position, force = float(x.T), float(x.position), float(x.force)
         old = concrete(data.draw(blocks_of(goes_on, T)))
@@ -326,9 +322,7 @@ class Rows:
         assert tree.structure(concrete(sample)) == tree.structure(sample)
 
     def test_it_says_what_it_is_and_what_it_computes(self, block: type[Block]) -> None:
-        """Check that fields have a meaning and a unit, that the docstring has an equation, and that the family is
-        known.
-        """
+        """Check that fields have meaning and unit, that the docstring has an equation, and that the family is known."""
         for name, declared in declarations(block).items():
             assert declared.meaning, f"{block.__name__}.{name} has no meaning"
             measure(declared.unit)

@@ -71,9 +71,7 @@ class _Writer:
         self.lines.append(f"const {kind} {self.texts[index]} = {text};")
 
     def node(self, index: int) -> None:
-        """Write one operation, inside the expression that uses it if that is the only one in the same part of the
-        text.
-        """
+        """Write one operation, inside the expression that uses it if there is only one in the same part of the text."""
         node = self.plan.graph.nodes[index]
         if node[0] in ("input", "table", "ring"):
             return

@@ -74,14 +74,12 @@ class Steady:
             self.state = block.start(self.prepared, setpoint, reading)
 
     def outputs(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the outputs of the next samples, one row per sample; `errors` are the following errors of the first
-        ones.
-        """
+        """Return the outputs of the next samples, one row per sample, with following errors in the first ones."""
         rows = [self._step(errors[k] if k < len(errors) else 0.0) for k in range(count)]
         return np.array(rows, dtype=float)
 
     def after(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the numbers of the state after some samples, except cells of rings, which show in the values read from
+        """Return the numbers of the state after some samples; rings are left out, they show in values read from
         them.
         """
         self.outputs(count, errors)
@@ -123,9 +121,7 @@ RETUNED = (families.Law, families.Filter, families.Observer, families.Compensati
 
 
 def without_friction(new: Block, old: Block) -> Block:
-    """Return the new block with the viscous friction of the old one: in motion, other friction requires another
-    force.
-    """
+    """Return the new block with the old viscous friction: in motion, other friction requires another force."""
     pairs = zip(tree.leaves(new), tree.leaves(old), strict=True)
     values = (old if name.rpartition(".")[2].startswith("viscous") else new for (name, new), (_, old) in pairs)
     return tree.rebuild(new, values)
@@ -161,7 +157,7 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
 
 
 class Change(NamedTuple):
-    """The outputs before and after a live change and of the new block started there; whether the state settled; its
+    """The outputs before and after a live change and of the new block started there; whether a state settled; its
     size.
     """
 
@@ -196,8 +192,7 @@ def _changed(
 
 
 def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change: Change) -> np.ndarray:
-    """Return the change of the outputs due to rounding of readings and state, including the rounding left in the
-    outputs.
+    """Return the change of the outputs due to rounding of readings and state and to rounding left in the outputs.
 
     With a gain of 1e17 N/m, as of a predictive law over a short horizon, that is 100 N; with a filter that amplifies
     high frequencies by 1e6 it is 0.1 N.

@@ -20,9 +20,7 @@ from feeddrive.loop.trace import Carried, Program
 
 
 class Kinds(NamedTuple):
-    """The kind of every node, in order: whether it changes between samples, differs between lanes, and is a truth
-    value.
-    """
+    """The kind of every node, in order: whether it changes between samples, varies between lanes, is a truth value."""
 
     moving: list[bool]
     varying: list[bool]
