@@ -1,6 +1,6 @@
 """An imported FMU: unpacking, checks, mapping of its variables to signals of the loop, stepping, closing.
 
-An FMU is a program: see `opened`.  Units of its variables become SI.
+An FMU is executable code: see `opened`.  The units of its variables are converted to SI.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ class Archive:
 
     @property
     def three(self) -> bool:
-        """True for FMI 3.0; else it is FMI 2.0."""
+        """True for FMI 3.0, False for FMI 2.0."""
         return str(self.description.fmiVersion).startswith("3.")
 
     @property
     def model(self) -> str:
-        """The identifier of the model, which names its library."""
+        """The model identifier, which is also the name of the library."""
         return self.description.coSimulation.modelIdentifier
 
 
 @contextlib.contextmanager
 def opened(path: str | Path) -> Generator[Archive]:
-    """Unpack an FMU for the length of the block; none of its code is run yet.
+    """Unpack an FMU for the duration of the block; none of its code is run yet.
 
     Raises FileError for a file that cannot be read, FmuError for a file that is not an FMU, has no co-simulation or
     no binary for this machine, and MissingExtraError without FMPy.
@@ -81,7 +81,7 @@ def importer() -> Any:
 
 
 def _check_entries(packed: zipfile.ZipFile, path: str | Path) -> None:
-    """Check that an FMU has a description, stays in its folder and fits on the disk."""
+    """Check that an FMU has a description, that no file lies outside its folder, and that it is not too large."""
     names = packed.namelist()
     if "modelDescription.xml" not in names:
         raise FmuError(f"{path}: is not an FMU: it holds no modelDescription.xml")
@@ -147,7 +147,7 @@ class Port(NamedTuple):
 
 
 def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) -> dict[str, Port]:
-    """Return the ports by signal: those of `names`, and every signal whose own name the FMU has.
+    """Return the ports by signal: those given in `names`, and all signals that the FMU has under their own name.
 
     `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable without a unit counts as SI.
     `command_unit` is the unit of the drive's command; None without a motor.
@@ -201,7 +201,7 @@ def _unit(signal: str) -> str:
 
 
 def _factor(archive: Archive, variable: Any, unit: str, declared: str) -> float:
-    """Return the factor from the unit of the argument, else from that of the FMU."""
+    """Return the conversion factor from the unit given by the caller, else from the unit stated in the FMU."""
     if unit:
         return factor(unit, declared)
     stated = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
@@ -349,7 +349,7 @@ class Instance:
         self._call("initialization", self.fmu.exitInitializationMode)
 
     def give(self, values: Sequence[tuple[Port, float]]) -> None:
-        """Set inputs, in SI."""
+        """Set the inputs, in SI."""
         if values:
             setter = self.fmu.setFloat64 if self.archive.three else self.fmu.setReal
             self._call(
@@ -360,13 +360,13 @@ class Instance:
             )
 
     def take(self, ports: Sequence[Port]) -> list[float]:
-        """Return outputs, in SI."""
+        """Return the outputs, in SI."""
         getter = self.fmu.getFloat64 if self.archive.three else self.fmu.getReal
         values = self._call("outputs", getter, [port.reference for port in ports])
         return [port.factor * value for port, value in zip(ports, values, strict=True)]
 
     def step(self, time: float, length: float) -> None:
-        """Do one communication step, in s. Raises FmuError if it is refused or if the FMU ends the simulation."""
+        """Perform a communication step, times in s. Raises FmuError if it is refused or the FMU ends the simulation."""
         what = Text(f"step of {Quantity(length, 's'):6 SI} at {Quantity(time, 's'):6 SI}")
         answer = self._call(what, self.fmu.doStep, currentCommunicationPoint=time, communicationStepSize=length)
         if answer is not None and (answer[1] or answer[2]):  # terminateSimulation, earlyReturn

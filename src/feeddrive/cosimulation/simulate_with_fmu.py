@@ -1,4 +1,4 @@
-"""A loop whose plant is an FMU and whose control is a feeddrive control: one run, or the laws of a job compared."""
+"""Co-simulation of a feeddrive control with an FMU as its plant: one run, or a comparison of the laws of a job."""
 
 from __future__ import annotations
 
@@ -41,18 +41,19 @@ def simulate_with_fmu(
     bound: float | None = None,
     name: str = "run",
 ) -> Run:
-    """Run a control against an FMU (FMI 2.0 or 3.0, co-simulation) along a reference.
+    """Simulate a control with an FMU (FMI 2.0 or 3.0, co-simulation) as its plant, along a reference.
 
         at kT:  reading = outputs of the FMU;  force = control(setpoint, reading);  it acts from kT + dead_time on
 
-    This is the order of `simulate`: with the exported plant of the same machine the bits are the same.  The control
-    starts off, at the first reading, with the axis at rest.
+    This is the order of `simulate`: with the exported plant of the same machine the results are bit-identical.  The
+    control starts disabled, at the first reading, with the axis at rest.
 
-    loop        its control and sample time are used; of its axis only the motor and how many encoders there are
+    loop        its control and sample time are used; of its axis only the motor and the number of encoders
     fmu **a program**: it runs in this process, with all its rights
-    names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a signal whose own name
-                the FMU has needs none.  Inputs are force (or command, in the unit of the drive), load_force and
-                start_position; outputs are reading or reading_motor and reading_load, and further signals to record
+    names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a signal that the FMU
+                has under its own name needs none.  Inputs are force (or command, in the unit of the drive),
+                load_force and start_position; outputs are reading or reading_motor and reading_load, and further
+                signals to record
     parameters  of the FMU, by its names and in its units
     load        force on the table, N; the FMU needs an input for it
     enable      1 or 0 for each sample, the last value holds on
@@ -120,7 +121,7 @@ class _Connections(NamedTuple):
 
 
 def _connections(archive: Archive, wiring: Mapping[str, Port], routine: Routine, load: bool) -> _Connections:
-    """Wire control and FMU: a single `reading` serves both sides, the table's serves a control with one encoder.
+    """Wire control and FMU: a single `reading` serves both encoders, and `reading_load` a control with one encoder.
 
     Raises FmuError if the control needs a signal for which there is no variable.
     """
@@ -174,13 +175,13 @@ MOST = 500_000_000  # bytes of an FMU
 
 
 class Row(NamedTuple):
-    """A law and its run."""
+    """The name of a law and its run."""
 
     name: str
     run: Run
 
     def figures(self) -> dict[str, float]:
-        """Return errors and force in SI, and the code of the first trip (0: none)."""
+        """Return the error and force figures in SI, and the code of the first trip (0: none)."""
         error, force, trip = self.run["following_error"], self.run["force"], self.run["trip"]
         return {
             "following_error_rms_m": float(np.sqrt(np.mean(error * error))),
@@ -200,7 +201,7 @@ class Cosimulation(Result):
     rows: tuple[Row, ...]
 
     def table(self) -> Table:
-        """Return following error, force and trip by law."""
+        """Return a table of following error, force and trip by law."""
         lines: list[list[str | float | int]] = []
         for row in self.rows:
             rms, peak, force, trip = row.figures().values()

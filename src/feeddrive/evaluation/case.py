@@ -1,16 +1,16 @@
-"""A case: one thing that is built, tuned or taken, run and judged, as a frozen value that can be sent anywhere.
+"""A case: one design to be built or tuned, run and evaluated, as a frozen value that can be pickled.
 
 @dataclass(frozen=True, eq=False)
 class Peak(Case[float]):
-loop: Loop
-gain: float
+    loop: Loop
+    gain: float
 
-@property
-def name(self) -> str:
-return f"Kv = {self.gain}"
+    @property
+    def name(self) -> str:
+        return f"Kv = {self.gain}"
 
-def outcome(self, progress: Progress) -> float:
-return margins_of(with_gain(self.loop, self.gain)).sensitivity_peak
+    def outcome(self, progress: Progress) -> float:
+        return margins_of(with_gain(self.loop, self.gain)).sensitivity_peak
 
 Engine(workers=4).evaluate([Peak(loop, gain) for gain in gains])
 """
@@ -40,13 +40,13 @@ T = TypeVar("T")
 
 
 class Case(ABC, Generic[T]):
-    """What the engine computes; a frozen dataclass whose fields can be pickled, as can its outcome.
+    """A unit of work of the engine: a frozen dataclass whose fields and outcome can be pickled.
 
-    kind      what it is called on the dashboard of a cluster
+    kind      name on the dashboard of a cluster
     common    names of the fields that are the same object in all cases of an evaluation: sent once to each worker
-    stages    steps of the progress that it counts as
-    threaded  it computes in machine code that leaves Python to other threads: it needs no process of its own
-    isolated  it runs code of somebody else that may end its process: with one worker too it has a process of its own
+    stages    number of progress steps that the case counts as
+    threaded  true if it computes in machine code that releases Python to other threads: it needs no separate process
+    isolated  true if it runs third-party code that may crash its process: even with one worker it gets its own process
     """
 
     kind: ClassVar[str] = "case"
@@ -56,7 +56,7 @@ class Case(ABC, Generic[T]):
 
     @property
     def threaded(self) -> bool:
-        """True if threads of one process compute such cases side by side."""
+        """True if such cases can be computed in parallel by threads of one process."""
         return False
 
     @property
@@ -73,15 +73,15 @@ class Case(ABC, Generic[T]):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that the outcome follows from: the fields, the code of their blocks, and the versions."""
+        """The SHA-256 of everything that determines the outcome: fields, code of their blocks, and versions."""
         return content_digest(self)
 
     def record(self, outcome: T) -> Any:
-        """Return what a store keeps of an outcome, for JSON; None if it is computed anew each time."""
+        """Return the JSON-serializable record of an outcome for a store; None if it is never stored."""
         return None
 
     def restored(self, record: Any, progress: Progress) -> T:
-        """Return the outcome of a record.
+        """Return the outcome from its record.
 
         Raises ValueError, KeyError, TypeError or AttributeError for one that this case did not write.
         """
@@ -89,18 +89,18 @@ class Case(ABC, Generic[T]):
 
 
 def detached(case: Case[T]) -> tuple[tuple[Any, ...], Case[T]]:
-    """Return the fields that a case has in common with others, and the case without them."""
+    """Return the fields that a case shares with others, and the case without them."""
     empty: Any = dict.fromkeys(case.common)
     return tuple(getattr(case, name) for name in case.common), replace(cast(Any, case), **empty)
 
 
 def attached(case: Case[T], common: tuple[Any, ...]) -> Case[T]:
-    """Return a case with the fields that were sent before it."""
+    """Return a case with the shared fields that were sent before it."""
     return replace(cast(Any, case), **dict(zip(case.common, common, strict=True)))
 
 
 def computed(case: Case[T], progress: Progress) -> T:
-    """Return the outcome of a case; runs in a process of its own or on a worker.
+    """Compute the outcome of a case; called in a worker process or on a cluster worker.
 
     An error of a user-defined block is raised as a FeeddriveError with its line: its frames stay in this process.
     """
@@ -116,9 +116,9 @@ def computed(case: Case[T], progress: Progress) -> T:
 
 
 def content_digest(*values: Any) -> str:
-    """SHA-256 (hex) over the content of values: blocks with all numbers to the last bit and the code of their classes.
+    """Return the SHA-256 (hex) of the content of values, with all numbers of blocks and the code of their classes.
 
-    Raises TypeError for a value that has no content of its own, such as a function.
+    Raises TypeError for a value whose content cannot be digested, such as a function.
     """
     content = hashlib.sha256(repr(versions()).encode())
     for value in values:
@@ -129,7 +129,7 @@ def content_digest(*values: Any) -> str:
 
 
 def _content(value: Any) -> Iterator[bytes]:
-    """The content of a value in pieces, each kind of value with a mark of its own."""
+    """Yield the content of a value in pieces, each marked with the type of the value."""
     if isinstance(value, Block):
         shape = tree.structure(value)
         yield repr(shape).encode()
@@ -172,7 +172,7 @@ def _content(value: Any) -> Iterator[bytes]:
 
 
 def _classes(shape: Any) -> set[type[Block]]:
-    """The classes of the blocks in a structure."""
+    """Return the classes of the blocks in a structure."""
     if isinstance(shape, type):
         return {shape} if issubclass(shape, Block) else set()
     return set[type[Block]]().union(*map(_classes, shape)) if isinstance(shape, tuple) else set()
@@ -180,7 +180,7 @@ def _classes(shape: Any) -> set[type[Block]]:
 
 @cache
 def _source(kind: type[Block]) -> bytes:
-    """The source of a class, which changes while somebody works on a law; empty if there is none."""
+    """Return the source of a class, which changes while a law is being developed; empty if there is none."""
     try:
         return inspect.getsource(kind).encode()
     except (OSError, TypeError):

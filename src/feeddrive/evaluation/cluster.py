@@ -1,12 +1,12 @@
-"""Cases on a Dask cluster that is there already.
+"""Evaluation of cases on an existing Dask cluster.
 
-The client hands out a few cases for each thread of the cluster, and takes their outcomes back: it alone writes the
-store, so that a folder of the client's own disk is enough, no worker needs to see it, and one place says what is done.
-What travels is what all cases have in common, once to each worker, and the outcomes: of a chunk of a study its rows,
-some hundred bytes a variant.
+The client submits a few cases for each thread of the cluster and collects their outcomes.  Only the client writes the
+store, so a folder on its local disk is enough, no worker needs access to it, and there is a single record of progress.
+The fields that all cases share are sent once to each worker.  The outcomes are sent back: for a chunk of a study its
+rows, some hundred bytes per variant.
 
-A case of a worker that was killed is computed again by another one.  What Dask gives up after several of them is
-handed out again a few times; then the case is named.
+A case whose worker was killed is computed again by another worker.  A case that Dask gives up after several killed
+workers is submitted again a few times; then an error names the case.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ _LOSSES = 3  # times that Dask may give a case up, each after several workers th
 def finished(
     cases: Iterable[C], address: str, progress: Progress, *, timeout: float = 10.0
 ) -> Generator[tuple[C, Any]]:
-    """Yield each case with its outcome as it is done; closing the generator cancels what is handed out.
+    """Yield each case with its outcome on completion; closing the generator cancels the pending cases.
 
     address  of the scheduler, `tcp://10.0.0.5:8786`
-    timeout  s until an address that does not answer is given up
+    timeout  s to wait for an answer from the address
 
-    Raises MissingExtraError without dask.distributed, ParameterError for an address that nobody answers or a cluster
-    with another version of feeddrive, WorkerError if the scheduler is lost or a case ends its workers again and
-    again, and what `progress.check()` raises.
+    Raises MissingExtraError without dask.distributed, ParameterError for an address without an answer or a cluster with
+    another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly ends its workers, and any
+    exception of `progress.check()`.
     """
     with _client(address, timeout, progress) as client:
         _refuse_other_versions(client, address)
@@ -65,7 +65,7 @@ def finished(
 
 @dataclass
 class _Place(Generic[C]):
-    """A case that is handed out: its number among those of this client, and how often Dask gave it up."""
+    """A submitted case, its number among the cases of this client, and how often Dask gave it up."""
 
     case: C
     number: int
@@ -73,7 +73,7 @@ class _Place(Generic[C]):
 
 
 class _Handed(Generic[C]):
-    """What one client has handed out."""
+    """The cases that one client has submitted."""
 
     def __init__(self, client: Any, address: str, progress: Progress) -> None:
         self._client, self._address, self._progress = client, address, progress
@@ -84,7 +84,7 @@ class _Handed(Generic[C]):
         self._threads, self._counted, self._since = 0, -math.inf, time.monotonic()
 
     def finished(self, cases: Iterator[C]) -> Generator[tuple[C, Any]]:
-        """Yield each case with its outcome."""
+        """Yield each case with its outcome on completion."""
         from distributed import as_completed
 
         done = as_completed(loop=self._client.loop, with_results=True, raise_errors=False)
@@ -107,7 +107,7 @@ class _Handed(Generic[C]):
             self._client.cancel([*self._sent, *self._handed])
 
     def _hand_out(self, place: _Place[C]) -> Any:
-        """The future of a case; its name is that on the dashboard."""
+        """Submit a case and return its future, whose key is shown on the dashboard."""
         kind = f"feeddrive_{place.case.kind}"
         key = f"{kind}-{self._run}-{place.number:08d}-{place.losses}"
         common, rest = detached(place.case)
@@ -117,7 +117,7 @@ class _Handed(Generic[C]):
         return future
 
     def _sent_common(self, common: tuple[Any, ...], kind: str) -> Any:
-        """What cases have in common as a task of its own: the scheduler runs it again where its worker is killed."""
+        """Submit the shared fields as a separate task, which the scheduler runs again if its worker is killed."""
         same = self._common is not None and all(a is b for a, b in zip(common, self._common, strict=True))
         if not same or self._sent[-1].status not in ("pending", "finished"):
             key = f"{kind}_common-{self._run}-{len(self._sent)}"
@@ -126,7 +126,7 @@ class _Handed(Generic[C]):
         return self._sent[-1]
 
     def _window(self) -> int:
-        """How many cases may be handed out at once: workers come and go."""
+        """Return the number of cases that may be pending at once; it follows the number of workers."""
         now = time.monotonic()
         if now - self._counted > _COUNT:
             self._counted = now
@@ -145,7 +145,7 @@ class _Handed(Generic[C]):
         return max(_AHEAD * self._threads, _LEAST)
 
     def _wait(self, done: Any) -> None:
-        """Until a case is done."""
+        """Wait until a case is done."""
         self._progress.check()
         while not done.has_ready():
             time.sleep(_LOOK)
@@ -155,7 +155,7 @@ class _Handed(Generic[C]):
             self._window()
 
     def _explain(self, place: _Place[C], answer: Any) -> None:
-        """Raise why a case has no outcome; returns where it is to be handed out again.
+        """Raise the error of a case without an outcome, or return if it should be submitted again.
 
         answer  type, error and traceback of a task that failed, or the error with which its outcome was lost
         """
@@ -183,7 +183,7 @@ class _Handed(Generic[C]):
 
 @contextmanager
 def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
-    """A client of the cluster, closed at the end of the block."""
+    """Yield a client of the cluster, which is closed at the end of the block."""
     try:
         from distributed import Client
     except ImportError:
@@ -211,7 +211,7 @@ def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
 
 
 async def _answer(address: str) -> None:
-    """Ask the scheduler who it is: a client would wait without end for a server that speaks another protocol."""
+    """Ask the scheduler for its identity: a client would wait forever for a server with another protocol."""
     from distributed import Security, rpc
 
     async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
@@ -219,9 +219,10 @@ async def _answer(address: str) -> None:
 
 
 def _refuse_other_versions(client: Any, address: str) -> None:
-    """Raise ParameterError where scheduler or a worker has another version of feeddrive, or none.
+    """Raise ParameterError if the scheduler or a worker has another version of feeddrive, or none.
 
-    Workers that come later say it for themselves.  The scheduler needs it, since Dask reads there what it hands on.
+    Workers that join later check the version themselves.  The scheduler needs feeddrive too, since Dask unpickles there
+    what it passes on.
     """
     asked = pkgutil.resolve_name, "feeddrive.version:__version__"  # Python's own: what is of feeddrive may not be there
     try:
@@ -241,13 +242,13 @@ def _refuse_other_versions(client: Any, address: str) -> None:
 
 @dataclass(frozen=True)
 class _Outcome:
-    """What a worker came to, told apart from the errors that Dask hands on."""
+    """The outcome that a worker computed, to distinguish it from errors passed on by Dask."""
 
     value: Any
 
 
 def _computed(common: tuple[Any, ...] | None, content: bytes, version: str) -> _Outcome:
-    """Compute a case; runs on a worker. As bytes, so that the scheduler needs no user-defined modules.
+    """Compute a case on a worker. It is sent as bytes, so that the scheduler needs no user-defined modules.
 
     Raises ParameterError if the worker has another version than the client.
     """

@@ -1,4 +1,4 @@
-"""The duty by which laws are judged: one move and a change of the force, from the limits of the axis; and its runs."""
+"""The duty for comparing laws: one move and a force step, from the limits of the axis, and its simulated runs."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ _NEAR = 0.5e-6  # m: settled is what stays within, or within ten counts
 
 @dataclass(frozen=True)
 class Duty:
-    """One move (there and back), and a force in N that is released and switched on at `begin` s for `rest` s.
+    """A move (there and back), and a force in N that is released or applied at `begin` s, followed by `rest` s.
 
-    `skip` is the standstill in s at the start that does not count; `near` in m is what counts as settled; `cut` acts
-    on the axis at rest.
+    `skip` is the standstill in s at the start that is left out of the figures; `near` in m is the settling band; `cut`
+    is the load of a cut on the axis at rest.
     """
 
     move: Reference
@@ -57,27 +57,27 @@ class Duty:
 
     @property
     def snap(self) -> StepForce:
-        """The rope: it pulls the table back with `force` until `begin`, and is cut."""
+        """The release of a load: `force` pulls the table back until `begin`, as on a rope that is cut."""
         return StepForce(force=-self.force, start=0.0, end=self.begin)
 
     @property
     def step(self) -> StepForce:
-        """The step: `force` from `begin` on."""
+        """The load step: `force` from `begin` on."""
         return StepForce(force=self.force, start=self.begin)
 
     def still(self) -> SnapLimitedMove:
-        """No motion."""
+        """Return a reference without motion."""
         return SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0)
 
     def sliding(self, loop: Loop) -> float:
-        """Half of the largest set speed, in m/s; 10 mm/s for a move that stands still."""
+        """Return half of the largest set speed, in m/s; 10 mm/s for a move without motion."""
         t = np.linspace(0.0, self.move.duration, 4001)
         t = np.unique(np.round(t / loop.sample_time)) * loop.sample_time
         largest = float(np.max(np.abs(self.move.at(t).velocity)))
         return 0.5 * largest if largest > 0.0 else 0.01
 
     def runs(self, loop: Loop, seed: int, name: str) -> DutyRuns:
-        """Simulate a loop over the duty. Raises DivergedError for one that leaves its bounds."""
+        """Simulate a loop over the duty. Raises DivergedError for a loop that leaves its bounds."""
         move = self.counted(simulate(loop, self.move, seed=seed, name=name))
         at_rest = {
             what: simulate(
@@ -95,13 +95,13 @@ class Duty:
         return DutyRuns(self, move, at_rest["snap"], at_rest["step"], at_rest.get("cut"))
 
     def counted(self, run: Run) -> Run:
-        """The run without the standstill at its start, in which a hanging axis finds its force."""
+        """Return the run without its initial standstill, in which a hanging axis builds up its holding force."""
         skip = int(np.searchsorted(run.time, self.skip))
         signals = {name: values[skip:] for name, values in run.signals.items()}
         return replace(run, signals=signals, samples=run.samples - skip, first=run.first + skip)
 
     def recovered(self, run: Run, peak: Figure, settling: Figure) -> dict[str, float | None]:
-        """Largest error after the force changed, and how long it stays further from 0 than `near`, maybe for ever."""
+        """Return the largest error after the change of the force, and its settling time to within `near`."""
         begin = int(np.searchsorted(run.time, self.begin - 1e-9))
         error = np.abs(run["tracking_error"][begin:])
         settled = settling_time(run.sample_time * np.arange(error.size), error, self.near)
@@ -109,7 +109,7 @@ class Duty:
 
 
 class DutyRuns(NamedTuple):
-    """The runs of a loop over a duty: the move, the rope that is cut, the force that is switched on, and the cut."""
+    """The runs of a loop over a duty: the move, the release of the force, the step of the force, and the cut."""
 
     duty: Duty
     move: Run
@@ -119,7 +119,7 @@ class DutyRuns(NamedTuple):
 
     @property
     def figures(self) -> Mapping[str, float | None]:
-        """By key the figures of these runs, in SI."""
+        """The figures of these runs by key, in SI."""
         moved = _Statistics(self.move)
         along = (TRACKING_RMS, TRACKING_PEAK, FORCE_RMS, FORCE_PEAK)
         figures: dict[str, float | None] = {figure.key: figure.read(moved) for figure in along}
@@ -131,13 +131,13 @@ class DutyRuns(NamedTuple):
 
     @property
     def tripped(self) -> bool:
-        """True if the guard tripped in one of them."""
+        """True if the guard tripped in one of the runs."""
         return any(bool(np.any(run["trip"] > 0.0)) for run in self[1:] if run is not None)
 
 
 @dataclass(frozen=True)
 class _Statistics:
-    """The statistics of one run, as the figures of a batch read them."""
+    """The statistics of one run, with the interface that the figures of a batch use."""
 
     run: Run
 
@@ -149,11 +149,11 @@ class _Statistics:
 
 
 def duty_of(loop: Loop, reference: Reference | None = None, force: float | None = None) -> Duty:
-    """The work of an axis, from its limits of force and velocity; a reference and a force in N may be given.
+    """Return the duty of an axis, from its limits of force and velocity, or with a given reference or force in N.
 
-    Speed: half of the limit of guard and motor, 1 m/s at most, 0.2 m/s without one.  Acceleration: what 30 % of the
-    force limit gives, 10 m/s² at most.  The move is long enough to reach both.  Force: a twentieth of the limit, but
-    five times the dry friction, so that the axis moves.
+    Speed: half of the limit of guard and motor, at most 1 m/s; 0.2 m/s without a limit.  Acceleration: that of 30 % of
+    the force limit, at most 10 m/s².  The move is long enough to reach both.  Force: a twentieth of the limit, or five
+    times the dry friction if that is larger, so that the axis moves.
     Raises ParameterError for a force that is not positive.
     """
     mass = float(loop.axis.plant.rigid_mass())
@@ -196,12 +196,12 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
 
 
 def _dry_friction(loop: Loop) -> float:
-    """The dry friction of the axis in N, creeping."""
+    """Return the dry friction of the axis at creep speed, in N."""
     frictions = [friction for friction in (loop.axis.friction_motor, loop.axis.friction_load) if friction is not None]
     creep = 1e-4
     return sum(abs(float(friction.steady(creep))) for friction in frictions)
 
 
 def _rounded(value: float) -> float:
-    """Rounded to two digits."""
+    """Round to two significant digits."""
     return float(f"{value:.2g}")

@@ -1,21 +1,17 @@
 """The engine that evaluates cases: in this process, on its cores or on a Dask cluster, resumable.
 
-Cases on the cores of this machine: no service, and nothing to start.
-
-Machine code that leaves Python to other threads is computed by threads of this process: they share the compiled code
-and start at once.  What is Python, of which one thread runs at a time, is computed by processes; one that is killed is
-replaced, and its cases are computed again.
-
-The engine: cases to outcomes, in this process, on the cores of this machine, or on a Dask cluster.
-
     engine = Engine(workers=4, store=Folder(Path("kept")))
     outcomes = engine.evaluate(cases, progress)          # in the order of the cases
 
-    for case, outcome in engine.finished(cases, progress):    # as they are done; memory does not grow with the cases
+    for case, outcome in engine.finished(cases, progress):    # on completion; memory does not grow with the cases
         ...
 
-Who computes a case changes nothing of its outcome.  Comparison, benchmark, study and run are declarations of cases on
-this engine: process pools, Dask and what is resumed stand here alone.
+The outcome of a case does not depend on where it is computed.  Comparison, benchmark, study and run declare cases for
+this engine, which alone handles process pools, Dask and resuming.
+
+On the cores of this machine no service has to be started.  Machine code that releases Python to other threads is
+computed by threads of this process: they share the compiled code and start at once.  Python code, of which only one
+thread runs at a time, is computed by processes; a killed process is replaced, and its cases are computed again.
 """
 
 from __future__ import annotations
@@ -44,7 +40,7 @@ _LOSSES = 3  # times that processes may end by themselves without a case in betw
 
 
 def by_threads(cases: Iterable[C], workers: int, progress: Progress) -> Generator[tuple[C, Any]]:
-    """Yield cases with their outcomes as they are done, computed by threads of this process."""
+    """Yield cases with their outcomes on completion, computed by threads of this process."""
     ended = Progress()
     pool = ThreadPoolExecutor(workers, "case")
     try:
@@ -57,11 +53,11 @@ def by_threads(cases: Iterable[C], workers: int, progress: Progress) -> Generato
 def by_processes(
     cases: Iterable[C], workers: int, progress: Progress, tell: Callable[[Case[Any], str], None]
 ) -> Generator[tuple[C, Any]]:
-    """Yield cases with their outcomes as they are done, computed by processes.
+    """Yield cases with their outcomes on completion, computed by processes.
 
-    tell  is told the stages within cases that have several
+    tell  called with a case and the name of its stage, for cases with several stages
 
-    Raises CancelledError within 0.1 s of a cancel, and WorkerError if processes are killed again and again.
+    Raises CancelledError within 0.1 s of a cancellation, and WorkerError if processes are killed repeatedly.
     """
     left = iter(cases)
     handed = dict[int, C]()  # to processes, and not back
@@ -111,7 +107,7 @@ def _window(
     handed: dict[int, C],
     hear: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[C, Any]]:
-    """Cases as they are done; as many are handed out at a time as keep all workers busy, and stand in `handed`."""
+    """Yield cases with their outcomes; as many as keep all workers busy are pending at a time, listed in `handed`."""
     waiting: dict[Future[Any], int] = {}
     numbers = itertools.count()
 
@@ -135,7 +131,7 @@ def _window(
 
 @contextmanager
 def _processes(workers: int, common: tuple[Any, ...]) -> Generator[tuple[Executor, Any]]:
-    """Processes that know what all cases have in common, and their news; they end with the block, also at work."""
+    """Yield a pool of processes that hold the shared fields, and their message queue; an error terminates them."""
     # a fresh interpreter each: a fork would copy the locks of the caller's threads
     context = multiprocessing.get_context("spawn")
     news: Any = context.Queue()
@@ -163,7 +159,7 @@ def _begin(common: tuple[Any, ...], news: Any) -> None:
 
 
 class _Told(Progress):
-    """The progress of a case in a process of its own."""
+    """The progress of a case in a worker process."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -184,9 +180,9 @@ MOST_WORKERS = 1024
 
 
 class Bar:
-    """The steps of one or several evaluations as one progress that never goes back.
+    """The steps of one or several evaluations as a single progress that never decreases.
 
-    A case counts as its `stages`; while it is computed at most all but one of them are counted, all when it is done.
+    A case counts with all its `stages` when it is done; while it runs, at most all but one of them are counted.
     """
 
     def __init__(self, progress: Progress, total: int) -> None:
@@ -194,7 +190,7 @@ class Bar:
         self._counted = dict[str, int]()
 
     def stage(self, case: Case[Any], what: str) -> None:
-        """Count a stage that begins within a case."""
+        """Count the start of a stage of a case."""
         self._show(case.name, min(self._counted.get(case.name, 0) + 1, case.stages - 1), f"{case.name}: {what}")
 
     def finished(self, case: Case[Any]) -> None:
@@ -202,11 +198,11 @@ class Bar:
         self._show(case.name, case.stages, case.name)
 
     def step(self, what: str) -> None:
-        """Count a step that is no case."""
+        """Count a step that belongs to no case."""
         self._show(what, 1, what)
 
     def of(self, case: Case[Any]) -> Progress:
-        """Return the progress of one case, which is cancelled with the whole."""
+        """Return the progress of one case, which is cancelled together with the evaluation."""
         return _Stages(self, case)
 
     def _show(self, name: str, count: int, what: str) -> None:
@@ -234,12 +230,12 @@ class _Stages(Progress):
 
 @dataclass(frozen=True)
 class Engine:
-    """Where cases are computed, and where finished ones are kept.
+    """The place where cases are computed, and the store of finished ones.
 
-    workers    how many are computed side by side on this machine; more than 1 only from a program that may be imported
-               anew, as one with its work under `if __name__ == "__main__":`
-    scheduler  the address of a Dask cluster that computes in place of this machine, as tcp://10.0.0.5:8786
-    store      finished cases that are not computed again; None: nothing is kept
+    workers    number of cases computed in parallel on this machine; more than 1 only from a program that can be
+               imported again, with its own work under `if __name__ == "__main__":`
+    scheduler  address of a Dask cluster that is used instead of this machine, such as tcp://10.0.0.5:8786
+    store      store of finished cases, which are not computed again; None: nothing is stored
     """
 
     workers: int = 1
@@ -252,7 +248,7 @@ class Engine:
 
     @classmethod
     def of(cls, workers: int | None, scheduler: str | None = None, store: Store | None = None) -> Engine:
-        """Return the engine that options ask for; without `workers` it has all cores.
+        """Return the engine for these options; without `workers` it uses all cores.
 
         Raises ParameterError for both workers and a scheduler, which has its own.
         """
@@ -263,12 +259,12 @@ class Engine:
         return cls(cores() if workers is None else workers, scheduler, store)
 
     def evaluate(self, cases: Sequence[Case[T]], progress: Progress | Bar | None = None) -> list[T]:
-        """Return the outcomes of cases in their order; known ones are taken from the store, others kept as they end.
+        """Return the outcomes of cases in order, from the store if known; new outcomes are stored on completion.
 
-        progress  or the bar of several evaluations
+        progress  a progress, or the bar of several evaluations
 
-        Raises CancelledError at a cancel, WorkerError if processes or workers are lost again and again, FileError if
-        the store cannot be written, and what a case raises: the first error ends the others.
+        Raises CancelledError on a cancellation, WorkerError if processes or workers are lost repeatedly, FileError if
+        the store cannot be written, and any error of a case: the first error stops the other cases.
         """
         bar = progress if isinstance(progress, Bar) else Bar(progress or Progress(), sum(c.stages for c in cases))
         outcomes = dict[int, T]()
@@ -290,10 +286,10 @@ class Engine:
         return [outcomes[i] for i in range(len(cases))]
 
     def finished(self, cases: Iterable[C], progress: Progress | Bar | None = None) -> Generator[tuple[C, Any]]:
-        """Yield each case with its outcome as it is done; closing the generator ends the work.
+        """Yield each case with its outcome on completion; closing the generator stops the evaluation.
 
-        Cases are taken from the iterable as workers become free.  The store is left to the caller.
-        Raises as `evaluate`.
+        Cases are taken from the iterable as workers become free.  The caller handles the store.
+        Raises the errors of `evaluate`.
         """
         bar = progress if isinstance(progress, Bar) else Bar(progress or Progress(), 0)
         some = list(itertools.islice(ahead := iter(cases), 2))

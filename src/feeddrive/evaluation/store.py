@@ -1,9 +1,9 @@
-"""Where finished cases are kept, so that an evaluation that was stopped goes on: a file a case, named by its digest.
+"""Storage of finished cases, so that a stopped evaluation can be resumed: one file per case, named by its digest.
 
     DIR/p_pi-0c4f6f0d2c1b9a53.json    {"case": ..., "digest": ..., "outcome": ...}
 
-A file counts only for a case with the same digest: other numbers, another rule, another law or another version of
-feeddrive has another one, and is computed anew.
+A file is valid only for a case with the same digest.  Other numbers, another rule, another law or another version of
+feeddrive give another digest, and the case is computed again.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ _NAME = re.compile(r"[a-z0-9_]+-[0-9a-f]{16}\.json")
 
 
 class Store(Protocol):
-    """Knows the outcomes of finished cases, and keeps further ones."""
+    """A store that returns the outcomes of finished cases and records further ones."""
 
     def known(self, case: Case[Any], progress: Progress) -> Any:
-        """Return the outcome of a case; None if it is not known."""
+        """Return the outcome of a case; None if it is unknown."""
         ...
 
     def keep(self, case: Case[Any], outcome: Any) -> None:
-        """Keep the outcome of a case."""
+        """Store the outcome of a case."""
         ...
 
 
 @dataclass(frozen=True)
 class Folder:
-    """A directory with a file for each finished case; the first case that is kept makes it.
+    """A directory with one file per finished case, created with the first one.
 
-    resume  False: what is there already is not taken, and replaced as cases are finished
+    resume  False: existing files are ignored, and replaced as cases finish
     """
 
     place: Path
     resume: bool = True
 
     def known(self, case: Case[Any], progress: Progress) -> Any:
-        """Return the outcome of a case; None for a file that is missing, damaged or was changed."""
+        """Return the outcome of a case; None if its file is missing, damaged or modified."""
         path = self._path(case)
         if not self.resume or not path.is_file():
             return None
@@ -58,7 +58,7 @@ class Folder:
             return None
 
     def keep(self, case: Case[Any], outcome: Any) -> None:
-        """Write the record of an outcome, whole or not at all. Raises FileError if it cannot be written."""
+        """Write the record of an outcome atomically. Raises FileError if it cannot be written."""
         record = case.record(outcome)
         if record is None:
             return
@@ -69,11 +69,11 @@ class Folder:
 
     @property
     def count(self) -> int:
-        """How many cases are there."""
+        """The number of stored cases."""
         return len(self._files())
 
     def clear(self) -> None:
-        """Remove all cases, and the directory if nothing else is in it."""
+        """Remove all stored cases, and the directory if it is then empty."""
         for path in self._files():
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""What a job with a part program adds to a row: figures along the program, observers that listen, what cuts when."""
+"""Results that a part program adds to a row of a job: figures along the program, observers, cuts and chatter."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from feeddrive.tuning.candidates import PLAIN, candidates
 
 
 def out_of_the_work(job: Job, system: System) -> System:
-    """The machine without what its program cuts: its margins are those before it cuts."""
+    """Return the machine without the cuts of its program, for its margins before cutting."""
     if not isinstance(system, Machine) or job.program is None or not job.program.cuts:
         return system
     return dataclasses.replace(system, couplings=system.couplings[: len(job.machine.couplings)])
@@ -44,7 +44,7 @@ Listening: TypeAlias = Mapping[str, Mapping[str, Observer]]
 
 
 def along_program(job: Job, machine: Machine, run: Run, observers: Listening) -> PartRun | None:
-    """The figures of a run along the job's part program; None for other jobs."""
+    """Return the figures of a run along the job's part program; None for other jobs."""
     program = job.program
     if program is None or program.line is None:
         return None
@@ -64,9 +64,9 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
 
 @lru_cache(maxsize=1)  # the laws of a job run the same program
 def on_the_part(program: PlannedProgram) -> np.ndarray | None:
-    """Return which samples of a program count: those in which a tool leaves a wall of the part, see `on_part`.
+    """Return a mask of the samples that count: those in which a tool leaves a wall of the part, see `on_part`.
 
-    Without a [process] all samples at a feed count.  A cut of which no sample leaves a wall counts whole.
+    Without a [process] all samples at feed rate count.  A cut in which no sample leaves a wall counts as a whole.
     """
     counted, process = program.counted, program.process
     if counted is None or process is None or not {"x", "y"} <= set(program.references):
@@ -88,7 +88,7 @@ def on_the_part(program: PlannedProgram) -> np.ndarray | None:
 
 
 def _spindle(job: Job, machine: Machine, run: Run) -> SpindleLoad | None:
-    """Power of the spindle over a run, of all tools that cut in it, and the chips that they take off."""
+    """Return the spindle power of all tools that cut in a run, and the chip volume; None without cuts."""
     program = job.program
     cuts = [cut for cut in machine.couplings if isinstance(cut, MillingCut) and cut not in job.machine.couplings]
     if program is None or program.process is None or not cuts:
@@ -103,14 +103,15 @@ def _spindle(job: Job, machine: Machine, run: Run) -> SpindleLoad | None:
 
 
 def _area(cut: Cut, tools: Mapping[int, Cutter]) -> float:
-    """Depth by width of a cut, m²."""
+    """Return the cross-section of a cut, depth times width, in m²."""
     width = float(tools[cut.tool].edge().diameter) if cut.radial_depth is None else cut.radial_depth
     return cut.axial_depth * width if cut.axial_depth > 0.0 else 0.0
 
 
 def listening(job: Job) -> Listening:
-    """The observers of the catalogue that recover a disturbance, by kind and axis, at the start values of a tuning;
-    none for a job that does not cut.
+    """Return the catalogue's observers that estimate a disturbance, by kind and axis, with initial gains for tuning.
+
+    The mapping is empty for a job that does not cut.
     """
     observers: dict[str, dict[str, Observer]] = {}
     if job.program is None or not job.program.cuts:
@@ -125,11 +126,11 @@ def listening(job: Job) -> Listening:
 
 
 class Chatter(NamedTuple):
-    """Whether one kind of cut chatters under a law: |µ| is the factor of a vibration from tooth to tooth.
+    """The chatter verdict on one kind of cut under a law; |µ| is the growth factor of a vibration from tooth to tooth.
 
     cut        the first section of this kind
-    growth     None if it is not known, for the reason in `why`
-    frequency  Hz of a chatter; None if there is none
+    growth     |µ|; None if it is unknown, for the reason in `why`
+    frequency  chatter frequency in Hz; None without chatter
     """
 
     law: str
@@ -140,7 +141,10 @@ class Chatter(NamedTuple):
 
 
 def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
-    """Each kind of cut under the first law and the one that keeps the contour best, with the feed along x."""
+    """Return the verdict on each kind of cut under the first law and the one with the least contour error.
+
+    The feed is along x.
+    """
     program = job.program
     ran = [row for row in rows if row.part is not None]
     if program is None or program.process is None or not ran:
@@ -170,7 +174,7 @@ def _chatters(law: str, idle: Machine, cut: Cut, cutter: Cutter) -> Chatter:
 
 
 def chatter_remarks(verdicts: Sequence[Chatter]) -> list[str]:
-    """The verdict in sentences."""
+    """Return the chatter verdicts as sentences."""
     remarks: list[str] = [
         Text(
             f"'{verdict.law}': the cut from line {verdict.cut.line} chatters at {Quantity(verdict.frequency, 'Hz'):3}: "
@@ -196,7 +200,7 @@ def chatter_remarks(verdicts: Sequence[Chatter]) -> list[str]:
 
 
 def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
-    """What cuts while which lines run, with the force of the first row and the verdict on chatter."""
+    """Return a table of the cuts by program line, with the cutting force of a row and the chatter verdicts."""
     program = job.program
     if program is None or row.part is None or row.part.cutting is None:
         return []
@@ -231,7 +235,7 @@ def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
 
 
 def cut_sentence(cut: MillingCut) -> str:
-    """A cut of a program, in words, for reports."""
+    """Describe a cut of a program in words, for reports."""
     regenerative = f"regenerative, over {cut.surfaces} earlier surfaces"
     return Text(f"milling cut on {', '.join(cut.axes())}, {regenerative} ({block_sentence(cut.cutter)})")
 

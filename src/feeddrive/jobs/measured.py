@@ -1,4 +1,4 @@
-"""The log of a job: its columns as signals of the loop, its injected forces, and what of it is not used."""
+"""The log of a job: its columns as signals of the loop, its injected forces, and its unused columns."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NEAR = 0.1  # of the motor's force per unit of the command
 
 
 def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
-    """The log's channels under the names of the loop's signals, in SI."""
+    """Return the log's channels under the names of the loop's signals, in SI."""
     channels = log.channels
     signals = {"set_position": _setpoint(job, log), "position_load": channels["position_load"]}
     if "force" in channels:
@@ -40,7 +40,7 @@ def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
 
 
 def _setpoint(job: Job, log: Log) -> np.ndarray:
-    """The set positions, with the clock of the control."""
+    """Return the logged set positions. Raises LogError if they are missing or not at the control's sample time."""
     T = next(iter(job.loops.values())).sample_time
     if "setpoint_position" not in log.channels:
         raise LogError(f"{log.name}: the job needs the channel setpoint_position: name its column under [log.channels]")
@@ -53,7 +53,7 @@ def _setpoint(job: Job, log: Log) -> np.ndarray:
 
 
 def _per_unit(job: Job, log: Log, role: str) -> float:
-    """N at the table for each unit of a channel, which is the drive's own, or that of a force or torque."""
+    """Return the table force in N per unit of a channel, in the drive's unit or that of a force or torque."""
     scale = drive_with(None, next(iter(job.loops.values())), None).force_per_unit(log.units.get(role, ""))
     if scale is None:
         raise LogError(
@@ -64,7 +64,7 @@ def _per_unit(job: Job, log: Log, role: str) -> float:
 
 
 def without_answer(job: Job, log: Log) -> Job:
-    """The job with the set positions of a log as its reference, since the log has no measured position."""
+    """Return the job with the set positions of a log as its reference, for a log without a measured position."""
     T = float(next(iter(job.loops.values())).sample_time)
     outside = log.channels.get("load_force")
     load = job.load if outside is None else RecordedForce(force=outside, sample_time=T)
@@ -72,7 +72,7 @@ def without_answer(job: Job, log: Log) -> Job:
 
 
 def of_channels(job: Job, log: Log) -> list[str]:
-    """Which named columns are not used, and why."""
+    """Return remarks on the named columns that are not used, and why."""
     assert job.log is not None
     used = set(_USED) - ({"command"} if "force" in log.channels else set())
     remarks: list[str] = []
@@ -87,9 +87,9 @@ def of_channels(job: Job, log: Log) -> list[str]:
 
 
 def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict[str, np.ndarray], list[str]]:
-    """The signals with an excitation where it acts, before the limit of the force or behind it, and a word on that.
+    """Return the signals with the excitation before or behind the force limit, where it acts, and a remark on it.
 
-    It is told by the position residual where the limit cuts; elsewhere both are the same.
+    The position residual shows the injection point if the limit is active; otherwise both points are equivalent.
     """
     if "added_force" not in measured:
         return measured, []
@@ -118,7 +118,7 @@ def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict
 
 
 def of_injected(loop: Loop, measured: Mapping[str, np.ndarray], replayed: Replay) -> list[str]:
-    """Whether the logged command holds it, and whether its scale is right."""
+    """Return remarks on whether the logged command includes the injected force, and whether its scale is right."""
     names = [name for name in INJECTED if name in measured]
     if not names:
         return []
@@ -141,7 +141,7 @@ def of_injected(loop: Loop, measured: Mapping[str, np.ndarray], replayed: Replay
 
 
 def load_said(job: Job, log: Log | None) -> str:
-    """What acts on the table, or was injected at the drive."""
+    """Describe the load on the table, or the force injected at the drive."""
     parts: list[str] = [] if job.load is None else [block_sentence(job.load)]
     for role in ("load_force", "excitation"):
         named = None if job.log is None else job.log.named(role)

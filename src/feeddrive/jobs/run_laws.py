@@ -1,4 +1,4 @@
-"""Execution of a job: every law simulated with the same motion and loads, with its margins and stiffness."""
+"""Execution of a job: every law is simulated with the same motion and loads, and analyzed for margins and stiffness."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ _FIGURES = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JobResult(Result):
-    """All rows of a job, today's control first, and what must be said about them.
+    """The result of a job: all rows, with the current controller first, and remarks.
 
-    `velocity` in m/s is the speed at which margins and stiffness are taken: the axis slides.
+    `velocity` in m/s is the sliding speed of the axis at which margins and stiffness are computed.
     """
 
     job: Job
@@ -78,16 +78,18 @@ class JobResult(Result):
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis of the rows turns."""
+        """True if the axis of the rows is rotary."""
         return self.rows[0].loop.axis.rotary
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """What a person wrote in job and machine file."""
+        """The user-written texts of job and machine file."""
         return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
 
     def table(self) -> Table:
-        """Following error, force, margins and least dynamic stiffness by law; of a part program the contour."""
+        """Return a table of error, force, margins and least dynamic stiffness by law; for a part program, of the
+        contour.
+        """
         if self.parts:
             return laws_table(self.job.title, self.parts)
         columns = [
@@ -109,7 +111,7 @@ class JobResult(Result):
         return Table(self.job.title, columns, lines)
 
     def contents(self) -> LawsContents:
-        """What the report is made from."""
+        """Return the contents of the report."""
         job, loop = self.job, self.rows[0].loop
         facts = {
             "Machine": job.machine.name,
@@ -142,7 +144,7 @@ class JobResult(Result):
         return {row.name: row.part for row in self.rows if row.part is not None}
 
     def others(self) -> Table | None:
-        """Errors and force of the other axes, of a job that runs several together; None for any other."""
+        """Return a table of errors and force of the other axes for a job that runs several together; else None."""
         rows: list[list[Cell]] = []
         for row in self.rows:
             if row.together is None or row.part is not None:
@@ -168,13 +170,13 @@ class JobResult(Result):
 
 
 def job_report(result: JobResult) -> Report:
-    """Return the report of a job that was run."""
+    """Return the report of a finished job."""
     return laws_report(result.contents())
 
 
 @chart_of.register
 def _chart(result: JobResult) -> Chart:
-    """Following error and force of all laws."""
+    """Return a chart of the following error and force of all laws."""
     from feeddrive.plot.over_time import comparison_chart
 
     return comparison_chart({row.name: row.run for row in result.rows})
@@ -182,7 +184,7 @@ def _chart(result: JobResult) -> Chart:
 
 @frame_of.register
 def _frame(result: JobResult) -> Any:
-    """One row a law."""
+    """Return a data frame with one row per law, in SI units."""
     from feeddrive.plot.frames import frame
 
     figures = [numbers(row) for row in result.rows]
@@ -191,7 +193,7 @@ def _frame(result: JobResult) -> Any:
 
 
 def numbers(row: Entry) -> dict[str, float | None]:
-    """The figures of a row by name, in SI, for a file."""
+    """Return the figures of a row by name, in SI, for a file."""
     figures: dict[str, float | None] = {
         "following_error_rms_m": row.rms("following_error"),
         "following_error_peak_m": row.peak("following_error"),
@@ -216,12 +218,12 @@ def numbers(row: Entry) -> dict[str, float | None]:
 
 @dataclass(frozen=True, eq=False)
 class LawRun(Case[Entry]):
-    """The case of a law of a job: analyzed, and run over the job's motion or along its log.
+    """The case of one law of a job: its analysis, and its run over the job's motion or along its log.
 
-    law        its row in the job
-    measured   the signals of the log, if there is one with measured positions
-    velocity   m/s: the speed of the linear model
-    observers  that listen, of a job that cuts
+    law        name of its row in the job
+    measured   signals of the log; None without a log with measured positions
+    velocity   speed of the linear model, m/s
+    observers  disturbance observers along the run, for a job that cuts
     """
 
     kind: ClassVar[str] = "law_of_job"
@@ -236,13 +238,13 @@ class LawRun(Case[Entry]):
 
     @property
     def name(self) -> str:
-        """The law."""
+        """The name of the law."""
         return self.law
 
     def outcome(self, progress: Progress) -> Entry:
-        """The law as a row of the report; errors name the job and the law.
+        """Return the row of the law in the report; errors name the job and the law.
 
-        Raises UnstableError for a loop that is not stable, DivergedError for a run that leaves its bounds.
+        Raises UnstableError for an unstable loop and DivergedError for a run that leaves its bounds.
         """
         job, velocity, name = self.job, self.velocity, self.law
         loop = job.loops[name]
@@ -292,9 +294,9 @@ class LawRun(Case[Entry]):
 
 
 def run_laws(job: Job, progress: Progress | None = None, engine: Engine | None = None) -> JobResult:
-    """Run all laws of a job, on an engine; default: in this process. `progress` reports the stages of each law.
+    """Run all laws of a job on an engine (default: in this process). `progress` reports the stages of each law.
 
-    Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
+    Raises UnstableError for a law with an unstable loop, DivergedError for a law whose run leaves its bounds, and
     LogError for a log that does not fit the job.
     """
     log = None if job.log is None else job.log.read()
@@ -326,7 +328,7 @@ def _skipped(job: Job) -> int:
 
 
 def _matched(job: Job) -> list[str]:
-    """What axes that differ cost on a path; nothing where they match."""
+    """Return remarks on the contour error due to mismatched axes; empty if they match."""
     machine = next(iter(job.machines.values()), None)
     if machine is None or job.program is None or len(job.program.references) < 2:
         return []
@@ -344,7 +346,7 @@ def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
 
 
 def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progress) -> Run:
-    """All axes in one run: the one of the rows along the job's reference, the others along theirs or at rest."""
+    """Simulate all axes together: that of the rows along the job's reference, the others along theirs or at rest."""
     assert job.reference is not None
     moving = {axis: Other(reference=job.reference, load=job.load), **job.others}
     still = LinearMove(distance=0.0, travel_time=max(job.reference.duration, machine.sample_time))
@@ -357,7 +359,7 @@ def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progre
 
 
 def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | None, T: float) -> float:
-    """Half of the largest set speed, in m/s; 10 mm/s for a reference that stands still."""
+    """Return half of the largest set speed, in m/s; 10 mm/s for a reference without motion."""
     if measured is not None:
         largest = float(np.max(np.abs(np.diff(measured["set_position"])), initial=0.0)) / T
     else:
@@ -368,7 +370,10 @@ def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | 
 
 
 def _remarks(rows: list[Entry]) -> list[str]:
-    """What must be said: trips, limits, a step too long, and where a new law loses to today's by more than 1 %."""
+    """Return remarks on trips, active force limits, too few substeps and unknown margins.
+
+    They also name the figures in which a law is worse than the current controller by more than 1 %.
+    """
     remarks: list[str] = []
     needed, used = substeps_needed(rows[0].loop), rows[0].loop.axis.substeps
     if used < needed:
@@ -429,7 +434,7 @@ def _ratio(a: float | None, b: float | None) -> str:
 
 
 def _couplings(job: Job) -> dict[str, str]:
-    """What is said of a job that runs several axes together."""
+    """Return the report's entries on couplings and other axes, for a job that runs several axes together."""
     if not job.machines:
         return {}
     moving = {axis: "stands" for axis in job.machine.loops if axis != job.axis}

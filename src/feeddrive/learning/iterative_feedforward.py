@@ -39,8 +39,7 @@ _DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admiss
 def error_model(
     loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
 ) -> StateSpace | Lifted:
-    """Return Ĝ_d: from a force that the feedforward lacks, in N, to the following error, in m, at the loop's sample
-    time.
+    """Return the error model Ĝ_d, from the force missing in the feedforward (N) to the following error (m), sampled.
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
@@ -51,9 +50,9 @@ def error_model(
                  mass is fed forward or the law needs two encoders, the axis itself.
     axis_model   the same with the axis of the loop: for a machine file whose axis was identified.
 
-    C comes from the linear model of the control itself, that is, from the simulated code, for any law. For a law with
-    two rates Ĝ_d has a model for each sample of a period: feedforward, its columns and the error are those of the fast
-    samples.  A trial is taken to begin where the slow part runs; another beginning changes next to nothing.
+    C comes from the linear model of the control itself, that is, from the simulated code, for any law. For a multirate
+    law Ĝ_d has a model for each sample of a period: feedforward, its columns and the error are those of the fast
+    samples.  A trial is assumed to begin where the slow part runs; another first sample changes next to nothing.
     Raises UnstableError, with the nearest mass that is admissible, for a model loop that is not stable; UnstableError
     for a controller without a stable inverse; ParameterError for another form.
     Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), the part that was available; the three forms of Ĝ_d, the
@@ -107,14 +106,14 @@ def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = 
 
 
 def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
-    """Return the samples after which the slowest motion of a model has fallen to a share."""
+    """Return the number of samples after which the slowest mode of a model has decayed to a share."""
     slowest = _growth(model)
     turns = 1.0 if slowest <= 0.0 else np.log(share) / np.log(min(slowest, 1.0 - 1e-9))
     return max(1, len(_samples(model)) * int(np.ceil(turns)))
 
 
 def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """Return the model loop's G_d, if it is stable; without a plant that of the axis with its viscous friction."""
+    """Return G_d of the model loop if it is stable; without a plant that of the axis with its viscous friction."""
     model = _closed(loop, plant)
     size = _growth(model)
     if size < _EDGE:
@@ -132,7 +131,7 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
 
 
 def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """Return the linear closed loop from a force behind the limit to the position, without all nonlinear parts."""
+    """Return the linear closed loop from a force behind the limit to the position, without nonlinear parts."""
     control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
     ends: dict[str, Any] = {
         f"encoder_{end}": None if getattr(loop.axis, f"encoder_{end}") is None else Encoder() for end in _ENDS
@@ -145,7 +144,7 @@ def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
 
 
 def _growth(model: StateSpace | Lifted) -> float:
-    """Return |z| of the largest pole, over a period."""
+    """Return |z| of the largest pole over a period."""
     return float(np.max(np.abs(model.poles()), initial=0.0))
 
 
@@ -169,7 +168,7 @@ def _nearest(loop: Loop, plant: Rigid) -> float | None:
 
 
 def _inverse(loop: Loop) -> StateSpace | Lifted:
-    """Return 1/C, with C from both readings, moved together, to the force."""
+    """Return 1/C, with C from a common shift of both readings to the force."""
     control = dataclasses.replace(
         loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None, filters=()
     )
@@ -218,9 +217,10 @@ _ORDER = (
 def not_excited(
     names: Sequence[str], columns: np.ndarray, seen: np.ndarray, velocity: np.ndarray, dead_band: float
 ) -> dict[str, str]:
-    """Return the reasons, by name, why columns must be held; shape of both matrices: (samples, columns).
+    """Return the reasons for freezing columns, by name; both matrices have the shape (samples, columns).
 
-    columns   φ, of the set motion Ψ, the same through Ĝ_d: their effect on the error
+    columns   φ, the regressors of the set motion
+    seen      Ψ, the regressors filtered by Ĝ_d: their effect on the error
     velocity  m/s, of the set motion in the middle of the samples
     """
     reasons = _without_reversal(names, velocity, dead_band)
@@ -246,7 +246,7 @@ def not_excited(
 
 
 def _own(alike: np.ndarray, i: int, others: list[int]) -> float:
-    """Return the size of the remainder of a unit column without its part along others; `alike` holds their products."""
+    """Return the norm of the part of a unit column that is orthogonal to others; `alike` holds the inner products."""
     if alike[i, i] <= 0.0:
         return 0.0
     across = alike[others, i]
@@ -278,14 +278,14 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def condition(seen: np.ndarray) -> float:
-    """Return the condition number of columns that are scaled to the same size; 1 for none."""
+    """Return the condition number of columns scaled to equal norm; 1 without columns."""
     if not seen.shape[1]:
         return 1.0
     return float(np.linalg.cond(seen / np.linalg.norm(seen, axis=0)))
 
 
 def reasons(frozen: Mapping[str, str]) -> str:
-    """Return the names as one text."""
+    """Return the frozen parameters and their reasons as one text."""
     return joined("; ", [f"{name}: {reason}" for name, reason in frozen.items()])
 
 
@@ -305,7 +305,7 @@ def compensator(loop: Loop) -> DisturbanceCompensator:
 
 
 def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
-    """Return the loop with this compensator instead of its present one, or after its other feedforward."""
+    """Return the loop with this compensator in place of its present one, or added to its other feedforward."""
     others = tuple(
         block if isinstance(feedforward, DisturbanceCompensator) else feedforward
         for feedforward in loop.control.feedforward
@@ -318,14 +318,14 @@ def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
 def begin_compensation(
     loop: Loop, columns: Sequence[str] | None = None, *, stribeck_velocity: float | None = None
 ) -> Loop:
-    """Return the loop with an initial compensator: parameters at 0, or those that the loop feeds forward now.
+    """Return the loop with an initial compensator: parameters at 0, or at the values already fed forward.
 
     columns            names of its parameters; default: mass, viscous and both Coulomb levels, as far as the law does
                        not feed them forward itself
     stribeck_velocity  m/s, needed with the column `stribeck`
 
     An Inertia is taken over; an existing compensator keeps its values and gets the missing columns.
-    Raises ParameterError for a column that is not known, and StructureError for a term that would be fed forward twice.
+    Raises ParameterError for an unknown column, and StructureError for a term that would be fed forward twice.
     """
     known = ", ".join(COLUMNS)
     for name in columns or ():
@@ -372,7 +372,7 @@ class Iteration(Result):
     frozen     parameters that keep their value, with the reason
     held       parameters that are held by their bound
     predicted  following error of the next trial along the same reference, m, shape (n,)
-    condition  number of the columns that were used, scaled to the same size
+    condition  condition number of the columns used, scaled to equal norm
     """
 
     trial: Trial
@@ -394,7 +394,7 @@ class Iteration(Result):
         return float(np.sqrt(np.mean(self.predicted**2)))
 
     def table(self) -> Table:
-        """Parameters now and next, each with its standard error or with the reason why it is held."""
+        """Return a table of the present and next parameters, with standard errors and remarks on those held."""
         rows = []
         was, now = self.before.parameters(), self.after.parameters()
         for name, value in was.items():
@@ -432,18 +432,18 @@ def next_iteration(
     the real one, its axis is used only where `form` or a frozen model needs it.  The next reference may be another.
 
     form        "model_free", "model_based" or "axis_model", see `error_model`
-    gamma   share of the step that is taken, 0 < gamma <= 1; at most 0.5 if the controller's gains are known only
+    gamma       share of the step that is taken, 0 < gamma <= 1; at most 0.5 if the controller's gains are known only
                 roughly: the error of the parameters is multiplied by about |1 - gamma · true gain/believed gain|
     mu          >= 0; reduces the step in directions that the trial hardly excites
     columns     names of the parameters to tune; default: all that the block has.  Parameters that a trial does not
-                excite are frozen: friction without a reversal, columns that are 0, columns that others explain
+                excite are frozen: friction without a reversal, columns that are 0 or that others explain
     plant       for the model-based form: the axis to assume
     least_mass  kg; the mass stays above it; all parameters keep the bounds of their declaration
     saturation  "refused", or "left_out": saturated samples, and those until their effect has decayed, do not count
     skip        samples at the start that do not count, for a log that starts in motion
 
-    The standard errors take the residual as noise with its own autocorrelation; they do not include the bias of a wrong
-    Ĝ_d, which further trials remove.
+    The standard errors treat the residual as noise with the autocorrelation that it shows; they do not include the bias
+    of a wrong Ĝ_d, which further trials remove.
     Raises LogError for a trial without information (saturated, too short, no column excited) or whose clock is not the
     controller's, ParameterError for values out of bounds, UnstableError for a model loop that is not stable.
     Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  The text was available up to
@@ -516,7 +516,7 @@ def regressors(
 
 
 def _prefiltered(loop: Loop, setpoint: Setpoint) -> Setpoint:
-    """Return the setpoint as law and feedforward see it."""
+    """Return the setpoint behind the prefilter, which law and feedforward receive."""
     prefilter = loop.control.prefilter
     if prefilter is None:
         return setpoint
@@ -571,7 +571,7 @@ def _least(block: DisturbanceCompensator, name: str, least_mass: float) -> float
 
 
 def _remarks(loop: Loop) -> list[str]:
-    """Return remarks on the control that concern the meaning of the parameters."""
+    """Return remarks on properties of the control that change the meaning of the parameters."""
     law, remarks = loop.control.law, list[str]()
     share = dict(tree.leaves(law)).get("velocity_feedforward")
     if share is not None and share != 1.0:
@@ -613,7 +613,7 @@ class Convergence(Result):
         return self.rate < 1.0
 
     def table(self) -> Table:
-        """Rate, verdict and condition."""
+        """Return a table of convergence rate, verdict and condition number."""
         verdict = "converges" if self.converges else "DIVERGES: lower gamma"
         row = [", ".join(self.names), self.gamma, self.rate, self.condition, verdict]
         columns = ["columns", "gamma", Column("rho", form=".3f"), Column("condition", form="3"), ""]
@@ -631,17 +631,17 @@ def convergence(
     plant: Plant | None = None,
     least_mass: float = 0.0,
 ) -> Convergence:
-    """Return the rate at which `iterate` converges on a loop with a known axis, with a tuner that assumes another axis.
+    """Return the convergence rate of `next_iteration` on a loop with a known axis, if the tuner assumes another axis.
 
         Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the believed one,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
 
-    believed  the loop with the gains and parameters that the tuner takes for true; default: the loop itself
+    believed  the loop with the gains and parameters that the tuner assumes; default: the loop itself
 
-    The other arguments are those of `iterate`.  Friction is taken as fed forward along the set velocity, so that a
-    slip of the real velocity is left out.
-    Raises UnstableError for a model loop that is not stable, and ParameterError for a column that is 0 all along.
-    Source: this library's, for the step of `iterate`; the text of Wu, Han, Xiong & Ding 2017 at hand ends at
-    eq. (10) and states no rate.
+    The other arguments are those of `next_iteration`.  Friction is taken as fed forward along the set velocity, so
+    deviations of the real velocity are neglected.
+    Raises UnstableError for a model loop that is not stable, and ParameterError for a column that is 0 throughout.
+    Source: this library's, for the step of `next_iteration`; the text of Wu, Han, Xiong & Ding 2017 at hand ends at eq.
+    (10) and states no rate.
     """
     T = float(loop.sample_time)
     setpoint = reference.at(np.arange(samples(reference.duration, T)) * T)

@@ -1,4 +1,4 @@
-"""The lead of a repetitive control, from the response of the loop to a shift of its set position."""
+"""Tuning of the lead of a repetitive controller, from the response of the loop to a shift of its set position."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _WHOLE = 1e-4  # of a period, by which it may miss whole samples
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RepetitiveDesign(Result):
-    """A repetitive control for a period, and how learning converges by lead.
+    """A repetitive controller for a period, and the convergence factor of its learning by lead.
 
-    factor     by which the worst frequency (Hz) is left from period to period
-    lead       samples; `factors` those of every lead from 0 on
+    factor   largest convergence factor from period to period over all frequencies, at `frequency` in Hz
+    factors  the largest factor for every lead in samples, from 0 on
     """
 
     block: RepetitiveControl
@@ -32,7 +32,7 @@ class RepetitiveDesign(Result):
     factors: tuple[float, ...]
 
     def table(self) -> Table:
-        """The chosen lead and its neighbors."""
+        """Return a table of the convergence factor by lead, with the chosen lead marked."""
         chosen = self.block.lead_samples
         rows = [[lead, factor, "chosen" if lead == chosen else ""] for lead, factor in enumerate(self.factors)]
         title = Text(
@@ -53,14 +53,13 @@ def tune_repetitive(
     most_lead: int = 40,
     velocity: float = 0.05,
 ) -> RepetitiveDesign:
-    """Return the repetitive control of a loop for a motion that repeats every `period` s, with the fastest-learning
-    lead.
+    """Return the repetitive controller, with the fastest-learning lead, for a motion that repeats every `period` s.
 
         min over leads l of   max over f of   |q (1 - learning_gain T_r z^l)|
 
     T_r is the response of the load to a shift of the set position, differenced into the set velocity, while the axis
-    moves with `velocity` (m/s).  A compensation of this kind in the loop is left out.  When not: with a `passes` that
-    is so small that q lets pass what is not known of the loop; 32 is -3 dB at 0.033 of the sample rate.
+    moves with `velocity` (m/s).  A repetitive controller already in the loop is left out.  When not: with a `passes` so
+    small that q passes frequencies at which the loop is unknown; 32 is -3 dB at 0.033 of the sample rate.
     Raises ParameterError for a period that is no whole number of samples, UnstableError where no lead converges.
     """
     T = float(loop.sample_time)
@@ -100,8 +99,9 @@ def tune_repetitive(
 
 
 def shift_response(loop: Loop, frequency: np.ndarray, velocity: float = 0.05) -> np.ndarray:
-    """Return T_r at frequencies in Hz: load over a shift of the set position, whose difference goes into the set
-    velocity.
+    """Return T_r at frequencies in Hz: load position over a shift of the set position.
+
+    The difference quotient of the shift is added to the set velocity.
     """
     T = float(loop.sample_time)
     model = linearize(loop, ("set_position", "set_velocity"), ("position_load",), velocity=velocity)

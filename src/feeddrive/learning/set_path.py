@@ -35,12 +35,13 @@ class SetPath:
 
     @property
     def period(self) -> int:
-        """The samples after which the loop repeats itself."""
+        """The number of samples after which the loop repeats itself."""
         return len(self.samples)
 
     def answers(self, positions: np.ndarray, phase: int = 0) -> np.ndarray:
-        """Return the table position, m, shape (n, columns), for set positions of that shape, all 0 before; row 0 is
-        sample `phase`.
+        """Return the table positions in m for set positions, both of shape (n, columns).
+
+        The set positions are 0 before row 0, which is sample `phase` of the period.
         """
         velocity = np.diff(positions, axis=0, prepend=0.0) / self.sample_time
         x = np.zeros((self.samples[0].A.shape[0], positions.shape[1]))
@@ -56,7 +57,7 @@ class SetPath:
 def set_path(loop: Loop, *, velocity: float = 0.05) -> SetPath:
     """Return the linear model of a loop that moves with `velocity` (m/s), from its set positions to its table.
 
-    Feedforward of acceleration, jerk and snap acts on none of it: a table of positions states none of these.
+    Feedforward of acceleration, jerk and snap has no effect, since a table of positions does not contain them.
     """
     if loop.control.law.period() > 1:
         return SetPath(lifted(loop, _INPUTS, _OUTPUTS, velocity=velocity).samples)
@@ -65,11 +66,11 @@ def set_path(loop: Loop, *, velocity: float = 0.05) -> SetPath:
 
 @dataclass(frozen=True, eq=False)
 class ChangedReference:
-    """Set positions that were changed so that the table moves along the wanted ones.
+    """Set positions modified so that the table follows the wanted ones.
 
-    reference  what the loop is given: positions, their differences as velocities, no higher derivatives
-    wanted     where the table should be at the same rows
-    lead       s by which the wanted motion begins later than it did: the preview
+    reference  input of the loop: positions, their differences as velocities, no higher derivatives
+    wanted     wanted table positions at the same rows
+    lead       delay of the wanted motion in s: the preview
     """
 
     reference: Recorded
@@ -78,18 +79,18 @@ class ChangedReference:
 
     @property
     def shift(self) -> float:
-        """The largest distance of the changed set positions from the wanted ones, m."""
+        """The largest deviation of the modified set positions from the wanted ones, m."""
         return float(np.max(np.abs(self.reference.position - self.wanted.position)))
 
 
 def sampled(reference: Reference, sample_time: float, before: int, after: int) -> np.ndarray:
-    """Return set positions in m at kT, with the given rows at rest before the start and after the end."""
+    """Return set positions in m at kT, extended by `before` and `after` rows at rest."""
     rows = round(float(reference.duration) / sample_time) + 1
     return np.asarray(reference.at(np.arange(-before, rows + after) * sample_time).position, dtype=float)
 
 
 def changed(positions: np.ndarray, wanted: np.ndarray, sample_time: float, lead: int) -> ChangedReference:
-    """Return the changed reference, for rows `sample_time` apart.
+    """Return the modified reference for positions sampled every `sample_time` s.
 
     Raises ParameterError for positions that are not finite.
     """
@@ -125,7 +126,7 @@ class _Columns:
         self.answers = {phase: self._answer(path, phase) for phase in phases}
 
     def _answer(self, path: SetPath, phase: int) -> np.ndarray:
-        """Return the table's response to the spline until it has settled."""
+        """Return the response of the table to the spline, up to its settling."""
         rows = 2 * self.spline.size
         while True:
             positions = np.zeros((rows, 1))
@@ -142,8 +143,9 @@ class _Columns:
             rows *= 2
 
     def matrix(self, first: int, last: int, begin: int, end: int, *, answered: bool = True) -> np.ndarray:
-        """Return rows begin .. end of the splines (or their responses) first .. last; spline i begins at row i ·
-        spacing.
+        """Return the matrix of splines first .. last - 1, or of their responses, in rows begin .. end - 1.
+
+        Spline i begins at row i · spacing.
         """
         columns = np.zeros((end - begin, last - first))
         for i in range(first, last):
@@ -169,14 +171,14 @@ def filtered_splines(
         x_r' = Φ p,   p = argmin |x_r - Ψ p|²,   Ψ_i = answer of the table to the spline Φ_i (degree, knots)
 
     spacing  samples between knots; spacing · T <= 1/(6 f) of a mode with frequency f
-    window   coefficients that are found at once, for a path of which only so much is known ahead; window · spacing · T
+    window   coefficients solved at once, for a path with a limited preview; window · spacing · T
              should be 1/f at least, and 10 coefficients at least.  None: all at once
     kept     coefficients of a window that are kept before it slides; default: a quarter of it
     Windows are solved by QR, with a ridge of 1e-6: normal equations would lose all digits.
 
     Raises ParameterError for a spacing below the degree, and for a path of more than 20000 samples without a window.
     When to use: for modes that no encoder sees, and for zeros outside the unit circle, known ahead of time.  When not:
-    against disturbances; an error of the model is paid in full.
+    against disturbances; a model error acts in full.
     Source: Okwudire, Ramani & Duan 2016; Duan, Yoon & Okwudire 2018 (limited preview).
     """
     if not 3 <= degree <= 5 or spacing < degree:
@@ -207,7 +209,7 @@ def filtered_splines(
 
 
 def _slid(columns: _Columns, wanted: np.ndarray, first: int, last: int, window: int, kept: int) -> np.ndarray:
-    """Return the coefficients window by window, after subtracting what the windows before have fixed."""
+    """Return the coefficients window by window, after subtracting the contribution of the previous windows."""
     if window < 10 or not 1 <= kept <= window:
         raise ParameterError(
             f"window = {window} coefficients, {kept} of them kept: at least 10, of which 1 to all are kept; with "
@@ -266,7 +268,7 @@ class InversePath:
 
     @property
     def preview(self) -> int:
-        """The samples r + s that the set path must be known ahead, s = deg B⁻."""
+        """The number of samples r + s that the set path must be known ahead, s = deg B⁻."""
         return self.delay + self.kept.size - 1
 
     def gain(self, frequency: np.ndarray, sample_time: float) -> np.ndarray:
@@ -287,7 +289,7 @@ class InversePath:
 def inverse_path(loop: Loop | SetPath) -> InversePath:
     """Return the closed loop as polynomials: A from its poles, B from its Markov parameters, which loses no digits.
 
-    Raises UnstableError for a loop that is not stable, and ParameterError for one with a slow part.
+    Raises UnstableError for a loop that is not stable, and ParameterError for a multirate loop.
     """
     path = loop if isinstance(loop, SetPath) else set_path(loop)
     if path.period > 1:
@@ -312,14 +314,13 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
 
 
 def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
-    """Return set positions with which the table follows a reference without phase error, by the linear model of the
-    loop.
+    """Return set positions with which the table follows a reference without phase error, by the linear loop model.
 
         T_r = q^r B⁺ B⁻ / A,    x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r)
 
-    The motion begins r + s samples later (`lead`), since the path is looked at so far ahead.
+    The motion is delayed by the preview of r + s samples (`lead`).
     When to use: on smooth moves with a loop that is known and linear.  When not: against friction, for which it does
-    nothing; with gains that are turned afterwards; with 20 % of unknown load most of its advantage is gone.
+    nothing; with gains that are changed afterwards; with 20 % of unknown load most of its advantage is gone.
     Raises ParameterError where the polynomials lose their digits, from about degree 10 on (filters, two encoders).
     Source: Tomizuka 1987; which zeros are kept, and B by Markov parameters, are this library's.
     """
@@ -338,5 +339,5 @@ def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
 
 
 def _left(model: SetPath, positions: np.ndarray, wanted: np.ndarray) -> float:
-    """Return the largest distance of the model's table from the wanted path, m."""
+    """Return the largest deviation of the model's table position from the wanted path, m."""
     return float(np.max(np.abs(model.answers((positions - wanted[0])[:, None])[:, 0] - (wanted - wanted[0]))))

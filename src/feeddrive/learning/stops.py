@@ -1,4 +1,4 @@
-"""Stops as friction feedforward, learned from slow swings of the loop itself."""
+"""Friction feedforward by stops, learned from slow swings of the loop."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ _DURATION = 4.0  # s
 
 
 def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
-    """Return the loop with the stops identified from a simulated log of it, instead of its other friction feedforward.
+    """Return the loop with stops in place of its friction feedforward, identified from a simulated log, and the stops.
 
-    The axis swings for 4 s by 1 mm at 0.5 Hz, with smaller and faster swings on top, in the middle of its travel; its
-    mass is told, viscous friction and offset are found with the stops and left to the other blocks.  `seed` is that of
-    the encoders' noise.  Raises NotIdentifiableError where the log does not show friction.
+    In the middle of its travel the axis swings for 4 s by 1 mm at 0.5 Hz, with smaller and faster swings on top.  Its
+    mass is given; viscous friction and offset are identified together with the stops and left to the other blocks.
+    `seed` is that of the encoder noise.
+    Raises NotIdentifiableError if the log does not show friction.
     """
     T = float(loop.sample_time)
     control = loop.control
@@ -48,14 +49,14 @@ def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
 
 
 def _center(loop: Loop) -> float:
-    """Return the middle of the travel, or 0 without limits."""
+    """Return the middle of the travel; 0 without limits."""
     guard = loop.control.guard
     ends = () if guard is None else tuple(x for x in (guard.travel_least, guard.travel_most) if x is not None)
     return 0.5 * (ends[0] + ends[1]) if len(ends) == 2 else 0.0
 
 
 def _swings(center: float, T: float) -> Recorded:
-    """Return the sum of the swings with its derivatives."""
+    """Return the sum of the swings as a reference with its derivatives."""
     t = np.arange(round(_DURATION / T)) * T
     rows = [np.zeros(t.size) for _ in range(5)]
     for amplitude, frequency in _SWINGS:

@@ -29,10 +29,11 @@ LIMIT_CLOCK = 1e-6  # largest relative difference of two clocks
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PrefilterFit(Result):
-    """Part of a tracking error due to the derivatives of its reference: e = θ1 v + θ2 a + θ3 j + θ4 s + remainder.
+    """The part of a tracking error explained by the derivatives of its reference: e = θ1 v + θ2 a + θ3 j + θ4 s +
+    remainder.
 
     theta             by regressor, in s, s², s³, s⁴
-    standard_error    of theta, with remainders that last from sample to sample
+    standard_error    of theta, for an autocorrelated remainder
     condition         of the regressors' columns, scaled to equal RMS
     present           the prefilter that the run had; `prefilter` adds θ to it
     error, explained  m, shape (n,); `regressors` the columns by name; `counted` the samples that are not at rest
@@ -50,7 +51,7 @@ class PrefilterFit(Result):
 
     @property
     def prefilter(self) -> TrajectoryPrefilter:
-        """The prefilter for the next run: that of this one plus θ."""
+        """The prefilter for the next run: that of this run plus θ."""
         parts = {name: getattr(self.present, name) for name in _NAMES}
         for name, value in self.theta.items():
             parts[_NAMES[REGRESSORS.index(name)]] += value
@@ -58,9 +59,7 @@ class PrefilterFit(Result):
 
     @property
     def exact(self) -> TrajectoryPrefilter:
-        """The prefilter for a θ that is not small: (1 + present) / (1 - θ(s)) as a series, cut off above the
-        snap.
-        """
+        """The prefilter for a θ that is not small: (1 + present) / (1 - θ(s)) as a series, truncated after the snap."""
         t1, t2, t3, t4 = (self.theta.get(name, 0.0) for name in REGRESSORS)
         inverse = (
             t1,
@@ -77,7 +76,8 @@ class PrefilterFit(Result):
     def predicted(self) -> np.ndarray:
         """The predicted error of the next run, m: the remainder, and θ(s)² x up to the snap.
 
-        The loop is assumed to follow θ(s) x at once.  It smooths the steps of θ4 times snap, so that less is left.
+        The loop is assumed to follow θ(s) x immediately.  In fact it smooths the steps of θ4 times snap, so the error
+        is smaller.
         """
         t1, t2, t3, _ = (self.theta.get(name, 0.0) for name in REGRESSORS)
         _, _, a, j, s = self.setpoint
@@ -135,13 +135,13 @@ def fit_prefilter(
 
         least ‖e - [v a j s] θ‖ over the samples in motion,  e = set position - reading,  v .. s exact, not filtered
 
-    regressors  which derivatives may be used
+    regressors  derivatives that may be used
     present     the prefilter with which the run was made; θ is added to it
-    Columns are scaled to their largest value; standard errors are those of remainders that last (Newey & West 1987).
+    Columns are scaled to their maximum; standard errors allow for autocorrelated remainders (Newey & West 1987).
 
-    Raises ParameterError for regressors that do not exist, and LogError for a run that met its force limit, moves too
-    shortly, or does not excite the requested regressors.
-    When not: with friction that is not fed forward, whose error is none of the derivatives.
+    Raises ParameterError for unknown regressors, and LogError for a run that reached its force limit, moves for too
+    short a time, or does not excite the requested regressors.
+    When not: with friction that is not fed forward, whose error is no combination of the derivatives.
     Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter, identified from one run).
     """
     if "requested" in run.signals and "force" in run.signals:
@@ -165,10 +165,10 @@ def fit_prefilter_to_log(
 ) -> PrefilterFit:
     """Fit a prefilter to a measured log: positions in m of the command, before any prefilter, and of the table.
 
-    reference  the motion in closed form, for exact derivatives; it is laid over the set positions.  Without it the
+    reference  the motion in closed form, for exact derivatives; it is aligned with the set positions.  Without it the
                derivatives are central differences of the set positions as they were sampled
-    force      N, to see whether the limit of `control` was met
-    control    the loop of the machine: the log must have its clock
+    force      N, to detect whether the limit of `control` was reached
+    control    the loop of the machine: the log must have its sample time
 
     Raises LogError also for a clock that is not the controller's, for a reference that is not that of the log, and for
     set positions that are rounded too coarsely for a derivative.
@@ -190,7 +190,7 @@ def fit_prefilter_to_log(
 def tune_prefilter(
     loop: Loop, reference: Reference, *, runs: int = 2, regressors: Sequence[str] = REGRESSORS, seed: int = 0
 ) -> tuple[PrefilterFit, ...]:
-    """Fit repeatedly, each time to a simulated run with the prefilter of the fit before; return the last one."""
+    """Fit repeatedly, each time to a simulated run with the prefilter of the previous fit; return all fits."""
     present = loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
         raise ParameterError(f"control.prefilter is a {present.kind}: remove it, or tune a trajectory_prefilter")
@@ -234,7 +234,7 @@ def _check_clock(name: str, actual: float, wanted: float) -> None:
 
 
 def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
-    """Raise LogError for an error of half the travel: it means a dead encoder or a wrong unit."""
+    """Raise LogError if the error reaches half the travel, which means a dead encoder or a wrong unit."""
     travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
     if travel > 0.0 and not off < 0.5 * travel:
         raise LogError(
@@ -245,7 +245,7 @@ def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) ->
 
 
 def _laid_over(name: str, time: np.ndarray, set_position: np.ndarray, reference: Reference) -> Setpoint:
-    """Return the reference at the times of the log, shifted to where its set positions first pass half way."""
+    """Return the reference at the times of the log, aligned where the set positions first pass half the travel."""
     travel = float(np.ptp(set_position))
     own = np.linspace(0.0, reference.duration, 200_001)
     shift = _half_way(time, set_position) - _half_way(own, np.asarray(reference.at(own).position))
@@ -321,13 +321,13 @@ def _fit(
 
 
 def _condition(rows: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the condition number of columns scaled to equal RMS, and the combination that the motion excites least."""
+    """Return the condition number of columns scaled to equal RMS, and the least excited combination of columns."""
     _, sizes, directions = np.linalg.svd(rows / np.sqrt(np.mean(rows**2, axis=0)), full_matrices=False)
     return float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else float("inf"), directions[-1]
 
 
 def _memory(remainder: np.ndarray) -> int:
-    """Return twice the samples after which the remainder's autocorrelation has vanished."""
+    """Return twice the lag in samples at which the autocorrelation of the remainder first vanishes."""
     n = remainder.size
     correlation = np.fft.irfft(np.abs(np.fft.rfft(remainder, 2 * n)) ** 2)[:n]
     gone = np.flatnonzero(correlation <= 0.0)

@@ -28,9 +28,9 @@ _WEIGHTS = {
 
 
 def differenced(name: str, position: np.ndarray, sample_time: float, needed: Sequence[str]) -> Setpoint:
-    """Return the setpoint of sampled positions in m; unneeded derivatives are 0, and so are two samples at each end.
+    """Return the setpoint from sampled positions in m; derivatives not needed are 0, as are two samples at each end.
 
-    All are differences about the same sample, so that they belong together, and nothing is filtered.
+    All are central differences about the same sample, so they are consistent, and nothing is filtered.
     Raises LogError for fewer than six rows, and for positions whose rounding would be a large part of a derivative.
     """
     if position.size < 6:
@@ -49,10 +49,10 @@ def differenced(name: str, position: np.ndarray, sample_time: float, needed: Seq
 
 
 def _rounding(position: np.ndarray) -> float:
-    """Return the RMS of the rounding of positions, m, as fifth differences show it while the axis accelerates.
+    """Return the RMS of the rounding error of positions, m, from fifth differences while the axis accelerates.
 
-    They are 0 but for a few samples in a motion in pieces of constant snap, which the median leaves out; at constant
-    velocity rounding repeats itself and does not show.
+    Without rounding they are 0 except for a few samples in a motion of constant-snap segments, which the median leaves
+    out; at constant velocity the rounding error is periodic and does not show.
     """
     second, fifth = np.abs(np.diff(position, 2)), np.abs(np.diff(position, 5))
     accelerates = second[1:-2] > 1e-2 * np.max(second, initial=0.0)
@@ -83,10 +83,10 @@ _ENDS = 3  # rows that a third difference needs on each side
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trial(Result):
-    """Setpoint and following error (m) over time, each of shape (n,), at a sample time in s.
+    """The data of one repetition: setpoint and following error (m), of shape (n,), at a sample time in s.
 
-    `saturated` is true in samples in which the force was limited; None where that is not known.  `remarks` say what was
-    done to the reference.
+    `saturated` is true in samples in which the force was limited; None if that is unknown.  `remarks` describe the
+    processing of the reference.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Trial(Result):
 
     @property
     def starts_moving(self) -> bool:
-        """True if the first sample is faster than the largest acceleration could make it in two samples from rest."""
+        """True if the first sample is too fast to be reached from rest in two samples at the largest acceleration."""
         first = abs(float(np.asarray(self.setpoint.velocity)[0]))
         return first > 2.0 * self.sample_time * float(np.max(np.abs(self.setpoint.acceleration)))
 
@@ -118,7 +118,7 @@ class Trial(Result):
         return np.arange(self.following_error.size) * self.sample_time
 
     def table(self) -> Table:
-        """Duration, travel, speed, acceleration and error."""
+        """Return a table of duration, travel, speed, acceleration and error."""
         x, v, a = (np.asarray(derivative) for derivative in self.setpoint[:3])
         largest = [float(np.ptp(x)), *(float(np.max(np.abs(values))) for values in (v, a))]
         columns = [
@@ -166,7 +166,7 @@ def measured_trial(
 ) -> Trial:
     """Return the trial of a log: set and actual position in m, and the force in N if it was logged, each of shape (n,).
 
-    sample_time  s, the clock of the log; it must be that of the loop within 0.1 %
+    sample_time  s, of the log; it must be that of the loop within 0.1 %
     smoothing    samples on each side over which the set position is averaged, twice; 0: none; default: as few as keep
                  the rounding of the logged reference below 2 % of its acceleration
 
@@ -177,9 +177,11 @@ def measured_trial(
         j(k+½) = (x(k+2) - 3 x(k+1) + 3 x(k) - x(k-1)) / T³
         s(k+½) = (x(k+3) - 3 x(k+2) + 2 x(k+1) + 2 x(k) - 3 x(k-1) + x(k-2)) / 2T⁴
 
-    and the setpoint at kT is Taylor's from there, so that half a sample later it is these numbers again.
+    and the setpoint at kT is their Taylor extrapolation by minus half a sample, so that extrapolation by half a sample
+    restores them.
     A sample counts as saturated where |force| reaches the force limit of the control.
-    Raises LogError for another clock (by how much, what is admissible), rows that do not match, and a log too short.
+    Raises LogError for another sample time (with the difference and the tolerance), rows that do not match, and a log
+    that is too short.
     """
     T = float(loop.sample_time)
     check_clock(name, sample_time, T)
@@ -209,7 +211,7 @@ def measured_trial(
 
 
 def check_clock(name: str, sample_time: float, T: float) -> None:
-    """Raise LogError if a clock in s is not that of the controller."""
+    """Raise LogError if a sample time in s is not that of the controller."""
     off = abs(sample_time - T)
     if off <= CLOCK * T:
         return
@@ -230,12 +232,12 @@ def _checked(smoothing: int, rows: int) -> int:
 
 
 def _padded(x: np.ndarray, rows: int) -> np.ndarray:
-    """Return the record with more rows on each side, along the straight line on which it begins and ends."""
+    """Return the record extended by some rows on each side by point reflection at its ends."""
     return np.pad(x, rows, mode="reflect", reflect_type="odd")
 
 
 def _smoothed(x: np.ndarray, width: int) -> np.ndarray:
-    """Return the values averaged twice over 2 width + 1 samples."""
+    """Return the values after two passes of a moving average over 2 width + 1 samples."""
     if width == 0:
         return x
     box = np.full(2 * width + 1, 1.0 / (2 * width + 1))
@@ -261,7 +263,7 @@ def _differenced(x: np.ndarray, T: float) -> Setpoint:
 
 
 def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
-    """Return the samples of smoothing for a reference that was rounded to decimals when logged, and a remark."""
+    """Return the number of smoothing samples for a reference that was rounded to decimals in the log, and a remark."""
     step = _rounded_to(x) if np.ptp(x) > 0.0 else 0.0
     if step == 0.0:
         return 0, ()
@@ -283,7 +285,7 @@ def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
 
 
 def _acceleration(x: np.ndarray, width: int, T: float) -> np.ndarray:
-    """Return the acceleration in the middle of the samples."""
+    """Return the acceleration of the smoothed positions in the middle of the samples."""
     return np.asarray(_differenced(_smoothed(x, width), T).shifted(0.5 * T).acceleration)
 
 

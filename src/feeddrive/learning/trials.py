@@ -52,11 +52,11 @@ _STANDS = 1e-9  # m of travel
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trials(Result):
-    """Trials one after another; trial j ran with the parameters learned from trial j - 1.
+    """A sequence of trials; trial j ran with the parameters learned from trial j - 1.
 
-    trials      the data of each
-    iterations  the result of each except the last, so one fewer
-    loops       the loop of each trial
+    trials      data of each trial
+    iterations  result of each trial except the last
+    loops       loop of each trial
     """
 
     trials: tuple[Trial, ...]
@@ -74,20 +74,18 @@ class Trials(Result):
         return np.array([trial.rms for trial in self.trials])
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return the values by name over the trials, SI."""
+        """Return the parameter values over the trials by name, SI."""
         blocks = [iteration.before for iteration in self.iterations]
         blocks.append(self.iterations[-1].after)
         return {name: np.array([block.parameters()[name] for block in blocks]) for name in blocks[0].parameters()}
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Return the standard errors by name over the trials, SI; NaN where a parameter was not learned in the trial
-        before.
-        """
+        """Return the standard errors over the trials by name, SI; NaN for a parameter that was not learned before."""
         names = self.iterations[0].before.parameters()
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
     def table(self) -> Table:
-        """Error, prediction and parameters, a column for each trial."""
+        """Return a table of error, prediction and parameters, with one column per trial."""
         declared = self.iterations[0].before
         curves: list[tuple[str, str, str, Sequence[float | None]]] = [
             ("RMS", "m", "", [trial.rms for trial in self.trials]),
@@ -129,12 +127,12 @@ def iterate_trials(
     load: Callable[[int], Load] | Load | None = None,
     seed: int = 0,
 ) -> Trials:
-    """Simulate trials, each with the parameters learned from the one before (`iterate` has the law and its arguments).
+    """Simulate trials, each with the parameters learned from the previous one by `next_iteration`.
 
     references  one motion, or several that take turns from trial to trial
-    trials      how many, >= 2
-    believed    the loop whose gains the tuner believes in, if they are not those of the real one
-    load        a force on the table, or a function of the trial's number, from 0 on, that gives one
+    trials      number of trials, >= 2
+    believed    the loop with the gains that the tuner assumes, if they differ from the real ones
+    load        force on the table, or a function that returns it for the index of a trial, from 0 on
     seed        of the noise; trial j has seed + j
     """
     if trials < 2:
@@ -176,10 +174,10 @@ _REGULAR = 0.01  # of the largest |Ĝ_d|: where it is smaller its inverse is bou
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SignalTrials(Result):
-    """Trials one after another, each with the force learned from the one before.
+    """A sequence of trials, each with the force learned from the previous one.
 
     forces  learned force of each trial in N; the first is 0
-    rate    largest |Q (1 - gain L G_d)| from 1 Hz on: < 1, and the learned force converges.  Towards 0 Hz integral
+    rate    largest |Q (1 - gain L G_d)| above 1 Hz; the learned force converges if it is < 1.  Towards 0 Hz integral
             action leaves no error to learn from
     """
 
@@ -194,7 +192,7 @@ class SignalTrials(Result):
         return np.array([trial.rms for trial in self.trials])
 
     def table(self) -> Table:
-        """Error and learned force of each trial."""
+        """Return a table of the error and the learned force of each trial."""
         rows = [
             [j + 1, trial.rms, trial.peak, float(np.sqrt(np.mean(force**2)))]
             for j, (trial, force) in enumerate(zip(self.trials, self.forces, strict=True))
@@ -221,15 +219,15 @@ def learn_signal(
 
         f_next = Q (f + gain L e),   L = Ĝ_d* / (|Ĝ_d|² + ε²),   Q = 1 / (1 + (frequency/bandwidth)⁴)
 
-    Q has no phase, since it works on the record; Ĝ_d is that of `error_model`.  It converges where |Q (1 - gain L G_d)|
-    < 1 at all frequencies: the bandwidth must end where Ĝ_d is no longer known.
+    Q has zero phase, since it filters the record; Ĝ_d is that of `error_model`.  It converges where |Q (1 - gain L
+    G_d)| < 1 at all frequencies: the bandwidth must end where Ĝ_d is no longer known.
 
     bandwidth  Hz, of the robustness filter Q
     gain       share of the correction that is taken, > 0 and <= 1
     references, trials, load, seed, form, plant: as in `iterate_trials`
 
-    It wins where all repeats: the same reference, the same disturbance at the same time, of any shape.  It loses where
-    the reference changes, since the force belongs to the old one, and where nothing repeats, since it learns noise.
+    When to use: if reference and disturbance, of any shape, repeat at the same times.  When not: if the reference
+    changes, since the force belongs to the old one, or if nothing repeats, since it then learns noise.
     Raises ParameterError for values out of bounds; errors of `error_model`.
     Source: Arimoto, Kawamura & Miyazaki 1984; the filters as in Bristow, Tharayil & Alleyne 2006.
     """
@@ -257,7 +255,7 @@ def learn_signal(
 
 
 def _played(loop: Loop, force: np.ndarray) -> Loop:
-    """Return the loop that adds the force, which ends with 0."""
+    """Return the loop with the learned force as a compensation; a final 0 is appended to the force."""
     others = tuple(block for block in loop.control.compensation if not isinstance(block, LearnedForce))
     block = LearnedForce(force=np.append(force, 0.0))
     return dataclasses.replace(loop, control=dataclasses.replace(loop.control, compensation=(*others, block)))
@@ -268,7 +266,7 @@ def _lines(model: StateSpace | Lifted, size: int) -> np.ndarray:
 
 
 def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
-    """Return the response from 0 Hz on, where an FRF has no line; with two rates the answer at the frequency itself."""
+    """Return the response including 0 Hz, which an FRF omits; for a multirate model at the excited frequency."""
     if isinstance(model, Lifted):
         A, B, C, D = model.stacked(model.inputs, model.outputs)
         held = np.ones(B.shape[1])
@@ -280,7 +278,7 @@ def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
 
 
 def _correction(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
-    """Return L at the frequencies."""
+    """Return the learning filter L at the frequencies."""
     g = _response(model, frequency)
     return g.conj() / (np.abs(g) ** 2 + (_REGULAR * np.max(np.abs(g))) ** 2)
 
@@ -309,13 +307,13 @@ def _rate(model: StateSpace | Lifted, true: StateSpace | Lifted, gain: float, ba
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MachineTrials(Result):
-    """Runs of the same motion, each with what was learned from the one before.
+    """Runs of the same motion, each with the parameters learned from the previous one.
 
     error    RMS of the following error of each run, m, by axis
     contour  largest and RMS of the contour error of each run, m; empty if fewer than two axes move along lines
-    learned  the block of the last run by axis: a disturbance compensator or a trajectory prefilter
-    machine  of the last run
-    remarks  what was not learned, and why
+    learned  block of the last run by axis: a disturbance compensator or a trajectory prefilter
+    machine  machine of the last run
+    remarks  axes that learned nothing, and why
     """
 
     error: Mapping[str, np.ndarray]
@@ -325,7 +323,7 @@ class MachineTrials(Result):
     remarks: tuple[str, ...]
 
     def table(self) -> Table:
-        """Errors, a column for each run."""
+        """Return a table of the errors, with one column per run."""
         runs = len(next(iter(self.error.values())))
         curves = {f"{axis}: error RMS": row for axis, row in self.error.items()}
         if self.contour:
@@ -350,12 +348,11 @@ def iterate_machine(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> MachineTrials:
-    """Learn the feedforward parameters of all moving axes from run to run (`next_iteration` has the law and its
-    arguments).
+    """Learn the feedforward parameters of all moving axes from run to run (see `next_iteration` for the update law).
 
-    Each axis learns from its own error; what couples it with others is seen as a disturbance that repeats.  An axis
-    whose run teaches nothing keeps what it has, with a remark.
-    Raises ParameterError for fewer than two runs, and as `simulate`.
+    Each axis learns from its own error; its coupling with other axes acts as a repeating disturbance.  An axis whose
+    run carries no information keeps its parameters, with a remark.
+    Raises ParameterError for fewer than two runs, and the errors of `simulate`.
     """
 
     def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
@@ -378,9 +375,9 @@ def tune_prefilters(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> MachineTrials:
-    """Tune the trajectory prefilters of all moving axes from run to run (`fit_prefilter` has the law).
+    """Tune the trajectory prefilters of all moving axes from run to run (see `fit_prefilter` for the law).
 
-    Raises ParameterError for fewer than two runs and for a prefilter of another kind, and as `simulate`.
+    Raises ParameterError for fewer than two runs and for a prefilter of another kind, and the errors of `simulate`.
     """
 
     def present(loop: Loop) -> TrajectoryPrefilter | None:
@@ -412,7 +409,7 @@ def _repeated(
     seed: int,
     progress: Progress | None,
 ) -> MachineTrials:
-    """Simulate run after run, with what each axis learned from the one before."""
+    """Simulate repeated runs, each with the parameters that the axes learned from the previous run."""
     if runs < 2:
         raise ParameterError(f"runs = {runs} must be >= 2: the first shows the error, the second what was learned")
     moving = [name for name, reference in references.items() if _moves(reference, float(machine.sample_time))]

@@ -62,8 +62,8 @@ class Axis(Block):
         drive: Number
 
     def check(self) -> None:
-        """Check that a rigid plant, which has one body, has one friction, and that each force finds the plant that it
-        needs.
+        """Check that a rotary axis has no screw, that a one-body plant has one friction, and that forces suit the
+        plant.
         """
         of_screw = "lead" in declarations(type(self.plant)) or (
             self.actuator.motor is not None and "lead" in declarations(type(self.actuator.motor))
@@ -81,14 +81,14 @@ class Axis(Block):
             force.fits(self.plant, self.forces[:i] + self.forces[i + 1 :])
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the conditions that the exact hold of a substep can be computed and that forces can run at it."""
+        """Yield the conditions under which the exact hold and the forces can be computed at the substep length."""
         h = T / self.substeps
         yield from slow_enough(self.mechanics(), self.actuator.current_loop, h)
         for force in self.forces:
             yield from force.substep_rules(h)
 
     def timing(self, T: float) -> Timing:
-        """Return the whole samples of dead time, and whether a part is left. All lanes must agree."""
+        """Return the number of whole samples of dead time and whether a fraction remains. All lanes must agree."""
         samples = samples_of(self.actuator.dead_time, T)
         whole = ops.floor(samples)
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
@@ -106,7 +106,7 @@ class Axis(Block):
         return Timing(int(most), ops.most(samples - whole, 0.0) > 0.0)
 
     def mechanics(self) -> Mechanics:
-        """Return the plant with the viscous part of its friction."""
+        """Return the mechanics of the plant, with the viscous part of the friction in the damping matrix."""
         plain = self.plant.mechanics()
         damping: Any = plain.damping
         for friction, body in ((self.friction_motor, plain.motor), (self.friction_load, plain.load)):
@@ -115,7 +115,7 @@ class Axis(Block):
         return plain._replace(damping=damping)
 
     def viscous(self, friction: Friction, row: Row) -> Matrix:
-        """Return the viscous part of a friction on the body x = row · q in the damping matrix, N s/m."""
+        """Return the damping matrix of the viscous part of a friction on the body x = row · q, N s/m."""
         return matrix.multiply([[x] for x in matrix.scale(friction.linear(), (row,))[0]], (row,))
 
     def prepare(self, T: Number, timing: Timing) -> Hold:
@@ -127,14 +127,14 @@ class Axis(Block):
         return Hold(joint.change, *joint.axes[0])
 
     def port(self, rows: Rows, timing: Timing) -> Port:
-        """Return where the axis's forces enter the mechanics, with lag and dead time of its drive."""
+        """Return the inputs of the axis's forces to the mechanics, with the lag and dead time of its drive."""
         bandwidth = self.actuator.current_loop
         lag = None if bandwidth is None else 2.0 * ops.pi * bandwidth
         return Port(rows, lag, self.actuator.dead_time, timing)
 
     def start(self, position: Number, velocity: Number, timing: Timing) -> State:
-        """Return the state of a rigid motion with `velocity` (m/s), the load at `position` (m), springs relaxed, no
-        force.
+        """Return the state of a rigid-body motion at `velocity` (m/s), the load at `position` (m), with springs and
+        drive unloaded.
         """
         along = self.plant.mechanics().rigid_motion()
         rigid = Motion(position, position, velocity, velocity)
@@ -189,7 +189,7 @@ class Axis(Block):
         return (self.encoder_motor is None) != (self.encoder_load is None)
 
     def _readings(self, motor: Number, load: Number) -> tuple[Number, Number]:
-        """Return both readings; a single encoder gives both."""
+        """Return the readings of both encoders; a single encoder gives both."""
         if self.encoder_motor is None and self.encoder_load is not None:
             return load, load
         if self.encoder_load is None and self.encoder_motor is not None:

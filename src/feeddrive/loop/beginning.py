@@ -1,7 +1,8 @@
-"""What a run begins with: its sampled inputs, its prepared numbers and its first state.
+"""The data with which a run begins: its sampled inputs, prepared numbers and initial state.
 
-Both come from the same source, `prepare` and `start` of the blocks.  The first runs of a structure compute them in
-Python, which is quicker than to compile what runs once; later ones run the traced graph, to the same bits.
+Prepared numbers and initial state come from the same source, `prepare` and `start` of the blocks.  The first runs of a
+structure compute them in Python, which is faster than compiling what runs once; later runs use the compiled graph, with
+bit-identical results.
 """
 
 from __future__ import annotations
@@ -38,23 +39,23 @@ _sampled_by_numpy = [0]
 
 
 class Path:
-    """Sampled setpoints, shape (5, samples), read only."""
+    """The sampled setpoints of an axis, shape (5, samples), read-only."""
 
     def __init__(self, rows: np.ndarray) -> None:
         self.rows = rows
         self._travels: dict[int, float] = {}
 
     def travel(self, most: int) -> float:
-        """Return the travel in m, sampled at up to `most` samples."""
+        """Return the travel in m, evaluated at up to `most` samples."""
         if most not in self._travels:
             self._travels[most] = travel(self.rows[0, _spread(self.rows.shape[1], most)])
         return self._travels[most]
 
 
 class Work:
-    """The sampled inputs of a run: setpoints, load force, enable, added force, for any range of samples.
+    """The sampled inputs of a run for any range of samples: setpoints, load force, enable, added force.
 
-    For a machine each is a mapping by axis; an axis that is missing has no such force.
+    For a machine each of them is a mapping by axis; an axis without an entry has no such force.
     """
 
     def __init__(
@@ -123,7 +124,7 @@ class Work:
         )
 
     def sample(self, first: int, count: int) -> slice:
-        """Sample a stretch, unless the last one holds it, and return its place in that one."""
+        """Sample the inputs over a range unless the cached range contains it; return its slice of the cached range."""
         start = first - self._first
         if start < 0 or start + count > self._count:
             t = cache(lambda: (first + np.arange(count)) * self.T)
@@ -138,7 +139,7 @@ class Work:
         return slice(start, start + count)
 
     def sampled(self, first: int, count: int) -> dict[str, Any]:
-        """Return setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is
+        """Return setpoints, load and added forces (0 N if absent) by name over a range of samples; the last is
         cached.
         """
         held, inputs = self.sample(first, count), {}
@@ -149,9 +150,7 @@ class Work:
         return inputs
 
     def _along(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
-        """Return the setpoints of a reference; those of a whole run are cached, since the next run often follows the
-        same path.
-        """
+        """Return the setpoints of a reference; those of a whole run are cached for further runs along the same path."""
         place = key(reference) if first == 0 and 1 < count <= _KEPT else None
         if place is None:
             return self._fresh(reference, t, first, count)
@@ -171,7 +170,9 @@ class Work:
         return Path(out)
 
     def inputs(self, code: Native, first: int, count: int) -> np.ndarray:
-        """Return samples first .. first + count - 1 in the order of the machine code, shape (count, n), read only."""
+        """Return the inputs of samples first .. first + count - 1 in the order of the machine code, shape (count, n),
+        read-only.
+        """
         names = tuple(name for name, _ in code.plan.inputs)
         begin = SETPOINT.index(names[0]) if self._single and names and names[0] in SETPOINT else 0
         if self._single and names == SETPOINT[begin : begin + len(names)]:
@@ -189,7 +190,7 @@ class Work:
 
 
 def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int) -> np.ndarray:
-    """Sample the setpoints first .. first + count - 1 by machine code, with the same bits as numpy."""
+    """Compute the setpoints of samples first .. first + count - 1 by machine code, bit-identical to numpy."""
     sampler, out = _sampler(), np.empty((count, len(SETPOINT)))
     rows = np.array([(*way, *piece, T) for way, piece in stretches])
     way, piece = len(Way._fields), len(Way._fields) + len(Piece._fields)
@@ -213,7 +214,7 @@ def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int
 
 @lru_cache(maxsize=1)
 def _sampler() -> Native:
-    """Return machine code for the setpoints of one stretch; its numbers and the sample time are constants."""
+    """Return machine code for the setpoints of one stretch, with its parameters and the sample time as constants."""
     graph = Graph()
     leaves = [name for name, _ in tree.leaves(rest(0.0, 0.0))]
     stretch = tree.rebuild(rest(0.0, 0.0), (graph.input(name) for name in leaves))
@@ -232,13 +233,13 @@ def _sampler() -> Native:
 
 
 def travel(positions: Any) -> float:
-    """Return the distance from the least to the largest position."""
+    """Return the difference between the largest and the smallest position."""
     return float(np.ptp(positions))
 
 
 @lru_cache(maxsize=64)
 def _spread(count: int, most: int) -> np.ndarray:
-    """Return up to `most` of the first `count` samples, including the first and the last."""
+    """Return the indices of up to `most` of the first `count` samples, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, most).astype(np.int64))
 
 
@@ -247,7 +248,7 @@ PAYS_AFTER = 12
 
 
 class Trees(NamedTuple):
-    """A system with numpy numbers as leaves, what it prepared, and its first state."""
+    """A system with numpy numbers as leaves, its prepared numbers, and its initial state."""
 
     plain: Any
     prepared: Any
@@ -255,7 +256,7 @@ class Trees(NamedTuple):
 
 
 class Beginning:
-    """Delay structure, numbers and first states by name, tables and structure of a system at the start of a run."""
+    """The data for the start of a run: delay structure, numbers and initial states by name, tables and structure."""
 
     def __init__(
         self,
@@ -271,18 +272,18 @@ class Beginning:
 
     @cached_property
     def trees(self) -> Trees:
-        """The same numbers as trees, which only a trace or a live change needs."""
+        """The same numbers as trees, needed only for a trace or a live change."""
         return self._trees()
 
     @cached_property
     def varying(self) -> frozenset[str]:
-        """The names of numbers and first states that are arrays over lanes."""
+        """The names of numbers and initial states that are arrays over lanes."""
         both = {**self.numbers, **self.first}
         return frozenset(name for name, value in both.items() if isinstance(value, np.ndarray))
 
 
 class _Structure:
-    """The count of starts of a structure with new numbers, and its machine code once there were enough."""
+    """The number of starts of a structure with new numbers, and its machine code after enough of them."""
 
     def __init__(self) -> None:
         self.begun = 0
@@ -295,10 +296,10 @@ _structures: Recent[_Structure] = Recent(64)
 
 
 def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str]) -> Beginning:
-    """Return the start of a system at a first setpoint; `start` is (position, velocity), None for those of the
-    setpoint.
+    """Return the data for the start of a run; `start` is (position, velocity), by default that of the setpoint.
 
-    Kept for the next run of a loop with the same numbers; nothing is kept of machines, tables and variants in lanes.
+    The result is cached for the next run of a loop with the same numbers, but not for machines, tables or variants in
+    lanes.
     """
     if start is None:
         start = each_axis(lambda at: (at.position, at.velocity), setpoint)
@@ -334,7 +335,7 @@ def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str
 
 
 def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial: Collection[str]) -> Beginning:
-    """Return the prepared numbers and the first state of a loop or machine, computed in Python."""
+    """Return the prepared numbers and the initial state of a loop or machine, computed in Python."""
     timing = system.timing(partial)
     plain = concrete(system)
     with np.errstate(all="ignore"):
@@ -361,21 +362,21 @@ def _prepared(plain: Any, timing: Any) -> Any:
 
 
 def key(held: Any) -> Hashable:
-    """Return the structure of blocks and all bits of their numbers; None with tables or lanes, which are not cached."""
+    """Return the structure of blocks and the bits of their numbers as a cache key; None for tables or lanes."""
     structure, values = tree.structure_and_values(held)
     row = _bits(values)
     return None if row is None else (structure, row.tobytes())
 
 
 def _bits(values: Sequence[Any]) -> np.ndarray | None:
-    """Return numbers as a row of floats; None with tables or lanes."""
+    """Return numbers as an array of floats; None for tables or lanes."""
     if np.ndarray in map(type, values):
         return None
     return np.array(values, dtype=np.float64)
 
 
 def typed(value: Any) -> Any:
-    """Return a number, or the numbers of lanes, as numpy types."""
+    """Convert a number, or the numbers of all lanes, to numpy types."""
     return np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else np.float64(value)
 
 
@@ -389,8 +390,8 @@ def each_axis(function: Callable[[Any], Any], argument: Any) -> Any:
 class TracedBeginning(NamedTuple):
     """The graph of `prepare` and `start`.
 
-    Leaves are the numbers of the system by name, and `start.position`, `start.velocity`, `start.set_position` ...; of a
-    machine the latter with the axis before them.
+    Leaves are the numbers of the system by name, and `start.position`, `start.velocity`, `start.set_position` ...; for
+    a machine the latter are prefixed by the axis.
     """
 
     graph: Graph
@@ -425,11 +426,13 @@ def traced_beginning(system: System, timing: Any, counted: Callable[[Symbol], fl
 
 
 class NativeBeginning:
-    """`prepare` and `start` of one structure of a loop as machine code."""
+    """The machine code of `prepare` and `start` for one structure of a loop."""
 
     def __init__(self, loop: Loop, timing: Any, row: np.ndarray | None) -> None:
-        """Compile. `row` holds the numbers of a run: loops of a fixed count go no further than it needs; None: all the
-        way.
+        """Compile `prepare` and `start`.
+
+        `row` holds the numbers of a run and limits loops of fixed count to the iterations that it needs; None: no
+        limit.
         """
         self._leaves = [name for name, _ in tree.leaves(loop)]
         names = [*self._leaves, *STARTS]
@@ -455,7 +458,7 @@ class NativeBeginning:
         self._native: Native = native(plan(program), flush=False, quick=True)
 
     def run(self, row: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]] | None:
-        """Return numbers and first states by name; None if a loop of a fixed count must go further than traced."""
+        """Return numbers and initial states by name; None if a loop of fixed count exceeds the traced iterations."""
         outputs = np.empty((1, len(self._native.plan.outputs)))
         self._native.run(1, 0, row, np.empty((1, 0)), np.empty(0), outputs, ())
         counts, prepared = len(self._counts), len(self._counts) + len(self._constants)

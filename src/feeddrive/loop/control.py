@@ -128,7 +128,7 @@ class Control(Block):
                 fed[name] = block.kind
 
     def prepare(self, T: Number) -> Prepared:
-        """Prepare the numbers of every part."""
+        """Compute the prepared numbers of every part."""
         return self.Prepared(
             self.law.prepare(T),
             tuple(part.prepare(T) for part in self.compensation),
@@ -141,7 +141,7 @@ class Control(Block):
     ) -> State:
         """Return the state one sample before the first step, at the position of the axis, moving with `velocity` (m/s).
 
-        The force that acts then is the guard's safe force; without a guard there is none.
+        The acting force is then the guard's safe force, or 0 without a guard.
         """
         if self.guard is not None:
             setpoint, motor, load = self.guard.sound(setpoint, motor, load)
@@ -191,7 +191,7 @@ class Control(Block):
     def answer(
         self, prepared: Prepared, state: State, judged: Judged, T: Number, added: Number | None = None
     ) -> tuple[State, Command]:
-        """Compute the second half of a sample; `added` is a velocity in m/s on top of what the law commands
+        """Compute the second half of a sample; `added`, m/s, is added to the law's velocity command
         (`Law.position_gain`).
         """
         reading = self._reading(state, judged.motor, judged.load)
@@ -211,16 +211,16 @@ class Control(Block):
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def moved(self, state: State) -> Number:
-        """Return what compensation last added to the set position on account of the reading alone, m; the rest is
-        motion.
-        """
+        """Return the set-position shift by compensation that is due to the reading alone, m; the rest is motion."""
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
         shifts = [block.moved(held) for block, held in pairs]
         shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
         return reduce(add, shifts) if shifts else 0.0
 
     def check_live(self, old: Control, place: str = "control") -> None:
-        """Raise StructureError, with the first place, if this control differs from `old` by more than numbers."""
+        """Raise StructureError, naming the first difference, if more than numbers differ between this control and
+        `old`.
+        """
         differs = tree.difference(old, self, place)
         if differs is not None:
             raise StructureError(
@@ -228,9 +228,9 @@ class Control(Block):
             )
 
     def retune(self, state: State, old: Control, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state after a live change from `old` to this control, between two samples, without a bump.
+        """Return the state after a bumpless live change from `old` to this control between two samples.
 
-        Only numbers may differ: raises StructureError where a block, a choice or the presence of a parameter does.
+        Only numbers may differ: raises StructureError if a block, a choice or the presence of a parameter differs.
         """
         self.check_live(old)
         held = state.memory
@@ -261,7 +261,7 @@ class Control(Block):
     def _run(
         self, prepared: Prepared, memory: Any, setpoint: Setpoint, reading: Reading, T: Number, velocity: Number | None
     ) -> tuple[Memory, Command]:
-        """Run the parts in the order of the signal."""
+        """Run the parts in the order of the signal flow."""
         prefilter = memory.prefilter
         if self.prefilter is not None:
             prefilter, setpoint = self.prefilter.step(prefilter, setpoint, T)
@@ -301,7 +301,7 @@ def _less(force: Any, carried: Any) -> Any:
 
 
 def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
-    """Return the state and the force that a law returned; in a trace the state must have the same parts as before.
+    """Return the state and the force from a law's answer; in a trace the state must keep its structure.
 
     Raises StructureError, naming what the law returned instead.
     """
@@ -320,7 +320,7 @@ def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
 
 
 def _check_forgetful(memory: Any, path: str) -> None:
-    """Check that a reset can forget: a `History` or a `Track` counts what it was given, a ring keeps all."""
+    """Check that a reset can clear the memory: a `History` or a `Track` counts its valid values, a ring does not."""
     if isinstance(memory, Ring):
         raise StructureError(
             f"{path} is a ring, which the reset of the guard does not clear: what it holds from before a trip would "

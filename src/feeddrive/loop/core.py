@@ -1,4 +1,4 @@
-"""One substep of an axis, of axes coupled by structure modes, and of a machine with what acts between its axes."""
+"""The substep of an axis, of axes coupled by structure modes, and of a machine with couplings between its axes."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class Push(NamedTuple):
 
 
 class Core:
-    """Axes whose linear mechanics move as one.
+    """Axes whose linear mechanics form one joint system.
 
-    The coordinates are those of the axes, one after the other, and then the shared modes; springs lie between tables.
+    The coordinates are those of the axes, one after the other, and then the shared modes; springs act between tables.
     A mode η adds shape · η to the position of each body that it moves, and a force on the body acts on it with the same
     shape:
 
@@ -79,7 +79,7 @@ class Core:
         return next(iter(self.axes.values())).substeps
 
     def mechanics(self) -> Mechanics:
-        """Return the joint matrices with the viscous part of all frictions; the shape is left out."""
+        """Return the joint matrices, with viscous friction in the damping; the shape matrix is left out."""
         size = self._own + len(self.modes)
         mass, damping, stiffness = (matrix.zeros(size, size) for _ in range(3))
         for name, plain in self._plain.items():
@@ -104,7 +104,7 @@ class Core:
         return Mechanics(tuple(map(tuple, mass)), total, stiff, ())
 
     def _stretch(self, spring: SharedSpring) -> Row:
-        """Return the stretch of a spring over all coordinates."""
+        """Return the elongation of a spring as a row over all coordinates."""
         rows = [matrix.scale(share, (self._rows(name).load,)) for name, share in spring.shares.items()]
         first, *rest = rows
         for row in rest:
@@ -112,10 +112,10 @@ class Core:
         return first[0]
 
     def _rows(self, name: str) -> Rows:
-        """Return the rows of the drive, the motor's and the load's body of an axis over all coordinates.
+        """Return the shape-matrix rows of the drive, the motor's and the load's body of an axis over all coordinates.
 
-        The drive and the motor's body show a mode by its shape at the motor, the load's body by that at the load, also
-        where the two are one body.
+        A mode acts on the drive and the motor's body with its shape at the motor, on the load's body with its shape at
+        the load, even where the two are one body.
         """
         plain, place = self._plain[name], self._places[name]
         before, after = (0.0,) * place.start, (0.0,) * (self._own - place.stop)
@@ -162,7 +162,7 @@ class Core:
         time: Number,
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """Compute one substep of h seconds from `time` on: linear core exact, forces at its middle, friction at its
+        """Compute one substep of h seconds from `time` on: linear core exact, forces at mid-substep, friction at its
         end.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
@@ -198,7 +198,7 @@ class Core:
         columns: Mapping[str, Columns],
         index: int,
     ) -> Row:
-        """Return the end of the substep without friction."""
+        """Return the state at the end of the substep without friction."""
         position, velocity = self._joined(states, shared)
         before = (*position, *velocity, *(x for name in self.axes for x in states[name].drive))
         free: list[Any] = []
@@ -223,7 +223,7 @@ class Core:
         drives: Mapping[str, Number],
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """Return the end of the substep with the friction forces that are consistent with its velocities."""
+        """Return the state at the end of the substep with friction forces that are consistent with its velocities."""
         contacts: list[Contact] = []
         owners: list[tuple[str, str]] = []
         for name, axis in self.axes.items():
@@ -261,7 +261,7 @@ def _outer(factor: Number, row: Row) -> matrix.Matrix:
 
 
 def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Number | None) -> tuple[Acting, Any]:
-    """Return the forces over the sample in which a command in N is given, and the state that remembers the command."""
+    """Return the forces over the sample in which a command in N is issued, and the state that stores the command."""
     commands = (command, *state.pending)
     partial = len(columns.old) > 0
     forces = Acting(commands[-2] if partial else commands[-1], commands[-1] if partial else None, load)
@@ -283,16 +283,16 @@ def advance(
 
 
 def _sum(a: Any, b: Any) -> Any:
-    """Return a + b, without absent terms."""
+    """Return a + b, omitting absent terms."""
     if a is None or matrix.is_zero(a):
         return b
     return a if b is None or matrix.is_zero(b) else a + b
 
 
 def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag: int, index: int, at: Acting) -> Number:
-    """Return the mean drive force in N over a substep, while a command takes over from the one before.
+    """Return the mean drive force in N over a substep, including the handover from one command to the next.
 
-    `lag` is the place of the drive force among the states, if it lags.
+    `lag` is the index of the drive force among the states, if it lags.
     """
     if state.drive:
         moved = change[lag][lag] * state.drive[0] + columns.new[index][lag] * at.new
@@ -303,7 +303,7 @@ def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag:
 
 
 class Contact(NamedTuple):
-    """Friction on one body."""
+    """The friction on one body."""
 
     friction: Friction
     state: Any
@@ -327,7 +327,7 @@ def settle(
     h: Number,
     sweeps: int,
 ) -> tuple[list[Any], list[Answer]]:
-    """Return the end of a substep h, from its start and the end `free` that it would have without friction.
+    """Return the state at the end of a substep h, from its start and the frictionless end `free`.
 
     Each contact is solved in turn with the latest forces of the others (Gauss-Seidel), `sweeps` times.
     """
@@ -353,7 +353,7 @@ def settle(
 
 
 def plus(x: Any, column: Any, force: Any) -> Any:
-    """Return x + column · force, without absent terms."""
+    """Return x + column · force, omitting absent terms."""
     if force is None or matrix.is_zero(column) or matrix.is_zero(force):
         return x
     return column * force if matrix.is_zero(x) else x + column * force
@@ -372,10 +372,10 @@ def share_mass(mechanics: Mechanics) -> bool:
 def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h: Number) -> None:
     """Set the velocity of a body that sticks at the end of a substep to exactly zero.
 
-    Its last coordinate with the share 1 cancels all others; it must be the last for the sum row · q' to be exactly 0.
-    The body ends where a constant deceleration to rest takes it, x + v h/2, and thus stays where it is if it stood
-    before; the friction force, a mean over the substep, would let it creep while a spring on it is loaded.  Where two
-    bodies share a coordinate, as in a modal model, the second is exact and the first is at rest up to rounding.
+    The last coordinate with the share 1 cancels all others; it must be the last for the sum row · q' to be exactly 0.
+    The body stops after a constant deceleration to rest, at x + v h/2, and so keeps its position if it was at rest; the
+    friction force, a mean over the substep, would let it creep while a spring on it is loaded.  Where two bodies share
+    a coordinate, as in a modal model, the second is exact and the first is at rest up to rounding.
     """
     own = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
     if own is None:
@@ -391,7 +391,7 @@ def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h:
 
 
 class Joint:
-    """The physics of axes by name with what acts between them: all of a machine but its controls.
+    """The physics of axes by name with the couplings between them: a machine without its controls.
 
     Axes that share structure modes move in one exact hold; all others have their own.  Couplings act at common
     substeps, from the motions of all axes at the same instant.
@@ -416,7 +416,7 @@ class Joint:
         self._where = {name: place for place, core in enumerate(self.cores) for name in core.axes}
 
     def _cores(self) -> list[Core]:
-        """Return groups of axes that share modes or springs, in the order of the axes."""
+        """Return the groups of axes that share modes or springs, in the order of the axes."""
         groups: list[tuple[list[str], list[Any], list[Any]]] = [([name], [], []) for name in self.axes]
         for coupling in self.couplings:
             modes, springs = coupling.modes(), coupling.springs()
@@ -437,7 +437,7 @@ class Joint:
         return self.cores[0].substeps()
 
     def rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the conditions of couplings and shared modes at the substeps."""
+        """Yield the conditions on couplings and shared modes at the substep length."""
         h = T / self.substeps()
         for core in self.cores:
             if core.modes or core.springs:
@@ -457,7 +457,7 @@ class Joint:
         return self.Prepared(holds, tuple(coupling.prepare(h) for coupling in self.couplings))
 
     def start(self, prepared: Prepared, states: Mapping[str, Axis.State], motions: Mapping[str, Motion]) -> State:
-        """Return the state of the axes with these motions, and modes at rest."""
+        """Return the state with these motions of the axes and with the modes at rest."""
         zero = ops.zero(next(iter(motions.values())).position_load)
         shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores)
         couplings = zip(self.couplings, prepared.couplings, strict=True)
@@ -473,7 +473,7 @@ class Joint:
         return self.cores[place].motion(name, state.axis._asdict(), state.shared[place])
 
     def columns(self, prepared: Prepared) -> dict[str, Columns]:
-        """Return the columns of the forces of each axis."""
+        """Return the force columns of the hold by axis."""
         return {
             name: axis
             for core, core_prepared in zip(self.cores, prepared.cores, strict=True)
@@ -483,8 +483,8 @@ class Joint:
     def advance(
         self, prepared: Prepared, state: State, at: Mapping[str, Acting], time: Number, T: Number
     ) -> tuple[State, dict[str, Axis.Step], dict[str, Number | None]]:
-        """Advance all axes from kT to (k+1)T; return the state, each axis's forces for the record, and the mean force
-        on its table.
+        """Advance all axes from kT to (k+1)T; return the state and, by axis, forces for the record and mean table
+        force.
         """
         moved: dict[str, Axis.State] = state.axis._asdict()
         shared, remembered = list(state.shared), list(state.couplings)
@@ -516,7 +516,7 @@ class Joint:
         middle: Number,
         h: Number,
     ) -> dict[str, Push]:
-        """Return the forces of all couplings by axis over a substep with the given middle; their states are updated."""
+        """Return the coupling forces by axis in the middle of a substep, and update the states of the couplings."""
         motions: dict[str, Motion] = {}
         pushes: dict[str, Push] = {}
         for i, (coupling, coefficients) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):

@@ -14,9 +14,10 @@ from feeddrive.language.text import Text
 
 
 def transfer(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, z: np.ndarray) -> np.ndarray:
-    """Return c (z - A)⁻¹ b + d at every z, shape (n,), by the Schur form of the balanced A, from its last row up.
+    """Return c (z - A)⁻¹ b + d at every z, shape (n,), from the Schur form of the balanced A by back substitution.
 
-    Unitary, so as safe as solving for each z, and ten times as quick, a hundred times for 200 states.
+    The transformation is unitary, so the result is as accurate as solving for each z; it is ten times as fast, a
+    hundred times for 200 states.
     """
     from scipy.linalg import matrix_balance, schur  # not for commands that only read
 
@@ -57,9 +58,10 @@ def variance_of(response: np.ndarray, coherence: np.ndarray, averages: float = A
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FRF(Result):
-    """response(f) from `input` to `output` at `frequency` in Hz, both of shape (n,); `unit` is output over input in SI.
+    """The frequency response from `input` to `output` at `frequency` in Hz, shape (n,); `unit` is output over input in
+    SI.
 
-    `coherence` and `variance`, shape (n,), belong to a measured one; variance is E|dG|² of the complex `response`,
+    `coherence` and `variance`, shape (n,), belong to a measured FRF; variance is E|dG|² of the complex `response`,
     averaged or not.  Arithmetic with numbers and other FRFs on the same frequencies works as on arrays.
     The variance is propagated to first order if only one operand has one:
 
@@ -67,7 +69,7 @@ class FRF(Result):
 
     Two FRFs with variances usually come from one experiment, so that their errors are correlated in an unknown way:
     their combination has no variance.  An FRF without variance counts as exact when combined with one that has it.
-    Raises ParameterError for frequencies that do not rise or are not positive, for NaN, for a coherence outside 0..1
+    Raises ParameterError for frequencies that are not positive and increasing, for NaN, for a coherence outside 0..1
     and for a variance below 0.
     """
 
@@ -111,7 +113,7 @@ class FRF(Result):
             )
 
     def _check(self, name: str, most: float) -> None:
-        """Check that there is one number per line, finite and between 0 and `most`."""
+        """Check that an array has one number per line, finite and between 0 and `most`."""
         if getattr(self, name) is None:
             return
         values = np.asarray(getattr(self, name), float)
@@ -130,29 +132,30 @@ class FRF(Result):
 
     @property
     def magnitude(self) -> np.ndarray:
-        """|response|."""
+        """The magnitude |response|."""
         return np.abs(self.response)
 
     @property
     def phase_deg(self) -> np.ndarray:
-        """Phase in degrees, continuous from the first line on."""
+        """The phase in degrees, unwrapped from the first line on."""
         return np.degrees(np.unwrap(np.angle(self.response)))
 
     @property
     def deviation(self) -> np.ndarray | None:
-        """Standard deviation of the complex response, √variance, if it is known."""
+        """The standard deviation of the complex response, √variance; None if it is unknown."""
         return None if self.variance is None else np.sqrt(self.variance)
 
     @property
     def radius(self) -> np.ndarray | None:
-        """Radius of the disc round each value that holds the true one with 95 %, √(-ln 0.05 · variance), if known.
+        """The radius of the 95 % confidence disc around each value, √(-ln 0.05 · variance); None if the variance is
+        unknown.
 
-        For a complex normal error whose variance is known, not estimated from few averages.
+        It holds for a complex normal error whose variance is known, not estimated from few averages.
         """
         return None if self.variance is None else _DISC * np.sqrt(self.variance)
 
     def known_variance(self, averages: float = AVERAGES) -> np.ndarray | None:
-        """Return the variance, or that from the coherence of so many averages (`variance_of`), or None."""
+        """Return the variance, else that from the coherence for this number of averages (`variance_of`), else None."""
         if self.variance is None and self.coherence is not None:
             return variance_of(self.response, self.coherence, averages)
         return self.variance
@@ -161,7 +164,7 @@ class FRF(Result):
         return replace(self, response=response, coherence=None, variance=variance)
 
     def _known(self, other: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Return the variance of a combination of both; None if both have one."""
+        """Return the variances of both operands; None for both if both have one, since errors may be correlated."""
         theirs = other.variance if isinstance(other, FRF) else None
         return (self.variance, theirs) if self.variance is None or theirs is None else (None, None)
 
@@ -228,7 +231,7 @@ class FRF(Result):
         )
 
     def table(self) -> Table:
-        """Magnitude and phase at up to twelve frequencies."""
+        """Return a table of magnitude and phase at up to twelve frequencies."""
         chosen = np.unique(np.linspace(0, self.frequency.size - 1, 12).astype(int)) if self.frequency.size else []
         rows = [
             [*map(float, (self.frequency[i], self.magnitude[i], 20.0 * np.log10(self.magnitude[i]), self.phase_deg[i]))]

@@ -1,4 +1,4 @@
-"""Exact derivatives: of a graph, of a traced linear model, and of a scalar cost of a run."""
+"""Exact derivatives of a graph, of a traced linear model, and of a scalar cost of a run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
 
 @dataclass(frozen=True, eq=False)
 class TracedModel:
-    """The matrix [A B; C D] of a linear model as nodes of a graph: the entries that are not plain zeros.
+    """The matrix [A B; C D] of a linear model as nodes of a graph, for the entries that are not plain zeros.
 
     Rows are the `states` followed by the outputs, columns the states followed by the inputs.  `leaves` are the graph's
     inputs by name.
@@ -43,7 +43,7 @@ class TracedModel:
     leaves: Mapping[str, int]
 
     def trimmed(self) -> TracedModel:
-        """Return the model without states that no input reaches or no output sees."""
+        """Return the model without states that are unreachable from the inputs or unobservable at the outputs."""
         n = self.states
         links = {(i, j) for i, j, _ in self.entries}
         reached = {i for i, j in links if j >= n and i < n}
@@ -58,7 +58,7 @@ class TracedModel:
         return replace(self, states=len(kept), shape=(len(rows), len(columns)), entries=entries)
 
     def at(self, values: Mapping[str, Any], names: Sequence[str] = ()) -> LinearModel:
-        """Return the model at values of all leaves, with its slopes to the leaves in `names`."""
+        """Return the model for values of all leaves, with its derivatives with respect to the leaves in `names`."""
         nodes = [node for _, _, node in self.entries]
         results = node_values(self.graph, nodes, values)
         places = [(i, j) for i, j, _ in self.entries]
@@ -77,7 +77,7 @@ class TracedModel:
 
 
 class LinearModel(NamedTuple):
-    """[A B; C D] in numbers, the (row, column) of its traced entries, and their slopes of shape (entries, leaves)."""
+    """The numerical matrix [A B; C D], the (row, column) of its traced entries, and their derivatives."""
 
     states: int
     matrix: np.ndarray
@@ -94,7 +94,7 @@ class LinearModel(NamedTuple):
         return np.linalg.eigvals(self.matrix[:n, :n]) if n else np.zeros(0)
 
     def response(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return G = C (z - A)⁻¹ B + D at complex z (sampled) or s (continuous), and its slopes.
+        """Return G = C (z - A)⁻¹ B + D at complex z (sampled) or s (continuous), and its derivatives.
 
             ∂G = [w 1] ∂[A B; C D] [x; 1],   x = (z - A)⁻¹ B,   w = C (z - A)⁻¹
 
@@ -124,9 +124,10 @@ def resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tupl
 
 
 class Resolvent:
-    """(z - A)⁻¹ at many points z.
+    """The resolvent (z - A)⁻¹ at many points z.
 
-    By the Schur form of the balanced A, row by row over all points at once: as safe as solving for each point.
+    It is computed from the Schur form of the balanced A, row by row for all points at once, as accurately as by solving
+    for each point.
     """
 
     def __init__(self, A: np.ndarray, z: np.ndarray) -> None:
@@ -138,7 +139,7 @@ class Resolvent:
             self.form, self.vectors = schur(balanced, output="complex")[:2]
 
     def after(self, B: np.ndarray) -> np.ndarray:
-        """Return (z - A)⁻¹ B of shape (points, n, columns), for one B for all points or one for each."""
+        """Return (z - A)⁻¹ B of shape (points, n, columns), for one B for all points or one B per point."""
         n, z = self.scale.size, self.z
         if not n:
             return np.zeros((z.size, 0, B.shape[-1]), complex)
@@ -155,7 +156,7 @@ class Resolvent:
         return (Z * self.scale[:, None]) @ x.transpose(2, 0, 1)
 
     def before(self, C: np.ndarray) -> np.ndarray:
-        """Return C (z - A)⁻¹ of shape (points, rows, n), for one C for all points or one for each."""
+        """Return C (z - A)⁻¹ of shape (points, rows, n), for one C for all points or one C per point."""
         n, z = self.scale.size, self.z
         if not n:
             return np.zeros((z.size, C.shape[-2], 0), complex)
@@ -190,8 +191,8 @@ def _difference(a: Any, b: Any) -> Any:
 def rule(name: str, values: Sequence[Any], result: Any, tangents: Sequence[Any]) -> Any:
     """Return the tangent of one operation from its arguments' values and tangents and its result.
 
-    At a tie of `where` the tangent is that of the branch that is taken.  Rounding and table reads have slope 0, except
-    `quantise`, whose slope to its first argument is taken as 1.
+    At a tie of `where` the tangent is that of the selected branch.  Rounding and table reads have derivative 0, except
+    `quantise`, whose derivative with respect to its first argument is taken as 1.
     """
     if all(tangent is None for tangent in tangents):
         return None
@@ -280,15 +281,15 @@ def require_slopes(
     moving: Mapping[int, Any],
     kinds: Collection[str],
 ) -> None:
-    """Raise NoSlopeError, naming the line, if outputs depend on the root or logarithm of a number that is 0 there, or
-    on a choice between two values exactly at its edge.
+    """Raise NoSlopeError, naming the line, if outputs depend on a root or logarithm of 0 or on a choice at its
+    threshold.
 
-    moving  the seeds that are moved from outside: a choice by a count is none of these
-    kinds   of the blocks in which choices count
+    moving  seeds that are varied from outside; a choice by a count does not depend on them
+    kinds   kinds of the blocks in which choices count
 
-    A number counts as 0 if it is no larger than what rounding makes of it, of readings the count: √|s| has a slope of
-    1e8 for an s of 1e-17, which says nothing of the loop.  Returns at once for a graph without such operations, and if
-    the numbers themselves are not finite.
+    A number counts as 0 if it is within its rounding error, for readings the encoder count: √|s| has a slope of 1e8 for
+    an s of 1e-17, which says nothing about the loop.  A choice is at its threshold if its two operands are equal.
+    Returns at once for a graph without such operations, and if the numbers themselves are not finite.
     """
     there = [index for index in graph.lines if index in values]
     steep = [index for index in there if graph.name(index) != "select"]
@@ -321,7 +322,7 @@ def require_slopes(
 
 
 def _felt(graph: Graph, index: int, outputs: Sequence[int], values: Mapping[int, Any]) -> bool:
-    """True if an output changes with a node."""
+    """True if the derivative of an output with respect to a node is not 0."""
     with np.errstate(all="ignore"):
         tangents = push(graph, outputs, values, {index: 1.0})
     return any(
@@ -332,7 +333,7 @@ def _felt(graph: Graph, index: int, outputs: Sequence[int], values: Mapping[int,
 
 
 def _asked(graph: Graph, index: int) -> tuple[int, ...]:
-    """Return the argument of a root, or the two numbers that a choice compares; none for other conditions."""
+    """Return the argument of a root, or the two operands that a choice compares; empty for other conditions."""
     first = arguments(graph.nodes[index])[0]
     if graph.name(index) != "select":
         return (first,)
@@ -342,7 +343,9 @@ def _asked(graph: Graph, index: int) -> tuple[int, ...]:
 def _at_edge(
     graph: Graph, index: int, asked: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
 ) -> bool:
-    """True if a root is one of 0, or a choice at its edge has two values that differ, all within rounding."""
+    """True if the argument of a root is 0, or if a choice at its threshold has two different values, within
+    rounding.
+    """
     if len(asked) == 1:
         return bool(abs(values[asked[0]]) <= rounding[asked[0]])
     first, second = arguments(graph.nodes[index])[1:]
@@ -354,7 +357,9 @@ def _at_edge(
 
 
 def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
-    """Return how far rounding may have moved each number below some nodes, to the count for readings; first order."""
+    """Return the rounding error of each number below some nodes, to first order; for readings it is the encoder
+    count.
+    """
     unit, errors = 2.0**-50, dict[int, float]()
     for index in reachable(graph, outputs):
         node, own = graph.nodes[index], values[index]
@@ -414,7 +419,7 @@ class Gradient(Result):
     values: Mapping[str, float]
 
     def table(self) -> Table:
-        """Derivative, and relative change of the cost for 1 % of each parameter."""
+        """Return a table of the derivatives, with the relative change of the cost for 1 % of each parameter."""
         rows = []
         for name, slope in self.gradient.items():
             share = slope * self.values[name] / self.cost if self.cost else float("nan")
@@ -438,16 +443,16 @@ def gradient(
     seed: int = 0,
     arithmetic: str = "exact",
 ) -> Gradient:
-    """Return the mean of `objective(signals)` over a run and its derivatives to parameters by path
-    (axis.x.control.law.Kv).
+    """Return the mean of `objective(signals)` over a run and its derivatives with respect to parameters by path.
 
-    Forward mode: eight tangents are computed in one vector with the run.  `objective` is plain arithmetic on the
-    `Signals` of one sample; for a machine on a mapping of them by axis.  Quantizers count as straight lines; friction
-    is differentiated in its present state, stuck or sliding, with the instants of sticking held fixed: tune with
-    `Regularised` friction, and verify with the real one.
-    The slope to a dead time of whole substeps is that to its right.
-    Raises ParameterError for a name that is not known, and for `sample_time`, which is a constant of the design;
-    NoSlopeError if a root or logarithm at 0 in the run leaves no finite gradient.
+    Paths are those of the loop, such as `axis.x.control.law.Kv`.  Forward mode: eight tangents are computed as one
+    vector along with the run.  `objective` is plain arithmetic on the `Signals` of one sample; for a machine on a
+    mapping of them by axis.  Quantizers are replaced by their slope 1; friction is differentiated in its present state,
+    stuck or sliding, with the instants of sticking held fixed: tune with `Regularised` friction, and verify with the
+    real one.
+    The derivative with respect to a dead time of whole substeps is the right-hand one.
+    Raises ParameterError for an unknown name, and for `sample_time`, which is a constant of the design; NoSlopeError if
+    a root or logarithm at 0 in the run leaves no finite gradient.
     """
     check_system(loop)
     known(loop, (), arithmetic)
@@ -498,14 +503,14 @@ def gradient(
 
 
 def _dead_times(loop: System) -> dict[str, str]:
-    """Return the name of the dead time of each axis."""
+    """Return the parameter name of the dead time of each axis."""
     if isinstance(loop, Loop):
         return {loop.name: "axis.actuator.dead_time"}
     return {axis: f"axis.{axis}.actuator.dead_time" for axis in loop.axes()}
 
 
 def _signals(loop: System, program: Program) -> Any:
-    """Return the signals of a sample on symbols; for a machine by axis."""
+    """Return the signals of a sample as symbols; for a machine by axis."""
 
     def row(port: str) -> Signals:
         symbols = (Symbol(program.graph, program.outputs[f"{port}{name}"]) for name in Signals._fields)
@@ -519,7 +524,7 @@ def _signals(loop: System, program: Program) -> Any:
 def _augmented(
     loop: System, program: Program, objective: Callable[[Any], Any], seeded: frozenset[str], started: frozenset[str]
 ) -> Program:
-    """Return the program with the summed cost and the tangents of everything that depends on the parameters."""
+    """Return the program extended by the summed cost and the tangents of everything that depends on the parameters."""
     graph = program.graph
     summed = graph.input(f"state.{COST}") + objective(_signals(loop, program))
     states = [*program.states, Carried(COST, graph.input(f"state.{COST}").index, summed.index)]
@@ -545,7 +550,7 @@ def _augmented(
 
 
 def _tangent(graph: Graph, state: Carried) -> Any:
-    """Return the tangent of a state where it is read."""
+    """Return the symbol from which the tangent of a state is read."""
     size = lengths(graph, state.before)
     name = f"state.d.{state.name}"
     return graph.input(name) if size is None else Ring(size, graph.ring(name, size))
@@ -562,10 +567,9 @@ _traced: Recent[TracedBeginning] = Recent(64)
 def _seeds(
     loop: System, prepared: Prepared, setpoint: Any, start: Any, parameters: tuple[str, ...]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return derivatives of constants and first states to the parameters: rows of shape (parameters,), without zero
-    rows.
+    """Return the nonzero derivatives of constants and initial states with respect to the parameters, (parameters,).
 
-    Found from the trace of `prepare` and `start`, which happen once before the run.
+    They come from the trace of `prepare` and `start`, which run once before the simulation.
     """
     if start is None:
         start = each_axis(lambda at: (at.position, at.velocity), setpoint)
@@ -594,7 +598,7 @@ def _row(tangent: Any, eye: np.ndarray) -> np.ndarray:
 
 
 def _dependent(graph: Graph, leaves: set[int]) -> set[int]:
-    """Return the nodes that depend on some leaves."""
+    """Return the nodes that depend on any of the leaves."""
     dependent = set(leaves)
     for index, operation in enumerate(graph.nodes):
         if any(i in dependent for i in arguments(operation)):

@@ -144,19 +144,19 @@ class Guard(Block):
         running: Number
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the conditions of the travel."""
+        """Yield the conditions on the ends of the travel."""
         yield from travel_rules("guard", self.travel_least, self.travel_most)
 
     def left_out(self) -> dict[str, str]:
-        """Return what happens where a bound is set to `false`, in words."""
+        """Return the consequence of each part of the guard that is set to `false`, in words."""
         return {name: then for name, then in LEFT_OUT.items() if not getattr(self, name)}
 
     def prepare(self, T: Number) -> Prepared:
-        """Return the bound of the velocity as one of the motion in a sample."""
+        """Return the velocity limit as a limit on the motion per sample, with the sample time."""
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
     def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
-        """Return reading and setpoint for a start: an invalid reading counts as 0, an invalid setpoint as the present
+        """Return reading and setpoint for a start; an invalid reading is replaced by 0, an invalid setpoint by the
         position.
         """
         one = motor is load
@@ -177,9 +177,7 @@ class Guard(Block):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
     ) -> tuple[State, Verdict]:
-        """Judge a sample before the law: invalid numbers, following error, velocity, travel, in this order of
-        precedence.
-        """
+        """Judge a sample before the law, in this order: invalid numbers, following error, velocity, travel."""
         one = motor is load  # one encoder: nothing to align
         ran, enabled = state.mode > 0.5, enable > 0.5
         # written so that NaN, which compares as false, is bad
@@ -227,11 +225,13 @@ class Guard(Block):
         return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, before_load, velocity)
 
     def _went_on(self, last: Number, state: State) -> Number:
-        """Return the extrapolated position if it is invalid in this sample, or its last one if nothing is held."""
+        """Return the substitute for an invalid reading: the extrapolated position, or the last one without holding."""
         return last + state.travel if self.holds else last
 
     def _set_on(self, prepared: Prepared, state: State, load: Number) -> tuple[Number, ...]:
-        """Return the extrapolated setpoint if it is invalid, or the present position if nothing is held."""
+        """Return the substitute for an invalid setpoint: the extrapolated one, or the present position without
+        holding.
+        """
         if not self.holds:
             return load, 0.0, 0.0, 0.0, 0.0
         return state.set_position + state.travel, state.travel / prepared.T, 0.0, 0.0, 0.0
@@ -239,7 +239,7 @@ class Guard(Block):
     def _within_bounds(
         self, prepared: Prepared, setpoint: Setpoint, load: Number, moved: Number, mode: Number, usual: object
     ) -> tuple[Number, object]:
-        """Return mode and `usual` after all stated bounds; each has its own local name, which exports have too."""
+        """Return mode and `usual` after checking all given bounds; each uses its own local names, also in exports."""
         if self.following_error_limit is not None:
             following_error = setpoint.position - load
             lags = ops.absolute(following_error) > self.following_error_limit
@@ -266,7 +266,7 @@ class Guard(Block):
     def command(
         self, after: State, verdict: Verdict, last: Number, applied: Number, requested: Number
     ) -> tuple[State, Outcome]:
-        """Return force and trip after the law, whose command of the last sample was `last` in N."""
+        """Return state, forces and trip code after the law has run; `last` is the command of the last sample in N."""
         sound = ops.absolute(requested) <= COMMAND_LIMIT
         usual_command = ops.both(verdict.usual, sound)
         next_mode = cases(
@@ -285,19 +285,19 @@ class Guard(Block):
 
 
 def _tripped(code: float, beyond: object, mode: Number, usual: object) -> tuple[Number, object]:
-    """Return mode and `usual` of a loop that trips with a code if it runs beyond a bound."""
+    """Return mode and `usual` of a loop that trips with a code if it is running and beyond a bound."""
     return ops.where(ops.both(mode > 0.5, beyond), -code, mode), ops.both(usual, ops.no(beyond))
 
 
 def _size(setpoint: Setpoint) -> Number:
-    """Return the sum of the magnitudes: NaN or too large if one of the five numbers is."""
+    """Return the sum of the magnitudes of the five numbers: NaN or too large if any of them is."""
     size_x, size_v, size_a, size_j, size_s = (ops.absolute(component) for component in setpoint)
     return size_x + size_v + size_a + size_j + size_s
 
 
 def travel_rules(of: str, least: Number | None, most: Number | None) -> Iterator[Rule]:
-    """Yield the conditions that the ends of a travel in m, parameters of a guard or of limits, leave a range between
-    them.
+    """Yield the condition that the lower end of a travel in m is below its upper end; `of` names the guard or
+    limits.
     """
     if least is not None and most is not None:
         yield Rule(

@@ -22,7 +22,7 @@ class Timing(NamedTuple):
         return self.whole + (1 if self.partial else 0)
 
     def unchanged(self, dead_time: Number, T: Number) -> Any:
-        """True if another dead time leaves the same structure."""
+        """True if another dead time gives the same structure."""
         samples = samples_of(dead_time, T)
         whole = ops.floor(samples)
         partial = samples > whole
@@ -34,7 +34,7 @@ class Timing(NamedTuple):
 
 
 def samples_of(dead_time: Number, T: Number) -> Number:
-    """Return a dead time in samples, rounded if it misses a whole number by rounding errors only."""
+    """Return a dead time in samples, rounded if it differs from a whole number by rounding errors only."""
     samples = dead_time / T
     near = ops.floor(samples + 0.5)
     return ops.where(ops.absolute(samples - near) < 1e-9 * (1.0 + near), near, samples)
@@ -49,7 +49,7 @@ class Rows(NamedTuple):
 
 
 class Port(NamedTuple):
-    """The entry of one axis's forces into the joint mechanics, with lag and dead time of its drive."""
+    """The inputs of one axis's forces to the joint mechanics, with the lag and dead time of its drive."""
 
     rows: Rows
     lag: Number | None  # bandwidth of the current loop, rad/s; None without one
@@ -97,7 +97,8 @@ class JointHold(NamedTuple):
 
 
 def hold(mechanics: Mechanics, ports: Sequence[Port], T: Number, substeps: int) -> JointHold:
-    """Return the hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, from matrix exponentials in plain arithmetic.
+    """Return the exact hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, by matrix exponentials in plain
+    arithmetic.
 
     With velocities in units of a position per substep the matrix has entries of the size of (ωh)² and h/τ, so the
     series needs few squarings.
@@ -125,7 +126,7 @@ def _of_port(
     T: Number,
     substeps: int,
 ) -> Columns:
-    """Return the columns of one axis; `drive` is the place of its drive in the matrix of all states and inputs."""
+    """Return the columns of one axis; `drive` is the index of its drive in the matrix of all states and inputs."""
     count, timing = len(full) - 3 * len(ports), ports[place].timing
     states = range(count)
     forces = tuple(tuple(full[i][drive + column] for i in states) for column in (1, 2))
@@ -157,7 +158,7 @@ def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:
 
 
 def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:
-    """Return dx/dt of the linear core, times `span`, with velocities in units of a position per h.
+    """Return the matrix of dx/dt of the linear core times `span`, with velocities in units of a position per h.
 
     Rows and columns: q (n), q' (n), the drive forces that lag, then three inputs of each axis: the drive's command and
     the forces on the motor's and the load's body.  With h = span = 1.0 it is in SI.
@@ -198,7 +199,7 @@ def _columns(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Numbe
 
 
 def _joined(mechanics: Mechanics, ports: Sequence[Port]) -> Matrix:
-    """Return [K  C  S_driveᵀ  S_motorᵀ  S_loadᵀ of each axis], still to be divided by M."""
+    """Return [K  C  S_driveᵀ  S_motorᵀ  S_loadᵀ of each axis], before division by M."""
     rows = [row for port in ports for row in port.rows]
     return tuple(
         (*mechanics.stiffness[i], *mechanics.damping[i], *(row[i] for row in rows)) for i in range(len(mechanics.mass))
@@ -210,7 +211,7 @@ def _times(a: Any, b: Any) -> Any:
 
 
 def _unscaled(x: Any, h: Number, row_is_velocity: bool, column_is_velocity: bool) -> Any:
-    """Return an entry of the matrix for velocities in m/s, from that for positions per substep."""
+    """Convert an entry of the matrix from velocities in positions per substep to velocities in m/s."""
     if matrix.is_zero(x) or row_is_velocity == column_is_velocity:
         return x
     return x / h if row_is_velocity else x * h

@@ -1,4 +1,4 @@
-"""Lifting of loops whose law repeats itself after several samples, and the frequency responses of every loop."""
+"""Lifting of multirate loops, whose law is periodic over several samples, and frequency responses of every loop."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BLOCK = 2**19  # entries of all matrices that are made at once
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
-    """A loop that repeats itself after N samples, as N linear models that follow each other.
+    """A loop that is periodic over N samples (multirate), as a sequence of N linear models.
 
         x(k+1) = A_i x(k) + B_i u(k),   y(k) = C_i x(k) + D_i u(k),   i = k mod N
 
@@ -34,8 +34,8 @@ class Lifted:
     (Bamieh, Pearson, Francis & Tannenbaum 1991; Meyer 1990; Khargonekar, Poolla & Tannenbaum 1985).  It is stable if
     all eigenvalues of A_{N-1} ... A_0 lie inside the unit circle.
 
-    A sine at f is answered at f and at its images f + k/(NT), k = 1 .. N-1.  What `response` gives is the part at f:
-    what a sweep with sines measures.  At N = 1 that is the ordinary response.
+    The response to a sine at f has components at f and at its images f + k/(NT), k = 1 .. N-1.  `response` is the
+    component at f, which a sine sweep measures.  For N = 1 it is the ordinary frequency response.
     """
 
     samples: tuple[StateSpace, ...]
@@ -56,7 +56,7 @@ class Lifted:
         return self.samples[0].outputs
 
     def poles(self) -> np.ndarray:
-        """Return the eigenvalues over a period, the largest first."""
+        """Return the eigenvalues of the state transition over a period, the largest first."""
         product = np.eye(self.samples[0].A.shape[0])
         for sample in self.samples:
             product = sample.A @ product
@@ -64,7 +64,7 @@ class Lifted:
         return poles[np.argsort(-np.abs(poles))]
 
     def stacked(self, inputs: Sequence[str], outputs: Sequence[str]) -> tuple[np.ndarray, ...]:
-        """Return A, B, C, D from period to period; the samples of each input and output follow each other."""
+        """Return A, B, C, D of the lifted system; the samples of each input and output are stacked in order."""
         N, n = len(self.samples), self.samples[0].A.shape[0]
         columns = [self.inputs.index(name) for name in inputs]
         rows = [self.outputs.index(name) for name in outputs]
@@ -80,7 +80,9 @@ class Lifted:
         return through[:, :n], through[:, n:], wide[:, :n], wide[:, n:]
 
     def harmonics(self, frequency: np.ndarray, output: str, input: str) -> np.ndarray:  # noqa: A002
-        """Return H of shape (lines, N, N): from a sine at f + k/(NT) in column k to that at f + m/(NT) in row m."""
+        """Return H of shape (lines, N, N), from a sine at f + k/(NT) in column k to its component at f + m/(NT) in row
+        m.
+        """
         A, B, C, D = self.stacked([input], [output])
         N, n = len(self.samples), A.shape[0]
         turns = images_turn(frequency, N, self.sample_time)
@@ -89,7 +91,7 @@ class Lifted:
         return np.conj(turns).transpose(0, 2, 1) @ (C @ inner + D) @ turns / N
 
     def response(self, frequency: np.ndarray, output: str, input: str) -> FRF:  # noqa: A002
-        """Return the answer at f itself to a sine at f in Hz, up to Nyquist of one sample."""
+        """Return the component at f of the response to a sine at f in Hz, up to the Nyquist frequency of one sample."""
         A, B, C, D = self.stacked([input], [output])
         N, n = len(self.samples), A.shape[0]
         frequency = np.asarray(frequency, dtype=float)
@@ -111,7 +113,7 @@ def images_turn(frequency: np.ndarray, period: int, sample_time: float) -> np.nd
 
 
 def images_closed(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the loop gain that a sine meets while its images are closed, and det(1 + L) of the images alone.
+    """Return the loop gain for a sine with the loops of its images closed, and det(1 + L) of the images alone.
 
         L(f) = L₀₀ - L₀ᵢ (1 + Lᵢᵢ)⁻¹ Lᵢ₀,    1/(1 + L(f)) = [(1 + L)⁻¹]₀₀,    det(1 + L) = (1 + L(f)) det(1 + Lᵢᵢ)
 
@@ -162,9 +164,10 @@ def lifted(
 
 
 def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: str = "cut") -> tuple[FRF, np.ndarray]:  # noqa: A002
-    """Return L of a loop opened from `output` to `input`, images closed, and det(1 + L) of the images
-    (`images_closed`).
+    """Return the gain L of a loop opened from `output` to `input`, with its images closed, and det(1 + L) of the
+    images.
 
+    See `images_closed` for both.
     Raises ParameterError for a period of more than 64 samples.
     """
     N, T = len(model.samples), model.sample_time
@@ -180,12 +183,12 @@ def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: 
 
 
 def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of
-    stability.
+    """Return the sampled loop gain L = -force/cut, opened at the actuator, with all delays; 1 + L = 0 is the stability
+    limit.
 
-    For a machine it is that of an `axis`, with the loops of all others closed.  For a law that repeats itself after
-    several samples it is the gain that a sine meets while its images run round the closed loop: 1/(1 + L) is what is
-    left of a sine added to the force (`images_closed`).
+    For a machine it is the gain of one `axis`, with the loops of all others closed.  For a multirate law it is the gain
+    for a sine with the loops of its images closed: 1/(1 + L) is the remaining share of a sine added to the force
+    (`images_closed`).
     """
     port, _ = _port(loop, axis)
     if period_of(loop) > 1:
@@ -195,9 +198,9 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
 
 
 def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return table position over set position, with the set velocity ... snap as exact derivatives: Σ Hₙ (j2πf)ⁿ.
+    """Return table position over set position, with set velocity to snap as exact derivatives: Σ Hₙ (j2πf)ⁿ.
 
-    For a law that repeats itself after several samples it is the part at the frequency itself, as of `compliance`.
+    For a multirate law it is the component at the excited frequency, as in `compliance`.
     """
     port, _ = _port(loop, axis)
     model = linear_model(loop, [f"{port}{name}" for name in SETPOINT], [f"{port}position_load"], velocity)
@@ -209,10 +212,9 @@ def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axi
 
 
 def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return table position over force on the table, closed loop, m/N: the inverse of the dynamic stiffness.
+    """Return the closed-loop compliance in m/N, table position over table force: the inverse of the dynamic stiffness.
 
-    For a law that repeats itself after several samples it is the part at the frequency itself, samples as fast as the
-    loop.
+    For a multirate law it is the component at the excited frequency, at the fast sample rate.
     """
     port, _ = _port(loop, axis)
     model = linear_model(loop, [f"{port}load_force"], [f"{port}position_load"], velocity)
@@ -222,7 +224,7 @@ def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, a
 def linear_model(
     loop: System, inputs: Sequence[str], outputs: Sequence[str], velocity: float = 0.05
 ) -> StateSpace | Lifted:
-    """Return the linear model of a loop, or those of all samples of a period if it has several."""
+    """Return the linear model of a loop; for a multirate loop those of all samples of a period."""
     return (lifted if period_of(loop) > 1 else linearize)(loop, inputs, outputs, velocity=velocity)
 
 

@@ -29,22 +29,23 @@ _FAR = 1e6  # |z| from which a zero is one at infinity that rounding made finite
 
 
 class Natural(NamedTuple):
-    """Natural frequency in Hz and damping ratio of each pole, of shape (n,); infinite and 1 for z = 0."""
+    """The natural frequency in Hz and damping ratio of each pole, of shape (n,); infinite and 1 for z = 0."""
 
     frequency: np.ndarray
     damping: np.ndarray
 
 
 def continuous(z: np.ndarray, sample_time: float) -> np.ndarray:
-    """Return s = ln(z)/T in 1/s: the continuous pole that a sampled one stands for; -∞ for z = 0."""
+    """Return s = ln(z)/T in 1/s, the continuous-time equivalent of a sampled pole; -∞ for z = 0."""
     z = np.asarray(z, complex)
     with np.errstate(divide="ignore"):
         return np.where(z == 0.0, complex(-np.inf), np.log(np.where(z == 0.0, 1.0, z)) / sample_time)
 
 
 def natural(z: np.ndarray, sample_time: float) -> Natural:
-    """Return |s|/2π and -Re s/|s| of s = ln(z)/T; damping 1 for z = 0 and for an integrator, z = 1, which has no
-    frequency.
+    """Return the natural frequency |s|/2π and the damping ratio -Re s/|s| of s = ln(z)/T.
+
+    The damping is 1 for z = 0 and for an integrator, z = 1, which has no frequency.
     """
     s = continuous(z, sample_time)
     size = np.abs(s)
@@ -53,9 +54,9 @@ def natural(z: np.ndarray, sample_time: float) -> Natural:
 
 
 def zeros(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> np.ndarray:
-    """Return the finite zeros z of c (z - A)⁻¹ b + d, b and c of shape (n,): where [A - z, b; c, d] loses its rank.
+    """Return the finite zeros z of c (z - A)⁻¹ b + d, b and c of shape (n,): where [A - z, b; c, d] loses rank.
 
-    Generalized eigenvalues by the QZ algorithm; those beyond 10⁶ count as infinite.
+    They are generalized eigenvalues from the QZ algorithm; those beyond 10⁶ count as infinite.
     Source: Emami-Naeini & Van Dooren 1982 (the pencil).
     """
     from scipy.linalg import eigvals
@@ -86,9 +87,9 @@ INPUT_UNITS = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StateSpace(Result):
-    """x(k+1) = A x + B u,  y = C x + D u  of small deviations, at a sample time in s.
+    """The state-space model x(k+1) = A x + B u,  y = C x + D u  of small deviations, at a sample time in s.
 
-    Only states that an input reaches and an output sees are kept.  Poles are those of A.
+    Only states that are reachable from an input and observable at an output are kept.  Poles are those of A.
     """
 
     A: np.ndarray
@@ -119,8 +120,8 @@ class StateSpace(Result):
         """Return C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to
         Nyquist.
 
-        By solving for each frequency, of many states by `transfer`: neither polynomials nor eigenvectors, which are
-        wrong for double poles.
+        A linear system is solved for each frequency, for many states by `transfer`: polynomials and eigenvectors, which
+        fail for double poles, are avoided.
         """
         row = 0 if output is None else _place(self.outputs, output, "output")
         column = 0 if input is None else _place(self.inputs, input, "input")
@@ -157,13 +158,13 @@ class StateSpace(Result):
         )
 
     def to_scipy(self) -> Any:
-        """Return a `scipy.signal.StateSpace` with `dt`, which has no names."""
+        """Return a `scipy.signal.StateSpace` with `dt`, without names."""
         from scipy.signal import StateSpace as Theirs
 
         return Theirs(self.A, self.B, self.C, self.D, dt=self.sample_time)
 
     def table(self) -> Table:
-        """The poles as frequency and damping."""
+        """Return a table of the poles, with natural frequency and damping."""
         poles = self.poles()
         rows = [
             [
@@ -185,7 +186,7 @@ class StateSpace(Result):
 
 
 def check_below_nyquist(frequency: np.ndarray, sample_time: float) -> None:
-    """Raise ParameterError for a frequency in Hz beyond half the sample rate."""
+    """Raise ParameterError for a frequency in Hz above half the sample rate."""
     if frequency.size and frequency.max() > 0.5 / sample_time * (1 + 1e-9):
         raise ParameterError(
             f"frequency {Quantity(frequency.max(), 'Hz'):6} is beyond Nyquist, {Quantity(0.5 / sample_time, 'Hz'):6}: "
@@ -217,7 +218,7 @@ def samples_of_a_period(
     settle: int = 0,
     stored: Callable[[str, float], float] | None = None,
 ) -> Samples:
-    """Linearize each sample of a period as in `linearize`, one after the other along constant velocity."""
+    """Linearize each sample of a period in turn, as in `linearize`, along constant velocity."""
     check_system(loop)
     unlimited = {axis: _unlimited(axis_loop) for axis, axis_loop in loop.loops().items()}
     if any(unlimited[axis] is not axis_loop for axis, axis_loop in loop.loops().items()) or isinstance(loop, Machine):
@@ -303,21 +304,22 @@ def linearize(
 
     inputs    of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
               `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
-              obeys `cut` and not the control, and `force` is what the control answers
-    outputs   names of `Signals`; of a machine inputs and outputs have the axis before them: `x.load_force`
-    velocity  m/s at which the axis moves: friction is then its slope there.  0: the axis sticks
-    position  m, for forces that depend on it; of a machine both are for all axes, or by axis
-    settle    samples that the loop runs along constant velocity first, for friction with memory
-    stored    what becomes of a number of the control, parameter or prepared, by name, where it is stored with fewer
-              digits
+              follows `cut` instead of the control, and `force` is the output of the control
+    outputs   names of `Signals`; for a machine inputs and outputs are prefixed by the axis: `x.load_force`
+    velocity  m/s of the axis: friction is linearized at this speed.  0: the axis sticks
+    position  m, for forces that depend on it; for a machine both are numbers for all axes, or mappings by axis
+    settle    samples that the loop first runs at constant velocity, for friction with memory
+    stored    function of name and value that rounds a parameter or prepared number of the control, if it is stored
+              with fewer digits
 
-    A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
-    over a period, outputs at its first sample (`lifted` has all).  Where no output sees that law, as with `cut`,
+    A multirate law with a period of n samples gives the model over a period: sample time nT, inputs held over the
+    period, outputs at its first sample (`lifted` has all samples).  If no output depends on that law, as with `cut`,
     the model is that of one sample.
-    The quantizers count as straight lines; guard and limits of the force are left out: inside them they do nothing.
+    Quantizers are replaced by their slope 1; guard and force limit are left out, since they do nothing within their
+    bounds.
     A part that blends in after the start counts as fully active.
-    Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
-    model overflows; NoSlopeError, with the line, for a law without a finite slope there, such as √|s| at s = 0.
+    Raises ParameterError for an unknown name, an input that is named twice, and parameters with which the model
+    overflows; NoSlopeError, with the line, for a law without a finite slope there, such as √|s| at s = 0.
     """
     samples = samples_of_a_period(
         loop, inputs, outputs, velocity=velocity, position=position, settle=settle, stored=stored
@@ -334,9 +336,9 @@ def linearize(
 
 
 def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
-    """Return the index in the linear model of each cell of a ring.
+    """Return the index of each cell of a ring in the linear model.
 
-    In a history or a track that is the age of the cell, since the newest one is another cell in each sample.
+    In a history or a track that is the age of the cell, since the newest value is in another cell in each sample.
     """
     cells = np.arange(size)
     history = name.rpartition(".ring")[0] or name.rpartition(".values.")[0] or name.rpartition(".rates.")[0]
@@ -350,7 +352,7 @@ def _row(tangent: Any, width: int) -> np.ndarray:
 
 
 def _after(tangent: Any, state: Mapping[str, Any], name: str, size: int | None, width: int) -> np.ndarray:
-    """Return the rows of the model that give a state after a sample."""
+    """Return the rows of the model for a state after the sample."""
     if size is None:
         return _row(tangent, width)
     rows = np.zeros((size, width))
@@ -371,7 +373,7 @@ def _unlimited(loop: Loop) -> Loop:
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
-    """Return position and velocity of each axis, from one number for all or numbers by axis."""
+    """Return position and velocity of each axis, from one number for all axes or from numbers by axis."""
     values = {}
     for axis in loop.loops():
         at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))
@@ -380,13 +382,13 @@ def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[f
 
 
 def _setpoints(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> Any:
-    """Return the setpoints along constant velocities; for a machine by axis."""
+    """Return the setpoints at a time of a motion at constant velocities; for a machine by axis."""
     setpoints = {axis: Setpoint(*map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))) for axis, (x, v) in at.items()}
     return setpoints if isinstance(loop, Machine) else setpoints[loop.name]
 
 
 def _inputs(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> dict[str, Any]:
-    """Return all inputs by name along constant velocities."""
+    """Return all inputs by name at a time of a motion at constant velocities."""
     inputs_: dict[str, Any] = {}
     for port, (x, v) in zip(loop.ports(), at.values(), strict=True):
         setpoint = map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))
@@ -396,7 +398,7 @@ def _inputs(loop: System, at: Mapping[str, tuple[float, float]], time: float) ->
 
 
 def _settled(loop: System, prepared: Prepared, at: Mapping[str, tuple[float, float]], count: int) -> dict[str, Any]:
-    """Return the states after `count` samples along constant velocity."""
+    """Return the states after `count` samples at constant velocity."""
     program = prepared.program(load=False, enable=False)
     compiled = prepared.native(program, record=())
     rows = np.zeros((count, len(compiled.plan.inputs)))
@@ -423,14 +425,14 @@ def _settled(loop: System, prepared: Prepared, at: Mapping[str, tuple[float, flo
 def _trimmed(
     jacobian: np.ndarray, n: int, names: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, ...], T: float
 ) -> StateSpace:
-    """Return the model without states that no input reaches or no output sees."""
+    """Return the model without states that are unreachable from the inputs or unobservable at the outputs."""
     A, B, C, D = jacobian[:n, :n], jacobian[:n, n:], jacobian[n:, :n], jacobian[n:, n:]
     keep = kept_states([jacobian], n)
     return StateSpace(A[np.ix_(keep, keep)], B[keep], C[:, keep], D, T, tuple(names[i] for i in keep), inputs, outputs)
 
 
 def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
-    """Return the indices of the n states that an input reaches and an output sees, in any of the samples."""
+    """Return the indices of the n states that are reachable from an input and observable at an output in any sample."""
     there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
     links, seen = there[:n, :n], np.any(there[n:, :n], axis=0)
     for _ in range(n):
@@ -439,7 +441,7 @@ def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
 
 
 def _reached(jacobians: Sequence[np.ndarray], n: int) -> np.ndarray:
-    """Return the indices of the n states that an input moves, in any of the samples."""
+    """Return a mask over the columns: the n states that an input reaches in any of the samples, and all inputs."""
     there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
     links, reached = there[:n, :n], np.any(there[:n, n:], axis=1)
     for _ in range(n):

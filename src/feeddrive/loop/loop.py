@@ -62,7 +62,7 @@ class Probe(NamedTuple):
     reading_load: Annotated[Number | None, Unit("m")] = None  # added to the reading of the load's encoder
 
     def read(self, motor: Number, load: Number) -> tuple[Number, Number]:
-        """Return the readings of both encoders as the control gets them."""
+        """Return the readings of both encoders as the control receives them."""
         motor = motor if self.reading_motor is None else motor + self.reading_motor
         return motor, load if self.reading_load is None else load + self.reading_load
 
@@ -77,12 +77,12 @@ SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 
 
 def quantity(signal: str) -> str:
-    """Return the name of a signal without the axis of a machine: `force` for `x.force`."""
+    """Return the name of a signal without its axis prefix: `force` for `x.force`."""
     return signal.rpartition(".")[2]
 
 
 def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> str:
-    """Return the SI unit of a signal, or `unit`; `turning` are the prefixes of signals of axes that turn, as `c.`."""
+    """Return the SI unit of a signal, or `unit`; `turning` holds the signal prefixes of rotary axes, such as `c.`."""
     name = quantity(signal)
     unit = UNITS[name] if unit is None else unit
     return turned(unit) if signal.removesuffix(name) in turning else unit
@@ -113,21 +113,21 @@ class Loop(Block):
         axis: Any
 
     def place_of(self, field: str) -> str:
-        """Return the place as in a machine file: the physics of axis x under `axis.x`, its control under
-        `axis.x.control`.
+        """Return the path of a field as in a machine file: `axis.x` for the physics, `axis.x.control` for the
+        control.
         """
         own = f"axis.{self.name}"
         return {"axis": own, "control": f"{own}.control"}.get(field, field)
 
     def require(self) -> None:
-        """Check the block; errors of control and axis, which do not know the name of their axis, are completed here."""
+        """Check the block, and add the name of the axis to errors of control and axis."""
         try:
             super().require()
         except (ParameterError, StructureError) as error:
             raise type(error)(tree.in_paths(self, str(error))) from None
 
     def check(self) -> None:
-        """Check that the law finds the encoders that it needs, and that the dead time can be simulated."""
+        """Check that the axis has the encoders that the law needs, and that the dead time can be simulated."""
         if self.control.law.positions() > self.axis.encoders():
             raise StructureError(
                 f"control.law: {self.control.law.kind} needs the position of the motor and that of the load, but the "
@@ -155,8 +155,7 @@ class Loop(Block):
     def start(
         self, prepared: Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """Return the state with the axis at `position` (m), moving with `velocity` (m/s), under a control just switched
-        on.
+        """Return the state of an axis at `position` (m) and `velocity` (m/s), with the control just switched on.
 
         The control has read the position one sample before, so that its first velocity is right.
         """
@@ -165,7 +164,7 @@ class Loop(Block):
     def started(
         self, prepared: Control.Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """Return the same state from the prepared numbers."""
+        """Return the state of `start` from the prepared numbers of the control."""
         axis = self.axis.start(position, velocity, timing)
         motor, load = self.axis.still(position - velocity * self.sample_time)
         return self.State(self.control.start(prepared, setpoint, motor, load, velocity), axis)
@@ -196,7 +195,7 @@ class Loop(Block):
         return ("",)
 
     def signals(self) -> list[str]:
-        """Return the names of its signals."""
+        """Return the names of the loop's signals."""
         return list(Signals._fields)
 
     def loops(self) -> dict[str, Loop]:
@@ -206,8 +205,8 @@ class Loop(Block):
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
     ) -> tuple[State, dict[str, Number]]:
-        """Compute one sample from named inputs (`set_position` ... `set_snap`, `load_force`, `enable`, those of
-        `Probe`).
+        """Compute one sample from named inputs: `set_position` ... `set_snap`, `load_force`, `enable`, and those of
+        `Probe`.
         """
         setpoint, load, enable, probe = inputs_of(inputs, "")
         after, signals = self.step(prepared, state, setpoint, load, noise, enable, time, probe)
@@ -215,7 +214,7 @@ class Loop(Block):
 
 
 def inputs_of(inputs: Mapping[str, Number], port: str) -> tuple[Setpoint, Number | None, Number, Probe]:
-    """Return setpoint, load force, enable and probe of the axis whose names begin with `port`; None if missing."""
+    """Return setpoint, load force, enable and probe of the axis with prefix `port`; None for missing ones."""
     setpoint = Setpoint(*(inputs[f"{port}{name}"] for name in SETPOINT))
     probe = Probe(**{name: inputs.get(f"{port}{name}") for name in Probe._fields})
     return setpoint, inputs.get(f"{port}load_force"), inputs.get(f"{port}enable", 1.0), probe
@@ -230,7 +229,7 @@ def reported(
     done: Axis.Step,
     load: Number | None,
 ) -> Signals:
-    """Return the signals of an axis in a sample."""
+    """Return the signals of an axis for one sample."""
     return Signals(
         set_position=setpoint.position,
         set_velocity=setpoint.velocity,

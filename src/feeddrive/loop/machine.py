@@ -1,4 +1,4 @@
-"""A machine: named axes with a common sample time, their controls, and what couples them."""
+"""A machine: named axes with a common sample time, their controls, and the couplings between them."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class Given(NamedTuple):
 
 
 class Controls:
-    """The controls of axes by name with what runs between them: all of a machine but its physics.
+    """The controls of axes by name with the couplings between them: a machine without its physics.
 
-    for each axis:   its guard looks at setpoint and readings
-    couplings:       correct the velocities that the laws command, from what the guards let through
+    for each axis:   its guard checks setpoint and readings
+    couplings:       correct the velocity commands of the laws, from the setpoints and readings behind the guards
     for each axis:   compensation, law, filters, feedforward, limit
     """
 
@@ -42,7 +42,7 @@ class Controls:
         self.controls, self.couplings = dict(controls), tuple(coupling for coupling in couplings if coupling.controls)
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> tuple[Any, ...]:
-        """Return the state of what runs between the controls."""
+        """Return the initial states of the couplings between the controls."""
         return tuple(coupling.listen(_of(coupling, setpoints)) for coupling in self.couplings)
 
     def step(
@@ -53,7 +53,7 @@ class Controls:
         readings: Mapping[str, Given],
         T: Number,
     ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:
-        """Compute one sample: the states of the controls and of what runs between them, and the commands by axis."""
+        """Compute one sample: the states of the controls and of their couplings, and the commands by axis."""
         judged = {
             name: control.judge(coefficients, states[name], *readings[name])
             for (name, control), coefficients in zip(self.controls.items(), prepared, strict=True)
@@ -69,9 +69,9 @@ class Controls:
     def _corrected(
         self, between: tuple[Any, ...], judged: Mapping[str, Control.Judged], moved: Mapping[str, Any]
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """Return the velocities that couplings add; while an axis of a coupling does not run, its others get none.
+        """Return the velocities that couplings add; while one axis of a coupling does not run, the others get none.
 
-        `moved` is what compensation added to the set positions for the sake of the readings: no contour error.
+        `moved` is the shift of the set positions by compensation due to the readings alone, which is no contour error.
         """
         setpoints = {name: judgment.setpoint for name, judgment in judged.items()}
         positions = {name: judgment.load - moved[name] if moved else judgment.load for name, judgment in judged.items()}
@@ -89,12 +89,14 @@ class Controls:
 
 
 def _of(coupling: Coupling, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of the axes of a coupling."""
+    """Return the values of the axes of a coupling."""
     return {name: values[name] for name in coupling.axes()}
 
 
 class Controller(Block):
-    """The control of an axis, and the motor that turns its force into the drive's unit: what runs on a target."""
+    """The control of an axis, and the motor that converts its force to the drive's unit: the part that runs on a
+    target.
+    """
 
     control: Control = part("all that runs on the controller")
     motor: Any = part("what makes the force", default=None)
@@ -102,7 +104,7 @@ class Controller(Block):
     name: str = label("name of the axis", default="x")
 
     def place_of(self, field: str) -> str:
-        """Return the place in the loop from which it comes."""
+        """Return the path of a field in the loop."""
         own = f"axis.{self.name}"
         return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
 
@@ -115,7 +117,7 @@ class Controller(Block):
         return self.control.prepare(T)
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> Any:
-        """Return the state at the position of the axis."""
+        """Return the initial state at the position of the axis."""
         return self.control.start(prepared, *_given(inputs, "")[:3])
 
     def step(self, prepared: Any, state: Any, inputs: Mapping[str, Any], T: Number) -> tuple[Any, dict[str, Any]]:
@@ -128,7 +130,7 @@ class Controller(Block):
         return self.control.retune(state, old.control, old_prepared, prepared)
 
     def check_live(self, old: Controller) -> None:
-        """Raise StructureError if more than numbers differ."""
+        """Raise StructureError if anything but numbers differs."""
         self.control.check_live(old.control)
 
 
@@ -147,7 +149,7 @@ class Controlled(Block):
 
 
 class Controllers(Block):
-    """The controls of all axes of a machine, with what runs between them: what runs on a target."""
+    """The controls of all axes of a machine, with the couplings between them: the part that runs on a target."""
 
     axis: Any = part("axes by name")
     couplings: tuple[Any, ...] = part(
@@ -179,7 +181,7 @@ class Controllers(Block):
         return type(self.axis)(*(axis.control.prepare(T) for axis in self.axis))
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> State:
-        """Return the state at the positions of the axes."""
+        """Return the initial states at the positions of the axes."""
         readings = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
         begun = (
             axis.control.start(coefficients, *readings[name][:3])
@@ -200,7 +202,7 @@ class Controllers(Block):
         return self.State(type(self.axis)(**answer[0]), answer[1]), outputs
 
     def retune(self, state: State, old: Controllers, old_prepared: Any, prepared: Any) -> State:
-        """Return the states after a live change; what runs between the controls keeps its own."""
+        """Return the states after a live change; couplings between the controls keep theirs."""
         rows = zip(self.axis, state.axis, old.axis, old_prepared, prepared, strict=True)
         return state._replace(
             axis=type(self.axis)(
@@ -212,7 +214,7 @@ class Controllers(Block):
         )
 
     def check_live(self, old: Controllers) -> None:
-        """Raise StructureError if more than numbers differ."""
+        """Raise StructureError if anything but numbers differs."""
         for new, before in zip(self.axis, old.axis, strict=True):
             new.control.check_live(before.control)
 
@@ -300,7 +302,7 @@ class Machine(Block):
     def of(
         cls, loops: Mapping[str, Loop], couplings: tuple[Coupling, ...] = (), geometry: Geometry | None = None
     ) -> Machine:
-        """Return the machine of some loops. Raises ParameterError if their sample times differ."""
+        """Build a machine from loops. Raises ParameterError if their sample times differ."""
         times = {name: float(loop.sample_time) for name, loop in loops.items()}
         if len(set(times.values())) != 1:
             shown = joined(", ", (f"{name}: {Quantity(time, 's'):6 SI}" for name, time in times.items()))
@@ -313,7 +315,7 @@ class Machine(Block):
         return dict(zip(self.axis._fields, self.axis, strict=True))
 
     def loop(self, name: str) -> Loop:
-        """Return one axis alone, without couplings. Raises ParameterError for a name that does not exist."""
+        """Return the loop of one axis alone, without couplings. Raises ParameterError for an unknown name."""
         axes = self.axes()
         if name not in axes:
             raise ParameterError(f"the machine has no axis '{name}'; it has {', '.join(axes)}")
@@ -324,12 +326,12 @@ class Machine(Block):
         return {name: self.loop(name) for name in self.axes()}
 
     def with_loops(self, loops: Mapping[str, Loop]) -> Machine:
-        """Return the same machine with other loops on its axes."""
+        """Return a copy of the machine with other loops on its axes."""
         return Machine.of({**self.loops(), **loops}, self.couplings, self.geometry)
 
     def check(self) -> None:
-        """Check that couplings name existing axes, that substeps are common, and that each axis runs as a loop of its
-        own.
+        """Check that couplings name existing axes, that all have the same substeps, and that each axis is a valid
+        loop.
         """
         axes = self.axes()
         if not axes:
@@ -367,7 +369,7 @@ class Machine(Block):
             raise StructureError(f"an axis cannot be named '{_TOOL}': signals of the tool point are {_TOOL}.x ...")
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the conditions of couplings and shared modes; the rules of the axes are those of their loops."""
+        """Yield the conditions on couplings and shared modes; the rules of the axes are those of their loops."""
         yield from self.joint().rules(self.sample_time)
 
     def joint(self) -> Joint:
@@ -379,7 +381,7 @@ class Machine(Block):
         return tuple(f"{name}." for name in self.axes())
 
     def signals(self) -> list[str]:
-        """Return the names of its signals: those of each axis, and with a geometry those of the tool point."""
+        """Return the names of all signals: those of each axis, and with a geometry those of the tool point."""
         there = [f"{port}{name}" for port in self.ports() for name in Signals._fields]
         return there if self.geometry is None else [*there, *(f"{_TOOL}.{way}" for way in self.geometry.axes())]
 
@@ -396,9 +398,7 @@ class Machine(Block):
         return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
-        """Return the state with each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All
-        are by axis.
-        """
+        """Return the state with each axis at its position (m) and velocity (m/s), given by axis; see `Loop.start`."""
         started: dict[str, Loop.State] = {}
         motions: dict[str, Motion] = {}
         for name, coefficients, held in zip(self.axes(), prepared.control, timing, strict=True):
@@ -410,13 +410,13 @@ class Machine(Block):
         return self.State(named(started), begun.shared, begun.couplings, self.controls().listen(setpoint))
 
     def controls(self) -> Controls:
-        """Return the controls of all axes and what runs between them."""
+        """Return the controls of all axes and the couplings between them."""
         return Controls({name: axis.control for name, axis in self.axes().items()}, self.couplings)
 
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
     ) -> tuple[State, dict[str, Number]]:
-        """Compute one sample from named inputs such as `x.set_position`; signals by name."""
+        """Compute one sample from named inputs such as `x.set_position`; return the signals by name."""
         T, axes, joint = self.sample_time, self.axes(), self.joint()
         states = dict(zip(axes, state.axis, strict=True))
         joint_prepared = Joint.Prepared(prepared.cores, prepared.couplings)
@@ -459,18 +459,18 @@ def each_controlled(coupling: Coupling) -> tuple[str, ...]:
 
 
 def noise_of(noise: Noise, place: int) -> Noise:
-    """Return the noise of the axis at an index among all axes."""
+    """Return the noise of the axis with this index."""
     return noise if place == 0 else Noise(noise.seed + place * _SEEDS, noise.sample)
 
 
 def turning_ports(system: System) -> frozenset[str]:
-    """Return the prefixes of the signals of axes that turn."""
+    """Return the signal prefixes of the rotary axes."""
     pairs = zip(system.loops().values(), system.ports(), strict=True)
     return frozenset(port for loop, port in pairs if loop.axis.rotary)
 
 
 def check_system(system: Any) -> None:
-    """Raise ParameterError, stating what to give, for anything but a loop or a machine."""
+    """Raise ParameterError, with a remedy, for anything but a loop or a machine."""
     if not isinstance(system, Loop | Machine):
         remedy = getattr(system, "instead", "") or "a loop or a machine comes first, then what it follows or is asked"
         raise ParameterError(f"a Loop or a Machine is needed here, not a {type(system).__name__}: {remedy}")

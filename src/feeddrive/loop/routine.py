@@ -1,18 +1,17 @@
-"""The routine of a control or an axis that runs on a target: its functions, their tracing, and their reference outputs.
+"""The routine of a control or an axis for a target: its functions, their tracing, and their reference outputs.
 
-The routine of a control or an axis: the four functions, with named inputs and outputs, that run on a target.
+A routine consists of four functions with named inputs and outputs:
 
-    configure   parameters -> numbers that depend on parameters only, or the first condition that they break
-    reset       inputs -> the state where the axis is, disabled
+    configure   parameters -> numbers that depend on parameters only, or the first condition that is violated
+    reset       inputs -> the state at the position of the axis, disabled
     step        state, inputs -> state, outputs: one sample
     retune      state, parameters before and after -> state
 
 All four are traced from the code that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  Every
 printer of code for a target starts from these graphs, so no law is written a second time.
 
-Reference outputs of a routine, computed by the simulator: every target must reproduce them bit for bit.
-
-The step is traced again, with the prepared numbers as inputs, and run by the engine of the simulation; `prepare`,
+The reference outputs of a routine are computed by the simulator; every target must reproduce them bit for bit.  For
+them the step is traced again, with the prepared numbers as inputs, and run by the engine of the simulation; `prepare`,
 `start` and `retune` run on plain numbers.  No code that was printed for a target is used.
 """
 
@@ -81,9 +80,7 @@ MEANINGS = {
 
 
 def meaning_of(name: str, turning: Collection[str]) -> tuple[str, str]:
-    """Return unit and meaning of an input or output; `turning` are the prefixes of the names of axes that turn, as
-    `c.`.
-    """
+    """Return unit and meaning of an input or output; `turning` holds the name prefixes of rotary axes, such as `c.`."""
     unit, meaning = MEANINGS[quantity(name)]
     return unit_of(name, turning, unit), meaning
 
@@ -103,7 +100,7 @@ class Variable(NamedTuple):
 class Condition(NamedTuple):
     """A condition on the parameters: its truth node, and the sentence that states it.
 
-    Its code is its place among all conditions, from 1 on; 0 says that none is broken.
+    Its code is its position among all conditions, counted from 1; 0 means that none is violated.
     """
 
     node: int
@@ -111,7 +108,7 @@ class Condition(NamedTuple):
 
 
 class Function(NamedTuple):
-    """The nodes of the results of a function of a routine, in the order of `states` and `outputs`."""
+    """The nodes of the results of one function of a routine, in the order of `states` and `outputs`."""
 
     states: tuple[int, ...]
     outputs: tuple[int, ...] = ()
@@ -129,7 +126,7 @@ class Retune(NamedTuple):
     makers: dict[int, str]
 
     def keeping(self, live: Sequence[int]) -> Retune:
-        """Return the live change of these states only; none of the others is read for them."""
+        """Return the live change of these states only; no other state is read for them."""
         places = {old: new for new, old in enumerate(live)}
         states = tuple(self.states[i] for i in live)
         read = set(reachable(self.graph, states))
@@ -143,19 +140,18 @@ class Retune(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Routine:
-    """Four functions of named numbers in one graph; see the module.
+    """The four functions of a routine in one graph; see the module.
 
-    conditions what `configure` and `retune` demand of the parameters: the bounds of each, in their order, then what
-               blocks demand between them
-    origin    the loop, with its guard; of several axes together their machine
-    prepared  the named numbers that the blocks call prepared, and `prepared_leaves` their places among the leaves of
-              what `prepare` returns
-    tables    rows of numbers: dotted name, node, numbers
-    names     words of the law's text for nodes
-    makers    dotted names of the blocks that compute the nodes
-    memory    what holds the state: "controller" or "plant"
-    said      what the text says of a group of states or prepared numbers, by the dotted name of each
-    blocks    by dotted name, outermost first
+    conditions  checked by `configure` and `retune`: the bounds of the parameters in order, then the rules of the blocks
+    origin      the loop, with its guard; for several axes together their machine
+    prepared    prepared numbers of the blocks by name; `prepared_leaves` holds their indices among the leaves of what
+                `prepare` returns
+    tables      rows of numbers: dotted name, node, numbers
+    names       names of nodes in the text of the law
+    makers      dotted names of the blocks that compute the nodes
+    memory      owner of the state: "controller" or "plant"
+    meanings    text on each state or prepared number, by dotted name
+    blocks      by dotted name, outermost first
     """
 
     name: str
@@ -181,7 +177,7 @@ class Routine:
 
     @property
     def sentences(self) -> dict[int, str]:
-        """The condition that each code of a refusal stands for."""
+        """The conditions in words, by error code."""
         return {code: condition.sentence for code, condition in enumerate(self.conditions, 1)}
 
     @property
@@ -197,7 +193,7 @@ class Routine:
 
 
 def off_outputs(routine: Routine) -> dict[str, float]:
-    """Return the outputs of a control without valid parameters: the safe force of the machine file, switched off."""
+    """Return the outputs of a control without valid parameters: disabled, with the safe force of the machine file."""
     outputs: dict[str, float] = {}
     for loop, port in zip(routine.origin.loops().values(), routine.origin.ports(), strict=True):
         guard, motor = loop.control.guard, loop.axis.actuator.motor
@@ -219,17 +215,17 @@ _ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
 
 
 class Physics(Block):
-    """The physics of all axes of a machine and what couples them."""
+    """The physics of all axes of a machine and the couplings between them."""
 
     axis: Any = part("axes by name")
     couplings: tuple[Coupling, ...] = part("what acts between them", default=())
 
     def joint(self) -> Joint:
-        """Return the physics as the machine moves them."""
+        """Return the joint physics of all axes."""
         return Joint(self.axis._asdict(), self.couplings)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the conditions of couplings and shared modes."""
+        """Yield the conditions on couplings and shared modes."""
         yield from self.joint().rules(T)
 
 
@@ -249,9 +245,9 @@ def on_target(system: System) -> Controller | Controllers:
 
 
 def controller_routine(system: System, name: str) -> Routine:
-    """Return the control of a loop, or of all axes of a machine, whose inputs and outputs are prefixed by the axis.
+    """Return the routine of the control of a loop, or of all axes of a machine with names prefixed by the axis.
 
-    Raises StructureError if a part leaves the language of `ops`.
+    Raises StructureError if a part uses operations outside `ops`.
     """
     block = on_target(system)
     traced = _Traced(block, system)
@@ -285,9 +281,10 @@ def _check_rings(state: Any, name: str) -> None:
 
 
 def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
-    """Return the axis of a loop: a step moves it from kT to (k+1)T under a force, and its outputs are those of (k+1)T.
+    """Return the routine of the axis of a loop: a step moves it from kT to (k+1)T under a force.
 
-    `reset` takes `start_position` and the readings there; noise is that of `seed`.
+    The outputs are those at (k+1)T.  `reset` sets the axis to `start_position` and outputs the signals there; the noise
+    has this `seed`.
     """
     traced = _Traced(loop.axis, loop)
     inputs = {signal: traced.input(signal) for signal in ("force", "load_force", "start_position")}
@@ -328,9 +325,9 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
 
 
 def machine_routine(machine: Machine, name: str, seed: int = 0) -> Routine:
-    """Return the axes of a machine with their couplings: a step moves all from kT to (k+1)T under their forces.
+    """Return the routine of the axes of a machine with their couplings: a step moves all axes from kT to (k+1)T.
 
-    Inputs and outputs are those of `plant_routine` with the axis before them; noise is that of a run with `seed`.
+    Inputs and outputs are those of `plant_routine`, prefixed by the axis; the noise is that of a run with `seed`.
     """
     traced = _Traced(
         Physics(axis=named({n: axis.axis for n, axis in machine.axes().items()}), couplings=machine.couplings), machine
@@ -393,7 +390,7 @@ _SEEN = ("reading_motor", "reading_load", "position_motor", "position_load", "ve
 
 
 class _Traced:
-    """A block on symbols, and the parts of its routine that the trace collects."""
+    """A block traced on symbols, and the parts of its routine collected by the trace."""
 
     def __init__(self, block: Any, loop: System) -> None:
         self.graph = Graph()
@@ -509,12 +506,11 @@ class _Traced:
         return Variable(self._word(name), path, declared.unit, _ABSENT.sub("", declared.meaning), node, value, declared)
 
     def _word(self, name: str) -> str:
-        """Return the name of a parameter on a target; with several axes it begins with that of the axis."""
+        """Return the name of a parameter on a target, prefixed by the axis if there are several."""
         return target_name(name.removeprefix("axis.") if isinstance(self.block, Physics | Controllers) else name)
 
     def _conditions(self, used: set[str], more: Sequence[tuple[Any, str]]) -> Iterator[Condition]:
-        """Yield the bounds of the parameters in use, then the rules of the blocks, except those that no parameter
-        changes.
+        """Yield the bounds of the parameters in use, then the rules of the blocks that depend on any parameter.
 
         A parameter that is not read on the target enters a rule as a constant with its present value.
         """
@@ -547,9 +543,7 @@ class _Traced:
 def _live(
     graph: Graph, outputs: Sequence[int], before: Sequence[int], after: Sequence[int], retune: Retune | None
 ) -> list[int]:
-    """Return the indices of the states that an output depends on, sooner or later; no target needs to remember the
-    others.
-    """
+    """Return the indices of the states on which an output ever depends; no target needs to store the others."""
     live: set[int] = set()
     while True:
         below = set(reachable(graph, [*outputs, *(after[i] for i in live)]))
@@ -568,7 +562,7 @@ def _retune(block: Controller | Controllers, prepared: Any, begun: Any) -> Retun
     leaves: dict[int, tuple[str, int]] = {}
 
     def symbols(values: Any, kind: str) -> Iterator[Any]:
-        """Yield a leaf for each number; constants of the code stay constants."""
+        """Yield a symbol for each number; constants of the code stay constants."""
         for i, (_, value) in enumerate(values if kind == "state" else tree.leaves(values)):
             if type(value) is float and kind.endswith("prepared"):
                 yield value
@@ -619,7 +613,7 @@ Changes = Mapping[int, Mapping[str, float]]
 
 
 class ControllerRun:
-    """The control of a routine as the simulator runs it, from a reset on; `step` may be called again and again."""
+    """A run of a routine's control in the simulator, from a reset on; `step` may be called repeatedly."""
 
     def __init__(self, routine: Routine, first: np.ndarray) -> None:
         """Reset the control with the inputs `first`, shape (inputs,)."""
@@ -642,7 +636,7 @@ class ControllerRun:
         self._numbers = {**dict(tree.leaves(self._plain)), **dict(numbers(self._prepared, "prepared")), "T": self.T}
 
     def _compiled(self) -> Native:
-        """Return one sample as machine code."""
+        """Compile the step of one sample to machine code."""
         graph = Graph()
         constants: dict[str, int] = {}
         inputs: dict[str, int] = {}
@@ -680,7 +674,7 @@ class ControllerRun:
         return native(plan(program))
 
     def _load(self) -> None:
-        """Put state, constants and tables in the order of the machine code, where steps read and write them."""
+        """Copy state, constants and tables to arrays in the order of the machine code."""
         plan, values, rows = self._native.plan, dict(tree.leaves(self.state)), dict(tree.tables(self._both))
         held = [np.float64(values[state.name]) for state in plan.states]
         for name, _, length in plan.rings:
@@ -691,7 +685,7 @@ class ControllerRun:
         self._rows = [rows[name] for name, _ in plan.tables]
 
     def _unload(self) -> None:
-        """Store the state as the blocks know it."""
+        """Copy the state from the arrays of the machine code back to the tree of the blocks."""
         values = dict(tree.leaves(self.state))
         plan = self._native.plan
         values |= {state.name: np.float64(self._states[i, 0]) for i, state in enumerate(plan.states)}
@@ -702,7 +696,7 @@ class ControllerRun:
         self.state = tree.rebuild(self.state, iter(values[name] for name, _ in tree.leaves(self.state)))
 
     def step(self, inputs: np.ndarray) -> np.ndarray:
-        """Return the outputs of some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
+        """Compute some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
         row = np.ascontiguousarray(inputs, dtype=np.float64)
         out = np.empty((len(row), len(self.routine.outputs)))
         self._native.run(len(row), 0, self._constants, row, self._states, out, self._rows)
@@ -724,7 +718,7 @@ class ControllerRun:
 def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) -> np.ndarray:
     """Return the outputs of a controller after a reset with the first inputs: inputs (n, inputs), outputs (n, outputs).
 
-    `changes` are other parameters, by sample and path, which hold from that sample on.
+    `changes` holds new parameter values by sample and path, valid from that sample on.
     """
     held = ControllerRun(routine, inputs[0])
     pieces, start = [], 0

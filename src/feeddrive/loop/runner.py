@@ -1,4 +1,4 @@
-"""A compiled program with its values and states: one variant, or many in lanes on all threads; and its statistics."""
+"""A compiled program with its values, states and statistics: one variant, or many in lanes on all threads."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ LEFT = "statistics.left"
 
 
 def gathered(signal: str, what: str) -> str:
-    """Return the name of the state that gathers `squares` (sum of squares), `least` or `most` of a signal."""
+    """Return the name of the state that accumulates `squares` (sum of squares), `least` or `most` of a signal."""
     return f"statistics.{signal}.{what}"
 
 
 def gathering(program: Program, signals: Sequence[str], bounded: Sequence[str] = ()) -> Program:
-    """Return the program that also gathers sum of squares, least and most of signals; the peak is the larger of ±both.
+    """Return the program extended by the sum of squares, minimum and maximum of signals, from which the peak follows.
 
-    `bounded` names signals; the first sample in which one is outside ±`bound` (a constant of the program) is kept in
-    `LEFT`; -1 until then. NaN is outside.
+    `bounded` names signals; the first sample in which one of them is outside ±`bound` (a constant of the program) is
+    stored in `LEFT`, which is -1 until then.  NaN counts as outside.
     """
     graph = program.graph
     states, constants, sample = list(program.states), dict(program.constants), program.sample
@@ -67,7 +67,7 @@ START = {"squares": 0.0, "least": float("inf"), "most": float("-inf")}
 
 
 def begin(name: str) -> float:
-    """Return the start value of a gathering state."""
+    """Return the initial value of a statistics state."""
     return -1.0 if name == LEFT else START[name.rsplit(".", 1)[1]]
 
 
@@ -76,9 +76,9 @@ _natives: Recent[Native] = Recent(256)
 
 
 class Prepared:
-    """A loop or a machine with all numbers that a run needs: structure, prepared numbers, first state.
+    """A loop or a machine with all numbers that a run needs: structure, prepared numbers, initial state.
 
-    Leaves may be arrays over variants.  Of a machine `setpoint` and `start` are given by axis.
+    Leaves may be arrays over variants.  For a machine `setpoint` and `start` are given by axis.
     """
 
     def __init__(
@@ -93,8 +93,8 @@ class Prepared:
     ) -> None:
         """Prepare a run; `start` is (position, velocity).
 
-        `partial` names axes that keep a fraction of a sample of dead time, for a derivative to it, also where none is
-        left.
+        `partial` names axes that keep the structure of a fractional dead time even if the fraction is 0, for
+        derivatives with respect to the dead time.
         """
         self.system = system
         self._begun = beginning(system, setpoint, start, partial)
@@ -110,9 +110,9 @@ class Prepared:
         enable: bool | Collection[str] = False,
         probes: Sequence[str] = (),
     ) -> Program:
-        """Return the program of the loop or machine, traced once for all of the same structure.
+        """Return the program of the loop or machine, traced once per structure.
 
-        `load` and `enable` say whether there are these inputs, or on which axes; `probes` which inputs of `Probe`.
+        `load` and `enable` state whether these inputs exist, or on which axes; `probes` names the inputs of `Probe`.
         """
         names = [f"{port}{name}" for port in self.system.ports() for name in SETPOINT]
         for kind, wanted in (("load_force", load), ("enable", enable)):
@@ -132,7 +132,7 @@ class Prepared:
         return _programs.get(key, traced)
 
     def settled(self) -> dict[str, Any]:
-        """Return the first states by name, with rings, as after an infinitely long time at constant inputs."""
+        """Return the initial states by name, including rings, in the limit of infinite time at constant inputs."""
         return dict(tree.leaves(settled(self._begun.trees.begun)))
 
     def varying(self) -> frozenset[str]:
@@ -155,7 +155,7 @@ class Prepared:
         lanes: int = 1,
         arithmetic: str = "exact",
     ) -> Native:
-        """Return machine code that records some signals and gathers statistics of others."""
+        """Return machine code that records some signals and accumulates statistics of others."""
         key = (program.key, tuple(record), tuple(gather), tuple(bounded), lanes, self.varying(), arithmetic)
 
         def compiled() -> Native:
@@ -165,16 +165,16 @@ class Prepared:
         return compiled() if program.key is None else _natives.get(key, compiled)
 
     def constants(self, code: Native, lanes: slice | None = None) -> np.ndarray:
-        """Return constants in the order of the machine code, shape (n, lanes)."""
+        """Return the constants in the order of the machine code, shape (n, lanes)."""
         return by_lane([name for name, _ in code.plan.constants], self.numbers, code.plan.lanes, lanes)
 
     def states(self, code: Native, lanes: slice | None = None) -> np.ndarray:
-        """Return first states in the order of the machine code, shape (n, lanes)."""
+        """Return the initial states in the order of the machine code, shape (n, lanes)."""
         first = self.first_states(code)
         return by_lane(list(first), first, code.plan.lanes, lanes)
 
     def first_states(self, code: Native) -> dict[str, Any]:
-        """Return first states by name, in the order of the machine code; the cells of rings are 0."""
+        """Return the initial states by name, in the order of the machine code; the cells of rings are 0."""
         first = {s.name: self.first.get(s.name, None) for s in code.plan.states}
         named = {name: begin(name) if value is None else value for name, value in first.items()}
         return named | dict.fromkeys(code.plan.memory[len(named) :], 0.0)
@@ -193,7 +193,7 @@ class Prepared:
                     states[rows[name], 0] = value
 
     def _controls(self) -> list[_Running]:
-        """Return each control with its prepared numbers and its first state."""
+        """Return each control with its prepared numbers and its initial state."""
         plain, all_prepared, begun = self._begun.trees
         if isinstance(plain, Loop):
             return [_Running("control", plain.control, all_prepared.control, begun.control)]
@@ -204,12 +204,12 @@ class Prepared:
         ]
 
     def rows(self, code: Native) -> list[np.ndarray]:
-        """Return tables in the order of the machine code."""
+        """Return the tables in the order of the machine code."""
         return [self.tables[name] for name, _ in code.plan.tables]
 
 
 def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen: slice | None) -> np.ndarray:
-    """Return numbers by name as rows; surplus lanes of a group repeat its last variant."""
+    """Return numbers by name as rows over lanes; surplus lanes of a group repeat its last variant."""
     if lanes == 1 and chosen is None:
         columns = [values[name] for name in names]
         if np.ndarray not in map(type, columns):
@@ -227,7 +227,7 @@ def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen:
 
 
 class _Running(NamedTuple):
-    """A control, the path of its state, its prepared numbers and its first state."""
+    """A control, the path of its state, its prepared numbers and its initial state."""
 
     path: str
     control: Control
@@ -239,9 +239,7 @@ STRETCH = 65_536  # samples whose inputs are in memory at once
 
 
 def recorded(prepared: Prepared, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
-    """Compute some samples of a single run from `states`, which are updated; return the recorded signals, shape (count,
-    signals).
-    """
+    """Compute some samples of a single run and update `states`; return the recorded signals, shape (count, signals)."""
     constants, rows = prepared.constants(code), prepared.rows(code)
     work.sample(first, count)
     record = np.empty((count, len(code.plan.outputs)))
@@ -268,7 +266,7 @@ _fastest: Recent[int] = Recent(64)  # by the source of the narrowest machine cod
 
 
 class Groups:
-    """The variants of a prepared loop, dealt out to groups of lanes; a last group repeats its last variant."""
+    """The variants of a prepared loop in groups of lanes; the last group is filled up with its last variant."""
 
     def __init__(self, prepared: Prepared, code: Native, variants: int) -> None:
         self.code, self.variants, self.lanes = code, variants, code.plan.lanes
@@ -278,7 +276,7 @@ class Groups:
         self.rows = prepared.rows(code)
 
     def advance(self, pool: Executor, first: int, inputs: np.ndarray) -> Iterator[int]:
-        """Advance all groups over the same stretch of samples; yield the number of finished variants of each group."""
+        """Advance all groups over the same range of samples; yield the number of finished variants of each group."""
 
         def one(group: int) -> int:
             self._run(group, first, inputs, self.states[group])
@@ -295,7 +293,7 @@ class Groups:
         return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
 
     def trial(self, inputs: np.ndarray) -> float:
-        """Return the seconds for one variant over a short stretch, the least of three; the states are not changed."""
+        """Return the computing time in s per variant over a short stretch, the least of three; states are unchanged."""
         spans: list[float] = []
         for _ in range(3):
             states = self.states[0].copy()
@@ -312,10 +310,10 @@ def grouped(
     samples: int,
     inputs: Callable[[Native], np.ndarray],
 ) -> Groups:
-    """Return the variants in groups of `lanes`; None takes the fastest width on this computer, which changes no bit.
+    """Return the variants in groups of `lanes`; None takes the fastest number on this computer.
 
-    `native(lanes)` makes the machine code and `inputs(native)` the first samples; a trial is run only for work that is
-    long enough to earn it, once for each structure.
+    Results are bit-identical for any number.  `native(lanes)` returns the machine code and `inputs(native)` the first
+    samples; trial runs are made once per structure, and only if the work is long enough to justify them.
     """
     variants = prepared.lanes()
     if lanes is not None or variants == 1:

@@ -35,10 +35,10 @@ _CONTROL = re.compile(r"(axis\.\w+\.)?control\.")
 
 
 def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tuple[int, System]]:
-    """Return (sample, loop from it on) of every change in a run of `count` samples, in order of time.
+    """Return all changes in a run of `count` samples in order of time, as (sample, loop from that sample on).
 
-    A change acts between two samples: sample k is the first one that runs with the new values.  A time is taken up to
-    the first sample at or after it.  Values by name change the control that is active then.
+    A change acts between two samples: sample k is the first one that runs with the new values.  A time is rounded up to
+    a whole sample.  Values by name change the control that is active at that time.
 
     Raises ParameterError for a sample or time outside the run or named twice, a name outside the control, a value out
     of its bounds, and StructureError for a change of the structure.
@@ -79,7 +79,7 @@ def _shown(key: int | float) -> str:
 
 
 def _changed(loop: System, change: Any) -> System:
-    """Return the loop with another control, or with other values in it."""
+    """Return the loop with another control, or with other parameter values in its control."""
     if isinstance(change, Control):
         if not isinstance(loop, Loop):
             raise ParameterError("a machine changes by names such as axis.x.control.law.Kv, not by a whole Control")
@@ -115,10 +115,10 @@ def _on_controller(loop: System, name: str) -> bool:
 
 
 class Course:
-    """A run in pieces that changes its control at given samples."""
+    """A run in pieces whose control changes at given samples."""
 
     def __init__(self, prepared: Prepared, later: list[tuple[int, Prepared]]) -> None:
-        """Begin a run. `later` holds the sample from which on each of the changed loops runs, in order."""
+        """Begin a run. `later` holds the first sample and the prepared loop of each change, in order."""
         self._now, self._later = prepared, list(later)
 
     def advance(self, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
@@ -142,7 +142,7 @@ GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
 
 
 class Recorded(Mapping[str, np.ndarray]):
-    """Signals by name, from an array of shape (samples, signals); each is copied to its own array when it is read."""
+    """The signals by name from an array (samples, signals); each is copied to its own array when it is read."""
 
     def __init__(self, names: Sequence[str], rows: np.ndarray) -> None:
         self._places = {name: place for place, name in enumerate(names)}
@@ -171,8 +171,9 @@ class Recorded(Mapping[str, np.ndarray]):
 class Run(Result):
     """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
 
-    Row k is the sample at `time[k]` = kT; see `loop.Signals` for what each signal is.  Of a machine each has the axis
-    before it: `run["x.force"]`.  `turning` names the axes that turn, as `c.`, or is one empty name for a single axis.
+    Row k is the sample at `time[k]` = kT; see `loop.Signals` for what each signal is.  For a machine its name is
+    prefixed by the axis: `run["x.force"]`.  `turning` holds the prefixes of rotary axes, such as `c.`, or an empty
+    prefix for a single axis.
     """
 
     name: str
@@ -197,7 +198,7 @@ class Run(Result):
     def axis(self, name: str) -> Run:
         """Return the run of one axis of a machine, with the signal names of a single axis.
 
-        Raises ParameterError for an axis that it does not have.
+        Raises ParameterError for an unknown axis.
         """
         own = {quantity(signal): signal for signal in self.signals if signal == f"{name}.{quantity(signal)}"}
         if not own:
@@ -214,11 +215,11 @@ class Run(Result):
 
     @property
     def rotary(self) -> bool:
-        """True if all its axes turn."""
+        """True if all axes of the run are rotary."""
         return all(signal.removesuffix(quantity(signal)) in self.turning for signal in self.signals)
 
     def table(self) -> Table:
-        """RMS and peak of every signal that is an error, a force or a velocity."""
+        """Return a table of the RMS and peak of errors, forces and velocities."""
         rows = []
         for name in self.signals:
             if quantity(name) in ("following_error", "tracking_error", "force", "friction_load", "velocity_load"):
@@ -236,9 +237,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def samples(duration: float, T: float) -> int:
-    """Return the samples from 0 to `duration`, both ends counted; a last sample that misses the end by rounding is
-    counted.
-    """
+    """Return the number of samples from 0 to `duration`, both ends included, tolerant to rounding at the end."""
     return int(np.floor(duration / T * (1.0 + 1e-12) + 1e-9)) + 1
 
 
@@ -264,11 +263,11 @@ def simulate(
     For a machine, reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
 
     load        force on the table, N
-    added_force force on top of what the control commands, behind its limit, N: the excitation of a measurement.  The
-                signal `force` is without it
+    added_force force added to the command behind its limit, N: the excitation of a measurement.  The signal `force`
+                does not include it
     enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value holds on
     changes     live changes of parameters: by sample (int) or time in s (float), a `Control`, or values by name such as
-                {"axis.x.control.law.Kv": 80.0}.  The states follow without a bump (`Control.retune`)
+                {"axis.x.control.law.Kv": 80.0}.  The change is bumpless (`Control.retune`)
     duration    s; default: that of the reference
     start       position (m) and velocity (m/s) of the axis at t = 0; default: those of the setpoint
     seed        of the noise, a whole number
@@ -277,9 +276,9 @@ def simulate(
     bound       m; default: the larger of 1 m and 100 times the travel
     progress    reports the seconds of the run that are done, and may cancel
 
-    Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, ParameterError for a
-    signal or an arithmetic that is not known and for a change with a bad place, name or value, and StructureError for a
-    change of the structure.
+    Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, ParameterError for an
+    unknown signal or arithmetic and for a change with an invalid time, name or value, and StructureError for a change
+    of the structure.
     """
     pieces = stream(
         loop,
@@ -319,7 +318,7 @@ def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
 
 
 def everywhere(system: System, names: Sequence[str]) -> list[str]:
-    """Return the names of signals; for a machine with the prefix of every axis."""
+    """Return the names of signals; for a machine those of every axis with its prefix."""
     return [f"{port}{name}" for port in system.ports() for name in names]
 
 
@@ -332,7 +331,7 @@ def sample_count(work: Work, duration: float | None) -> int:
 
 
 def _bound(work: Work, bound: float | None, count: int) -> float:
-    """Return the given bound, else the larger of 1 m and 100 times the travel, sampled at up to 257 samples."""
+    """Return the given bound, else the larger of 1 m and 100 times the travel, evaluated at up to 257 samples."""
     if bound is not None:
         return bound
     return max(1.0, 100.0 * work.travel(count, 257))
@@ -349,9 +348,9 @@ def _check_inside(left: float, bound: float, T: float) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Batch(Result):
-    """RMS, peak, least and most of signals for every variant, each an array of shape (variants,).
+    """The RMS, peak, minimum and maximum of signals for every variant, each an array of shape (variants,).
 
-    `left` is the sample at which a variant left its bounds, -1 where it never did.
+    `left` is the sample at which a variant left its bounds, -1 if it never did.
     """
 
     rms: Mapping[str, np.ndarray]
@@ -363,7 +362,7 @@ class Batch(Result):
     sample_time: float
 
     def table(self) -> Table:
-        """Best, median and worst variant by signal."""
+        """Return a table of the best, median and worst variant for each signal."""
         rows = []
         for signal, values in self.rms.items():
             unit = UNITS[quantity(signal)]
@@ -391,10 +390,10 @@ def simulate_batch(
 ) -> Batch:
     """Simulate all variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
 
-    Arguments as `simulate`; seed and start may be arrays over the variants too, and nothing changes live.  `lanes`
-    variants share a vector (default: what is fastest here), `threads` run at once (default: all cores); neither changes
-    a bit of the result.
-    `progress` reports after each group how many variants are done, and may cancel.
+    Arguments are those of `simulate`, without live changes; seed and start may be arrays over the variants too.
+    `lanes` variants share a vector (default: the fastest number on this computer), and `threads` run in parallel
+    (default: all cores); the results are bit-identical for any choice. `progress` reports after each group how many
+    variants are done, and may cancel.
     """
     check_system(loop)
     gather = known(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)
@@ -455,10 +454,10 @@ def stream(
     name: str = "stream",
     progress: Progress | None = None,
 ) -> Iterator[Run]:
-    """Yield the run of `simulate` in chunks of samples: constant memory for any length.
+    """Yield the run of `simulate` in chunks of samples, with constant memory for any length.
 
-    Arguments and errors as `simulate`; a chunk of None is the whole run.  The arrays of a chunk are
-    not reused.
+    Arguments and errors are those of `simulate`; a chunk of None is the whole run.  The arrays of a chunk are not
+    reused.
     """
     check_system(loop)
     record = known(loop, loop.signals() if record is None else record, arithmetic)

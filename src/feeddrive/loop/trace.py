@@ -18,7 +18,7 @@ Whole = TypeVar("Whole")
 
 
 class Carried(NamedTuple):
-    """A number that goes from sample to sample: its name, the node that reads it and the node of its next value."""
+    """A number carried from sample to sample: its name, the node that reads it and the node of its next value."""
 
     name: str
     before: int
@@ -27,16 +27,16 @@ class Carried(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """One sample as a graph, between named numbers; what the engine runs, linearizes and differentiates.
+    """The graph of one sample between named numbers, which the engine runs, linearizes and differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
     inputs     name -> node: given at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
-               of a machine with the axis before it: `x.set_position`
-    states     what is carried from sample to sample
+               for a machine prefixed by the axis: `x.set_position`
+    states     numbers carried from sample to sample
     outputs    name -> node: the signals
     sample     node of the index k of the sample, or None
     tables     name -> node
-    key        what it was traced from: programs with equal keys have equal graphs; None: not known
+    key        identifies what was traced: programs with equal keys have equal graphs; None: unknown
     """
 
     graph: Graph
@@ -77,9 +77,9 @@ def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
 def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Program:
     """Return the program of a loop or a machine.
 
-    `made` and `begun` are what it prepares and its first state, for their structure: the numbers do not matter.
-    `names` are the inputs that there are, such as `set_position` or `x.load_force`; absent ones cost no operations.
-    Raises StructureError if a law leaves the language of `ops`.
+    `template` and `begun` are its prepared numbers and initial state, of which only the structure matters. `names` are
+    the existing inputs, such as `set_position` or `x.load_force`; absent ones cost no operations.
+    Raises StructureError if a law uses operations outside `ops`.
     """
     graph = Graph()
     constants: dict[str, int] = {}
@@ -185,6 +185,6 @@ def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any])
 
 
 def evaluate(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[Any]:
-    """Return the values of some nodes: the oracle of the native code."""
+    """Return the values of some nodes in plain Python, the reference for the native code."""
     results = node_values(graph, outputs, leaves)
     return [results[index] for index in outputs]

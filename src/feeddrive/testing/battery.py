@@ -1,12 +1,13 @@
-"""The battery: rows that every block passes, the shipped ones and those of one's own.
+"""The battery: tests that every block must pass, shipped or user-defined.
 
     from feeddrive.testing import battery
     from my_law import MyLaw
 
     TestMyLaw = battery(MyLaw)          # pytest collects the rows as its tests
 
-A row asks whether floats, arrays and symbols give the same bits, native code and C those of Python, whether the
-Jacobian agrees with differences, whether every value within the declared bounds gives finite numbers, and more.
+The rows check that floats, arrays and symbols give bit-identical results, that native code and C agree bit for bit with
+Python, that the Jacobian agrees with finite differences, that all values within the declared bounds give finite
+numbers, and more.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ from feeddrive.testing.strategies import blocks_of, part_types, variants_of
 def battery(*blocks: type[Block]) -> type[Rows]:
     """Return the test class of some blocks; assign it to a name that begins with Test in a test module.
 
-    Raises StructureError for what is no concrete block, and where a test that runs already calls it: pytest would
+    Raises StructureError for anything but a concrete block, and for a call within a running test, where pytest would
     collect nothing.
     """
     inside = sys._getframe(1).f_code.co_name != "<module>"  # pyright: ignore[reportPrivateUsage]
@@ -86,13 +87,13 @@ def _moved(leaves: dict[str, Any], steps: dict[str, np.ndarray]) -> dict[str, An
 
 
 def _answers(graph: Graph, nodes: list[int], leaves: dict[str, Any], lanes: int) -> np.ndarray:
-    """Evaluate nodes, shape (nodes, lanes)."""
+    """Return the values of nodes, shape (nodes, lanes)."""
     with np.errstate(all="ignore"):
         return np.array([np.broadcast_to(v, lanes).astype(float) for v in evaluate(graph, nodes, leaves)])
 
 
 def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[str]) -> np.ndarray:
-    """Return the tangents of nodes for a unit change of one leaf in each lane."""
+    """Return the derivatives of nodes with respect to the named leaves, one leaf per lane."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     with np.errstate(all="ignore"):
         pushed = push(graph, nodes, node_values(graph, nodes, leaves), seeds)
@@ -100,7 +101,7 @@ def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[
 
 
 def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], names: list[str]) -> bool:
-    """True if an answer depends on the root or logarithm of a number that is 0 for these numbers."""
+    """True if an output depends on the root or logarithm of a number that is 0 for these values."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     try:
         require_slopes(graph, nodes, values, {node: seed for node, seed in seeds.items() if node in values}, {}, ())
@@ -110,7 +111,7 @@ def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], na
 
 
 def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: list[str], base: np.ndarray) -> np.ndarray:
-    """Return how far the answers move if every number moves by its last digits: higher differences cancel all else."""
+    """Return the change of the outputs if all numbers change in their last digits: the noise of differences."""
     rng, lanes = np.random.default_rng(0), 8
     steps: dict[str, np.ndarray] = {}
     for name in moved:
@@ -121,9 +122,9 @@ def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: lis
 
 
 def check_slopes(exercise: Exercise) -> None:
-    """Compare tangents of the graph with central differences, wherever one-sided ones and those of other steps agree.
+    """Compare tangents of the graph with central differences, where one-sided differences and other step sizes agree.
 
-    Raises AssertionError with the output and the numbers by which it is wrong.
+    Raises AssertionError with the output and its error.
     """
     graph, nodes, leaves = exercise.trace()
     if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
@@ -171,7 +172,7 @@ def check_slopes(exercise: Exercise) -> None:
 
 
 def _without_denormal(values: Sequence[Any] | np.ndarray) -> list[float]:
-    """Flush subnormal numbers to zeros of their sign, as native code does."""
+    """Replace subnormal numbers by zeros of the same sign, as native code does."""
     numbers = np.array([float(value) for value in values])
     return list(np.where(np.abs(numbers) < 2.3e-308, np.copysign(0.0, numbers), numbers))
 
@@ -195,7 +196,9 @@ often = settings(compiled_once, max_examples=20)  # nothing is compiled or trace
 
 
 class Rows:
-    """The tests: those with the argument `block` run for all `blocks`, those with `asked` for the blocks of a step."""
+    """The tests: those with the argument `block` run for all `blocks`, those with `asked` for blocks that run in a
+    step.
+    """
 
     blocks: ClassVar[tuple[type[Block], ...]] = ()
 
@@ -294,9 +297,7 @@ class Rows:
     @often
     @given(data=st.data())
     def test_a_live_change_to_other_numbers_makes_no_bump(self, goes_on: type[Block], data: st.DataObject) -> None:
-        """Check at rest and at constant speed, without following error, from a start and after errors that fill an
-        integral.
-        """
+        """Check live changes at rest and at constant speed without following error, also with a charged integrator."""
         x = _inputs(data)
         T, position, force = float(x.T), float(x.position), float(x.force)
         old = concrete(data.draw(blocks_of(goes_on, T)))
@@ -321,7 +322,7 @@ class Rows:
         assert tree.structure(concrete(sample)) == tree.structure(sample)
 
     def test_it_says_what_it_is_and_what_it_computes(self, block: type[Block]) -> None:
-        """Every field has a meaning and a unit, the docstring an equation, and the battery knows its family."""
+        """Check that fields have meaning and unit, that the docstring has an equation, and that the family is known."""
         for name, declared in declarations(block).items():
             assert declared.meaning, f"{block.__name__}.{name} has no meaning"
             measure(declared.unit)

@@ -1,18 +1,16 @@
-"""A block exercised: by floats, by symbols, and in a C loop.
+"""A block exercised on floats, on symbols and in a C loop.
 
-A plan as C99 text: the time loop of one variant, to be read, compiled and compared.
+An `Exercise` calls everything that runs in a step of a block's family as one pure function of some numbers.  It runs
+this function on floats or arrays, traces it on symbols, and compiles it, for the rows of the battery.
 
-Signature, memory and bits are those of the native code:
+The C text of a plan is the C99 time loop of one variant, to be read, compiled and compared.  Signature, memory and bits
+are those of the native code:
 
     void name(int64_t count, int64_t first, const double *constants, const double *inputs, double *states,
               double *outputs, const double *const *tables)
 
-An operation that is used once stands inside the expression that uses it; all others have a name.  Of the library only
-`fabs`, `floor` and `sqrt` are called, which IEEE 754 fixes to the bit, unless the plan asks for "libm".
-
-What a block of each family is asked: everything that runs in a step, as one pure function of some numbers.
-
-An `Exercise` runs it on floats or arrays, traces it on symbols, and compiles it, for the rows of the battery.
+An operation that is used once is written inside the expression that uses it; all others have a name.  Of the C library
+only `fabs`, `floor` and `sqrt` are called, which IEEE 754 fixes to the bit, unless the plan asks for "libm".
 """
 
 from __future__ import annotations
@@ -47,7 +45,7 @@ from feeddrive.loop.trace import Program
 
 
 class _Writer:
-    """Writes the text of nodes, and collects the lines of the part in progress."""
+    """A writer of the text of nodes, which collects the lines of the current part."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -67,15 +65,13 @@ class _Writer:
         return text
 
     def declare(self, index: int, wanted: str, text: str) -> None:
-        """Add a line that names a value."""
+        """Add a line that declares a named value."""
         self.texts[index] = self.name(wanted)
         kind = "int" if self.plan.kinds.truth[index] else "double"
         self.lines.append(f"const {kind} {self.texts[index]} = {text};")
 
     def node(self, index: int) -> None:
-        """Write one operation: inside the expression that uses it if there is a single one in the same part of the
-        text.
-        """
+        """Write one operation, inside the expression that uses it if there is only one in the same part of the text."""
         node = self.plan.graph.nodes[index]
         if node[0] in ("input", "table", "ring"):
             return
@@ -173,7 +169,7 @@ def text(plan: Plan, name: str) -> str:
 
 
 def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
-    """Compile C text with warnings as errors and load it; skips without a compiler."""
+    """Compile C text with warnings as errors and load it; skip the test without a compiler."""
     compiler = next(filter(None, map(shutil.which, ("gcc", "clang", "cc"))), None)
     if compiler is None:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine: the C text was NOT compiled and NOT compared")
@@ -208,7 +204,7 @@ STEPS = 3
 
 
 class Inputs(NamedTuple):
-    """Numbers that a block may receive: floats, arrays or symbols; each family takes those it needs."""
+    """The numbers that a block may receive: floats, arrays or symbols; each family uses those it needs."""
 
     T: Any
     position: Any
@@ -225,7 +221,7 @@ class Inputs(NamedTuple):
     sample: Any
 
     def setpoint(self) -> Setpoint:
-        """Return the set motion."""
+        """Return the setpoint."""
         return Setpoint(self.position, self.velocity, self.acceleration, self.jerk, self.snap)
 
     def motion(self) -> Motion:
@@ -235,7 +231,7 @@ class Inputs(NamedTuple):
 
 @cache
 def inputs() -> st.SearchStrategy[Inputs]:
-    """Return numbers of the size of motions and forces of feed drives."""
+    """Return a strategy for numbers in the range of motions and forces of feed drives."""
 
     # numbers so small that a product leaves the normal ones are 0 in native code: none of them is a motion or a force
     def about(size: float) -> st.SearchStrategy[float]:
@@ -260,7 +256,7 @@ def inputs() -> st.SearchStrategy[Inputs]:
 
 
 class Answers(NamedTuple):
-    """The answers of a block: its state at the start and after some steps, if it has one, and all outputs."""
+    """The results of a block: all outputs, and its state at the start and after some steps, if it has one."""
 
     start: Any
     after: Any
@@ -435,24 +431,24 @@ SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
 
 
 def asked_of(block: type[Block]) -> Callable[[Any, Inputs], Answers]:
-    """Return the function that runs a block of a step."""
+    """Return the function that runs a step of a block."""
     return TRACED[family_of(block)]
 
 
 class Exercise(NamedTuple):
-    """A block, the function that runs it, and its numbers."""
+    """A block, the function that runs it, and its input numbers."""
 
     block: Any
     ask: Callable[[Any, Inputs], Answers]
     x: Inputs
 
     def run(self) -> Answers:
-        """Run on the numbers as they are: floats or arrays over lanes."""
+        """Run the function on the numbers themselves: floats or arrays over lanes."""
         with np.errstate(all="ignore"):
             return self.ask(self.block, self.x)
 
     def trace(self) -> tuple[Graph, list[int], dict[str, Any]]:
-        """Return the graph of all answers, their nodes, and the numbers of its leaves by name."""
+        """Return the graph of all results, their nodes, and the numbers of its leaves by name."""
         graph = Graph()
         rows = dict(tree.tables(self.block))
         block = tree.rebuild(self.block, (graph.input(name) for name, _ in tree.leaves(self.block)))
@@ -463,7 +459,7 @@ class Exercise(NamedTuple):
         return graph, nodes, {**dict(tree.leaves(self.block)), **rows, **inputs}
 
     def program(self) -> tuple[Program, dict[str, Any], dict[str, np.ndarray]]:
-        """Return the answers as a program whose numbers are all constants, and the numbers and tables by name."""
+        """Return a program of the results with all numbers as constants, and the numbers and tables by name."""
         graph, nodes, leaves = self.trace()
         tables = {name: value for name, value in leaves.items() if isinstance(value, np.ndarray)}
         numbers = {name: value for name, value in leaves.items() if name not in tables}
@@ -481,7 +477,7 @@ class Exercise(NamedTuple):
         return program.keeping(list(program.outputs)), numbers, tables
 
     def plan(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray]]:
-        """Return its plan, constants (one row each, over the lanes) and tables."""
+        """Return the plan of the program, its constants (one row per number, over the lanes) and its tables."""
         program, numbers, tables = self.program()
         compiled_plan = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
         column = np.array([numbers[name] for name, _ in compiled_plan.constants], dtype=float).reshape(
@@ -501,5 +497,5 @@ class Exercise(NamedTuple):
 
 
 def flat(answers: Answers) -> list[Any]:
-    """Return all numbers; the cells of rings show in what is read from them."""
+    """Return all numbers except the cells of rings, which show in the values read from them."""
     return [value for _, value in tree.leaves(answers) if not isinstance(value, Ring)]

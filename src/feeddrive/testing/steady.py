@@ -1,9 +1,9 @@
-"""A block of a control in a steady state without following error, and what a live change of its numbers does there.
+"""The response of a block of a control to a live change of its parameters, in a steady state without following error.
 
-The axis follows exactly, at rest or evenly, and the force that a law commands acts with the next sample.  So whatever
-comes out of a block is constant, and a live change has to leave it so, unless it asks for another value: a larger share
-of a disturbance is another force.  What it asks for is what the new block gives if it is started there, a compensation
-with its blended parts fully active.
+The axis follows exactly, at rest or at constant velocity, and the force that a law commands acts in the next sample.
+All outputs of the block are then constant and must remain so after a live change, unless the new parameters require
+another value: a larger share of a disturbance is a different force.  The required value is the output of the new block
+if it is started there, of a compensation with its blended parts fully active.
 """
 
 from __future__ import annotations
@@ -33,9 +33,7 @@ _FORCE = 1e3  # N
 
 
 class Place(NamedTuple):
-    """Position and speed of the axis: its position at sample 0 and its travel in a sample (m), T
-    (s) and a force (N).
-    """
+    """An operating point: position at sample 0 and travel per sample (m), sample time T (s) and a force (N)."""
 
     position: Any
     way: Any
@@ -43,22 +41,22 @@ class Place(NamedTuple):
     force: Any
 
     def setpoint(self, sample: int, ahead: float = 0.0) -> Setpoint:
-        """Return the set motion at a sample, ahead of the axis by some m."""
+        """Return the setpoint at a sample, `ahead` m in front of the axis."""
         return Setpoint(self.position + float(sample) * self.way + ahead, self.way / self.T)
 
     def reading(self, sample: int, force: Any) -> Reading:
-        """Return what is read at a sample while a force acts."""
+        """Return the reading at a sample while a force acts."""
         position = self.position + float(sample) * self.way
         return Reading(position, position, force, force, self.way / self.T)
 
 
 def place(position: float, moves: bool, T: float, force: float) -> Place:
-    """Return a place near a position, on a grid on which differences of positions are exact."""
+    """Return an operating point near a position, on a grid on which differences of positions are exact."""
     return Place(*map(np.float64, (round(position / _GRID) * _GRID, _GRID if moves else 0.0, T, force)))
 
 
 class Steady:
-    """A block that was started at a place and a sample, and runs from there."""
+    """A block that runs from a given operating point and sample."""
 
     def __init__(self, block: Any, at: Place, sample: int = 0) -> None:
         self.block, self.at, self.sample = block, at, sample
@@ -76,12 +74,14 @@ class Steady:
             self.state = block.start(self.prepared, setpoint, reading)
 
     def outputs(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the outputs of some samples, the first ones with following errors: a row each."""
+        """Return the outputs of the next samples, one row per sample, with following errors in the first ones."""
         rows = [self._step(errors[k] if k < len(errors) else 0.0) for k in range(count)]
         return np.array(rows, dtype=float)
 
     def after(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the numbers of the state after some samples; what rings hold shows in what is read from them."""
+        """Return the numbers of the state after some samples; rings are left out, they show in values read from
+        them.
+        """
         self.outputs(count, errors)
         return np.array([float(value) for _, value in tree.leaves(self.state) if not isinstance(value, Ring)])
 
@@ -107,7 +107,7 @@ class Steady:
         return (outputs.position - setpoint.position, *outputs[1:])
 
     def retune(self, new: Any) -> None:
-        """Change the numbers of the block between two samples."""
+        """Change the parameters of the block between two samples."""
         if self._family in UNPREPARED:
             self.state = new.retune(self.state, self.block)
         else:
@@ -121,18 +121,17 @@ RETUNED = (families.Law, families.Filter, families.Observer, families.Compensati
 
 
 def without_friction(new: Block, old: Block) -> Block:
-    """Return the new block with the viscous friction of the old one: in motion another friction asks for a force."""
+    """Return the new block with the old viscous friction: in motion, other friction requires another force."""
     pairs = zip(tree.leaves(new), tree.leaves(old), strict=True)
     values = (old if name.rpartition(".")[2].startswith("viscous") else new for (name, new), (_, old) in pairs)
     return tree.rebuild(new, values)
 
 
 def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str:
-    """Return, in words, the change of a steady output by a live change from one block to another that the block does
-    not require.
+    """Return a description of an unnecessary change of a steady output by a live change from one block to another.
 
-    Empty where the output goes on, and where there is no steady state: with a block that settles slowly, with a law
-    that does not hold the force with which it was started, and in even motion also where the new one would not.
+    It is empty if the output continues, and if there is no steady state: with a block that settles slowly, with a law
+    that does not hold the force with which it was started, and in motion also if the new block would not.
     """
     change = _changed(old, new, at, errors)
     if not change.settled:
@@ -158,7 +157,9 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
 
 
 class Change(NamedTuple):
-    """Outputs before and after a live change, and of the new block started there; if a state settled, and its size."""
+    """The outputs before and after a live change and of the new block started there; whether a state settled; its
+    size.
+    """
 
     before: np.ndarray
     after: np.ndarray
@@ -170,9 +171,9 @@ class Change(NamedTuple):
 def _changed(
     old: Block, new: Block, at: Place, errors: Sequence[float], wrong: float = 0.0, pattern: int = 0
 ) -> Change:
-    """Run a live change; if `wrong`, readings are wrong in their last digits and numbers of the state by this share.
+    """Run a live change; a nonzero `wrong` perturbs readings in their last digits and the state by this share.
 
-    Bit `pattern` of the place of a number is its sign.
+    Bit `pattern` of the index of a number in the state is the sign of its perturbation.
     """
     held = Steady(old, at)
     states = [held.after(SETTLING, errors), held.after(SETTLING), held.after(SETTLING)]
@@ -191,10 +192,10 @@ def _changed(
 
 
 def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change: Change) -> np.ndarray:
-    """Return how far outputs move with the last digits of readings and state, and with what these left in the outputs.
+    """Return the change of the outputs due to rounding of readings and state and to rounding left in the outputs.
 
-    With a gain of 1e17 N/m, as a predictive law over a short horizon has it, that is 100 N; with a filter that
-    amplifies high frequencies by 1e6 it is 0.1 N.
+    With a gain of 1e17 N/m, as of a predictive law over a short horizon, that is 100 N; with a filter that amplifies
+    high frequencies by 1e6 it is 0.1 N.
     """
     last = change.before[-1]
     size = np.abs(last) + _SMALL * _usual(last.size)
@@ -206,9 +207,10 @@ def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change
 
 
 def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: bool) -> bool:
-    """True if states at equal distances are on straight lines: an unfinished transient shows with other gains.
+    """True if states at equal time intervals lie on straight lines: other gains would show an unfinished transient.
 
-    After errors they must be equal to the last bit, as an integral is: the slow end of an observer's transient is not.
+    After errors they must be equal to the last bit, as the state of an integrator is, unlike the slow end of an
+    observer's transient.
     """
     if exactly:
         return bool(np.all(first == second) and np.all(second == third))
@@ -218,5 +220,5 @@ def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: 
 
 
 def _usual(count: int) -> np.ndarray:
-    """Return the usual sizes of the outputs of a block, the force last."""
+    """Return the typical magnitudes of the outputs of a block, the force last."""
     return np.array([*_SIZES[: 5 if count >= 5 else count - 1], *([_FORCE] if count != 5 else [])])

@@ -1,6 +1,6 @@
-"""Hypothesis strategies: any block with any values that its declarations admit.
+"""Hypothesis strategies for any block with any values that its declarations admit.
 
-Each is made once: what hypothesis finds out about a new strategy takes longer than to draw from it.
+Each strategy is built once, since Hypothesis takes longer to analyze a new strategy than to draw from it.
 """
 
 from __future__ import annotations
@@ -55,17 +55,17 @@ _Draw = Callable[[st.DrawFn, int], Any]  # a value of a field; the whole number 
 def blocks_of(cls: type[Block], sample_time: float | None = None) -> st.SearchStrategy[Any]:
     """Return a strategy for valid blocks of a concrete class: any choices, any parts, optional fields or none.
 
-    With a sample time in s they also keep the rules that hold where a block is sampled.
+    With a sample time in s they also satisfy the rules of sampled blocks.
     """
     return _blocks(cls, sample_time)
 
 
 @st.composite
 def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any:
-    """Draw fields within their bounds, and where the block refuses them, those that its error names once more.
+    """Draw fields within their bounds and, if the block rejects them, draw those named in its error again.
 
-    Every fourth time all are drawn anew: one that is not named may be at fault.  Each attempt turns the choices on,
-    since what hypothesis draws may be the same again and again.
+    Every fourth time all fields are drawn again, since one that is not named may be at fault.  Each attempt rotates the
+    choices, since Hypothesis may draw the same values again and again.
     """
     fields = _fields(cls)
     values = _drawn(draw, cls, fields, 0)
@@ -91,7 +91,7 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
 
 
 def _runs_at(block: Block, sample_time: float | None) -> bool:
-    """True if a block keeps its rules at a sample time; the advice of a refusal would take long to compute."""
+    """True if a block satisfies its rules at a sample time; the remedy in an error would take long to compute."""
     if sample_time is None:
         return True
     plain = tree.rebuild(block, (np.float64(value) for _, value in tree.leaves(block)))
@@ -100,7 +100,7 @@ def _runs_at(block: Block, sample_time: float | None) -> bool:
 
 
 def _drawn(draw: st.DrawFn, cls: type[Block], names: Container[str], attempt: int) -> dict[str, Any]:
-    """Draw some fields of a block; of those that may be absent none, all or some; now and then a default."""
+    """Draw some fields of a block: none, all or some of the optional ones, and occasionally a default."""
     present = _PRESENT[(draw(st.integers(0, len(_PRESENT) - 1)) + attempt) % len(_PRESENT)]
     drawn: dict[str, Any] = {}
     for place, (name, (default, value)) in enumerate(_fields(cls).items()):
@@ -116,7 +116,7 @@ def _drawn(draw: st.DrawFn, cls: type[Block], names: Container[str], attempt: in
 
 
 def _cut(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
-    """Cut the tables among some fields to the length of the shortest: those that a refusal names belong together."""
+    """Truncate the tables among some fields to the shortest one: tables named in one error belong together."""
     rows = {name: values[name] for name in names if isinstance(values[name], np.ndarray)}
     length = min((row.size for row in rows.values()), default=0)
     return {**values, **{name: row[:length] for name, row in rows.items() if row.size > length}}
@@ -124,7 +124,7 @@ def _cut(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
 
 @cache
 def _fields(cls: type[Block]) -> dict[str, tuple[Any, _Draw]]:
-    """Return the default of each field, and what draws its value where it is present."""
+    """Return the default of each field and the function that draws its value."""
     hints = get_type_hints(cls)
     defaults = {spec.name: spec.default for spec in dataclasses.fields(cls)}  # type: ignore[arg-type]
     return {
@@ -158,7 +158,7 @@ def _one_of(options: Sequence[Any]) -> _Draw:
 
 @st.composite
 def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
-    """Draw other numbers for some leaves of a block: those that may differ between lanes and at a live change."""
+    """Draw other values for some leaves of a block: those that may differ between lanes and change live."""
     values = dict(tree.leaves(block))
     names = [name for name in values if draw(_EITHER)] or list(values)
     values |= {name: draw(numbers(tree.declaration(block, name))) for name in names}
@@ -181,7 +181,7 @@ def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
 
 @cache
 def numbers(declared: Declaration) -> st.SearchStrategy[float]:
-    """Return a strategy for usual magnitudes within the declared bounds, with closed bounds themselves now and then."""
+    """Return a strategy for usual magnitudes within the declared bounds, occasionally a closed bound itself."""
     value = _number(declared)
     return st.composite(lambda draw: value(draw, 0))()
 
@@ -195,7 +195,7 @@ def _number(declared: Declaration) -> _Draw:
     signed = least is None and most is None
 
     def at(share: float) -> float:
-        """Return the number at a share of the range, evenly in the logarithm where it can be."""
+        """Return the number at a fraction of the range, on a logarithmic scale where possible."""
         if signed:
             sign, share = (1.0, share / 0.75) if share < 0.75 else (-1.0, 4.0 * share - 3.0)
             return sign * low * (high / low) ** share
@@ -208,7 +208,7 @@ def _number(declared: Declaration) -> _Draw:
     ends = [float(bound) for bound in (declared.least, declared.most) if bound is not None]
 
     def value(draw: st.DrawFn, turn: int) -> float:
-        """Return a number at a share of the range, now and then a closed bound."""
+        """Return a number at a random fraction of the range, occasionally a closed bound."""
         if ends and draw(_EITHER):
             return ends[(draw(_EITHER) + turn) % len(ends)]
         drawn = at((draw(_SHARES) + turn * _GOLDEN) % 1.0)
@@ -240,7 +240,7 @@ def _rows(declared: Declaration) -> st.SearchStrategy[np.ndarray]:
 
 
 def _parts(hint: Any) -> _Draw:
-    """Return what draws a part: a block of a class, of a family or of one of several, or a tuple of them."""
+    """Return the function that draws a part: a block of a class, a family or one of several, or a tuple of blocks."""
     if get_origin(hint) is tuple:
         part, counts = _parts(get_args(hint)[0]), st.integers(0, 3)
         return lambda draw, turn: tuple(part(draw, turn) for _ in range(draw(counts) or min(turn, 1)))
@@ -249,7 +249,7 @@ def _parts(hint: Any) -> _Draw:
 
 
 def part_types(hint: Any) -> list[type[Block]]:
-    """Return the blocks and families that the type of a part names: `Motor | None`, `tuple[Mode, ...]`."""
+    """Return the block classes and families in the type hint of a part: `Motor | None`, `tuple[Mode, ...]`."""
     if get_origin(hint) in (Union, types.UnionType, tuple):
         return [part for option in get_args(hint) for part in part_types(option)]
     return [hint] if isinstance(hint, type) and issubclass(hint, Block) else []

@@ -1,8 +1,7 @@
 """The engine: compiles the graph of one sample to native code for the whole time loop.
 
-plan.py       the graph in plain arithmetic, the order of everything in memory, what is constant over a run or differs
-              between lanes, and what only one branch of a choice needs
-llvm.py       operations as LLVM text; lanes are vectors
-time_loop.py  the loop around them, as an LLVM module
-native.py     the machine code of a plan; `language/machine_code.py` compiles and keeps it
+plan.py   the graph in plain arithmetic, the order of everything in memory, what is constant over a run or differs
+          between lanes, and what only one branch of a choice needs
+llvm.py   operations and time loop as LLVM text, with lanes as vectors, and the machine code of a plan;
+          `language/machine_code.py` compiles and caches it
 """

@@ -1,19 +1,17 @@
-"""A plan as machine code: its operations and its time loop as LLVM text, and the compiled function.
+"""The machine code of a plan: its operations and its time loop as LLVM text, and the compiled function.
 
-Operations as LLVM text, scalar or as vectors with one variant per lane; `time_loop.py` assembles them.
+Operations are scalar, or vectors with one variant per lane.  A value that is the same in all lanes stays scalar and is
+broadcast where a vector needs it.  No pass reorders anything: LLVM only selects instructions and registers.
 
-A value that is the same in all lanes stays scalar and is broadcast where a vector needs it.  No pass reorders
-anything: LLVM only selects instructions and registers.
-
-A plan as an LLVM module: the whole time loop as one function.
+The whole time loop is one function:
 
     void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables,
               i64 row, i64 column)
 
-Memory: constants, and states with the cells of rings behind them, [number][lane], inputs the same for all lanes,
-outputs [sample][number][lane].  It is `row` numbers from sample to sample of the inputs and `column` from number to
-number, so that each input may be a row of its own; outputs as rows of their own made the loop 8 % slower.  What does
-not change from sample to sample is computed before the loop.
+Memory layout: constants, and states followed by the cells of rings, as [number][lane]; inputs the same for all lanes;
+outputs as [sample][number][lane].  In the inputs, `row` is the stride from sample to sample and `column` that from
+number to number, so that each input may be a row of its own; outputs as rows of their own made the loop 8 % slower.
+Values that do not change from sample to sample are computed before the loop.
 """
 
 from __future__ import annotations
@@ -70,7 +68,7 @@ class Printer:
         return f"<{self.plan.lanes} x {scalar}>" if vector else scalar
 
     def value(self, node: int, vector: bool) -> str:
-        """Return a node's value as scalar or vector, as needed."""
+        """Return the value of a node as a scalar or a vector, as needed."""
         held = self.names[node]
         if not vector or self.varies(node):
             return held
@@ -87,12 +85,12 @@ class Printer:
         return self.emit(f"shufflevector <{lanes} x {kind}> {first}, <{lanes} x {kind}> poison, {mask}")
 
     def whole(self, value: int, vector: bool) -> str:
-        """Return a 64-bit integer as an operand."""
+        """Return a 64-bit integer constant as an operand."""
         signed = value - 2**64 if value >= 2**63 else value
         return str(signed) if not vector else "<" + ", ".join([f"i64 {signed}"] * self.plan.lanes) + ">"
 
     def real(self, value: float, vector: bool) -> str:
-        """Return a double as an operand."""
+        """Return a double constant as an operand."""
         text = number(value)
         return text if not vector else "<" + ", ".join([f"double {text}"] * self.plan.lanes) + ">"
 
@@ -169,7 +167,7 @@ class Printer:
             raise AssertionError(f"no text for the operation '{name}'")
 
     def select(self, index: int, inner: tuple[int, ...], vector: bool) -> None:
-        """Write a choice between two values, by one truth for all lanes or one for each."""
+        """Write a selection between two values, by one condition for all lanes or one per lane."""
         group = self.plan.together.get(index, (index,))
         if Branch(group[0], 1) in self.branches or Branch(group[0], 2) in self.branches:
             self.branch(group)
@@ -181,7 +179,7 @@ class Printer:
         self.names[index] = self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
 
     def branch(self, group: tuple[int, ...]) -> None:
-        """Write choices by one truth, of which only the branch taken is computed."""
+        """Write selections by one condition, of which only the branch taken is computed."""
         first, nodes = group[0], self.plan.graph.nodes
         labels = {branch: f"branch{first}.{branch}" for branch in (1, 2)}
         self.lines.append(f"  br i1 {self.names[arguments(nodes[first])[0]]}, label %{labels[1]}, label %{labels[2]}")
@@ -226,7 +224,7 @@ class Printer:
         return self.emit(f"fsub {self.type(vector)} {x}, {self.real(constant, vector)}")
 
     def uniform(self, values: list[str], vector: bool) -> str:
-        """Write the mix of `primitives.uniform`."""
+        """Write the bit mixing of `primitives.uniform`."""
         whole, kind = self.type(vector, "i64"), self.type(vector)
         bits = self.whole(0, vector)
         for value, stride in zip(values, STRIDES, strict=True):
@@ -245,7 +243,7 @@ class Printer:
         return self.emit(f"fmul {kind} {centred}, {self.real(2.0**-52, vector)}")
 
     def library(self, name: str, x: str, vector: bool) -> str:
-        """Call a function of the system's library, lane by lane."""
+        """Call a function of the system's math library, lane by lane."""
         if not vector:
             return self.emit(f"call double @{name}(double {x})")
         return self.by_lane(lambda one: self.emit(f"call double @{name}(double {one})"), x)
@@ -261,7 +259,7 @@ class Printer:
         return self.by_lane(read, self.names[place]) if vector else read(self.names[place])
 
     def get(self, ring: int, place: int, vector: bool) -> str:
-        """Read a cell of a ring: the same one in all lanes, or another one in each."""
+        """Read a cell of a ring: the same cell in all lanes, or a different one per lane."""
         if not vector:
             return self.emit(f"load double, ptr {self.cell(ring, self.names[place], 0)}, align 8")
         if not self.varies(place):
@@ -383,7 +381,7 @@ class _TimeLoop:
         self.last = ""  # the block in which a sample ends
 
     def entry(self) -> list[str]:
-        """Write everything that is constant over the run, and the first states."""
+        """Write everything that is constant over the run, and the initial states."""
         plan, printer = self.plan, self.printer
         moving = plan.kinds.moving
         for i, (_, node) in enumerate(plan.tables):
@@ -445,7 +443,7 @@ class _TimeLoop:
         return printer.taken()
 
     def done(self) -> list[str]:
-        """Write the last states back to memory; those that are the same in all lanes to all of them."""
+        """Write the final states back to memory; a state that is the same in all lanes is written to every lane."""
         plan, printer = self.plan, self.printer
         lasts = {state.name: printer.emit(self._join(state.name)) for state in self.carried}
         for state in self.carried:
@@ -457,7 +455,7 @@ class _TimeLoop:
         return printer.taken()
 
     def _join(self, name: str) -> str:
-        """Write a state's value: the first one when coming from the entry, else that at the end of a sample."""
+        """Return the phi instruction of a state: its initial value from the entry, else that at the end of a sample."""
         kind = self.printer.type(self.printer.varies(self.plan.states[self.places[name]].before))
         return f"phi {kind} [ {self.begins[name]}, %entry ], [ {self.ends[name]}, %{self.last} ]"
 
@@ -534,7 +532,7 @@ class Native:
 def native(plan: Plan, *, flush: bool = True, quick: bool = False) -> Native:
     """Return the machine code of a plan.
 
-    flush  whether numbers below the normal ones count as zero; plain Python has them
+    flush  flush subnormal numbers to zero; plain Python keeps them
     quick  compile in a third of the time, to slower code: for what runs once
     """
     return Native(plan, text(plan, _ENTRY, target()[0], flush=flush), quick=quick)

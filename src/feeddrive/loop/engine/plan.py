@@ -1,6 +1,6 @@
-"""The plan that a code printer works from: lowered graph, memory order, kinds of nodes, lazy branches.
+"""The plan from which a code printer works: lowered graph, memory order, kinds of nodes, lazy branches.
 
-Operations needed by one branch of a `select` only: a single run computes them only when that branch is taken.
+A single run computes operations that only one branch of a `select` needs only if that branch is taken.
 
 Both branches of `where` are pure, so a value that is not selected need not be computed; this changes no bit.  It pays
 where an expensive branch is rarely taken, such as the exponential of Stribeck friction, which is negligible at high
@@ -20,9 +20,7 @@ from feeddrive.loop.trace import Carried, Program
 
 
 class Kinds(NamedTuple):
-    """For every node, in order: whether it changes from sample to sample, from lane to lane, and whether it is a truth
-    value.
-    """
+    """The kind of every node, in order: whether it changes between samples, varies between lanes, is a truth value."""
 
     moving: list[bool]
     varying: list[bool]
@@ -138,10 +136,10 @@ def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
 
 
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
-    """Return, for each choice, all choices by the same truth that can be made where the first of them is made.
+    """Return, for each selection, all selections by the same condition that can be made at the first of them.
 
-    Several results that only one side needs, such as the forces of a tooth in the work, are then one branch.  What they
-    choose from was traced before the first of them, so that none of them waits for another one.
+    Several results that only one side needs, such as the forces of a tooth in the cut, then share one branch.  Their
+    operands were traced before the first of them, so that none of them depends on another one.
     """
     open_: dict[int, list[int]] = {}
     groups: list[list[int]] = []
@@ -162,8 +160,8 @@ def _ordered(
     """Return the order of evaluation: that of the trace with lanes; for a single run the longest chains first.
 
     The longest chains are those of the next states with the most operations in a row, with all that they need.  A
-    single run waits for such a chain from sample to sample: a processor that meets it early fills the waiting with the
-    rest.  With lanes there is enough to fill it, and the order of the trace keeps fewer numbers alive.
+    single run waits for such a chain from sample to sample: a processor that starts it early fills the latency with the
+    other operations.  With lanes there are enough of them, and the order of the trace keeps fewer numbers alive.
 
     A ring is written in place, after all reads of its previous contents.  Choices that are made together follow each
     other.
@@ -200,14 +198,15 @@ def _ordered(
 
 
 def _chosen_from(graph: Graph, group: Sequence[int]) -> list[int]:
-    """Return the operations that some choices need."""
+    """Return the operands of some selections."""
     return [i for index in group for i in arguments(graph.nodes[index])]
 
 
 def reads_first(graph: Graph, needed: Collection[int]) -> dict[int, list[int]]:
-    """Return, for each write to a ring, the reads of its cells as they were before, which come first.
+    """Return, for each write to a ring, the reads of its previous contents, which must come first.
 
-    Raises StructureError where a ring is written twice from one state, which memory that is written in place cannot do.
+    Raises StructureError if a ring is written twice from one state, which memory that is written in place cannot
+    represent.
     """
     reads: dict[int, list[int]] = {}
     writes: dict[int, int] = {}
@@ -230,12 +229,12 @@ ARITHMETIC = ("exact", "libm", "fma")
 
 
 def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, dict[int, int]]:
-    """Return the graph below the roots in the operations that printers know, and the new node of each old one."""
+    """Return the graph below the roots in operations that printers support, and the new node of each old one."""
     return rebuilt(graph, roots, lambda target, name, values: composed(target, name, values, arithmetic))
 
 
 def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> Any:
-    """Return one operation on symbols, in plain arithmetic where a printer has no operation for it."""
+    """Return one operation on symbols, in plain arithmetic if a printer has no such operation."""
     if name in ELEMENTARY and arithmetic != "libm":
         return getattr(mathematics, name)(*values)
     if name == "quantise":
@@ -262,7 +261,7 @@ _COSTS = {"input": 0, "div": 10, "sqrt": 10, "uniform": 30, "gather": 5} | dict.
 
 
 class Branch(NamedTuple):
-    """One branch of a `select` node, or of several that are made together, by the first: 1 for true, 2 for false."""
+    """A branch of a `select` node, or of several evaluated together, named by the first: 1 for true, 2 for false."""
 
     select: int
     branch: int
@@ -322,7 +321,7 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
 
 
 def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> Branch | None:
-    """Return the innermost branch around all of some branches."""
+    """Return the innermost branch that encloses all of some branches."""
     around = _around(branches[0], places)
     for branch in branches[1:]:
         others = _around(branch, places)
@@ -331,7 +330,7 @@ def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> 
 
 
 def _around(branch: Branch | None, places: dict[int, Branch | None]) -> list[Branch]:
-    """Return a branch and all branches around it, from the inside out."""
+    """Return a branch and all branches that enclose it, from the inside out."""
     branches: list[Branch] = []
     while branch is not None:
         branches.append(branch)
