@@ -255,7 +255,7 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
 
 
 def find_bundled(path: str | Path, folder: str) -> Path:
-    """Return the path if it exists, else the bundled file of that name. Raise FileError if there is neither."""
+    """Return the path if it exists or has a suffix, else the bundled file of that name. Raise FileError if missing."""
     file = Path(path)
     if file.exists() or file.suffix:
         return file
