@@ -168,7 +168,7 @@ _TARGETS = {CSP: "target_position", CST: "target_torque"}
 
 
 class ActualValues(NamedTuple):
-    """Actual values of the drive in SI: positions m, velocity m/s, force N; None where the drive has no such object."""
+    """The actual values of a drive in SI: positions m, velocity m/s, force N; None if the drive has no such object."""
 
     status: int
     position: float

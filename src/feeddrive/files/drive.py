@@ -36,7 +36,7 @@ class Drive:
 
     @property
     def lever(self) -> float | None:
-        """Travel of the table per rad of the motor, m/rad."""
+        """The travel of the table per motor angle, m/rad; None if the lead is unknown."""
         return None if self.lead is None else lever(self.lead, self.gear)
 
     def per_unit(self, unit: str) -> tuple[float, bool] | None:

@@ -143,7 +143,7 @@ class Hint:
     optional: bool = False
 
     def single(self) -> bool:
-        """True if only one class fits, so that `kind` need not be written."""
+        """Return True if only one class matches, so that `kind` may be omitted."""
         return len(self.classes) == 1 and not inspect.isabstract(self.classes[0])
 
 
@@ -260,7 +260,7 @@ _TYPES = {int: "a whole number", str: 'text in quotes ("...")', bool: "true or f
 
 
 def type_as_text(annotation: Choice) -> str:
-    """Return a type in words: `a whole number`."""
+    """Return a description of a type: `a whole number`."""
     if _is_union(annotation):
         return " or ".join(map(type_as_text, options_of_type(annotation)))
     if typing.get_origin(annotation) is tuple:

@@ -149,7 +149,7 @@ class GrowingFile:
 
 
 class Pipe:
-    """Rows received through a pipe, as from `halsampler -t | feeddrive studio --follow -`.
+    """The rows received through a pipe, as from `halsampler -t | feeddrive studio --follow -`.
 
     A thread reads them once and keeps the last `_MOST` bytes for all followers.
     """

@@ -22,7 +22,7 @@ from feeddrive.language.text import Text
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Log(Result):
-    """Channels over time, all finite, on one clock. `log["position_load"]` is an array of shape (n,) in `units`.
+    """The channels of a log, all finite, on one clock. `log["position_load"]` is an array of shape (n,) in `units`.
 
     `time` holds the recorded stamps, s; `sample_time` their common step, s, and `jitter` the largest deviation from it
     as a fraction of it.  `constants` are scalars stored in the file besides the columns; `left_out` gives the reason

@@ -209,7 +209,7 @@ class TomlFile:
         return self.name
 
     def root(self) -> TomlTable:
-        """Return the whole file as one section."""
+        """Return the root table of the file."""
         return TomlTable(self, (), self.content)
 
 
@@ -329,7 +329,7 @@ _PAIR = re.compile(r"^\s*(?:\[[^,]*\]\s*(?:#.*)?$|[\w.\"'-]+\s*=)", re.MULTILINE
 
 
 def read_toml(path: str | Path, wanted: str = "", *, quoting: bool = True) -> TomlFile:
-    """Read a TOML file. Raises FileError with file, line and what to do if it is missing, too large or not TOML.
+    """Read a TOML file. Raises FileError with file, line and remedy if it is missing, too large or not TOML.
 
     wanted   "a machine file", "a job" or "a drive file": a file of another kind is refused with its kind in the message
     quoting  show the line in errors; False for a file that is only referenced by another file

@@ -36,7 +36,7 @@ def serve_canopen(
     objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL", station)
 
     class Node(canopen.LocalNode):
-        """Its object dictionary is that of the firmware; only the heartbeat is handled by the package."""
+        """A CANopen node with the object dictionary of the firmware; the package handles only the heartbeat."""
 
         def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
             if index == _HEARTBEAT:

@@ -332,7 +332,7 @@ class Firmware:
         return values
 
     def has(self, name: str) -> bool:
-        """True if this drive has the object."""
+        """Return True if the drive has the object."""
         if name == "second_position":
             return self.axis.encoders == 2
         if OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
