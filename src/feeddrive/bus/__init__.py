@@ -1,4 +1,4 @@
-"""CiA 402 drives on a fieldbus: setpoints, logs, commissioning checks, and a virtual drive for tests."""
+"""CiA 402 drives on a field bus: setpoints, logs, commissioning checks, and a virtual drive for tests."""
 
 from feeddrive.language.lazy_package import make_lazy
 
