@@ -1,4 +1,4 @@
-"""CANopen by the canopen package: process data with every SYNC, on a CAN bus such as `socketcan:can0`."""
+"""CANopen transport by the canopen package: process data on every SYNC, on a CAN bus such as `socketcan:can0`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOOKING = 0.3  # s for an answer of a node that is silent already
 
 
 class CANopen:
-    """A node on a bus that python-can knows. See `Transport`."""
+    """A CANopen node on a bus supported by python-can. See `Transport`."""
 
     def __init__(self, interface: str, station: int, bitrate: int | None = None) -> None:
         self.interface, self.station, self._bitrate = interface, station, bitrate
@@ -55,7 +55,7 @@ class CANopen:
             ) from None
 
     def _check_alone(self) -> None:
-        """Raise BusError if another master sends SYNC: drives would answer both, and NMT would stop its motion."""
+        """Raise BusError if another master sends SYNC: drives would answer both, and NMT would stop its drives."""
         heard = Event()
         self._network.subscribe(_SYNC, lambda *_: heard.set())
         if heard.wait(_LISTENING):
@@ -66,7 +66,7 @@ class CANopen:
         self._network.unsubscribe(_SYNC)
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Read by SDO."""
+        """Read an object by SDO."""
         try:
             return bytes(self._node.sdo.upload(index, subindex))
         except self._canopen.SdoAbortedError as error:
@@ -75,7 +75,7 @@ class CANopen:
             raise self._silent(index, subindex) from None
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
-        """Write by SDO."""
+        """Write an object by SDO."""
         try:
             self._node.sdo.download(index, subindex, content)
         except self._canopen.SdoAbortedError as error:
@@ -87,7 +87,7 @@ class CANopen:
         return BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered")
 
     def map(self, sent: Layout, told: Layout) -> None:
-        """Disable each PDO, map it, and enable it again for transmission with every SYNC."""
+        """Disable each PDO, map it, and enable it again for transmission on every SYNC."""
         self._sent, self._told = sent, told
         self._of_sent = [0x200 + 0x100 * k + self.station for k in range(len(sent.groups))]
         self._of_told = [0x180 + 0x100 * k + self.station for k in range(len(told.groups))]
@@ -111,7 +111,7 @@ class CANopen:
                 self._news.notify()
 
     def watch(self, seconds: float) -> None:
-        """Let the drive monitor the heartbeat of this master (0x1016:01), which is sent with the cycles."""
+        """Configure the drive to monitor the heartbeat of this master (0x1016:01), which is sent with the cycles."""
         wanted = (self._master << 16 | max(1, round(1e3 * seconds))).to_bytes(4, "little")
         try:
             before = self.read(_CONSUMER, 1)
@@ -144,7 +144,7 @@ class CANopen:
         self._content = content
 
     def take(self, timeout: float) -> bytes | None:
-        """Send all PDOs and SYNC, receive all answers; None if an answer is missing."""
+        """Send all PDOs and SYNC, and return all answers; None if an answer is missing."""
         with self._news:
             if self._late:  # they must not pass for answers to the next one
                 self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
@@ -161,7 +161,7 @@ class CANopen:
             return b"".join(self._arrived[message] for message in self._of_told)
 
     def _send(self, content: bytes) -> None:
-        """Send all PDOs and SYNC, preceded by a heartbeat if one is due: sent from here, it stops with the motion."""
+        """Send all PDOs and SYNC, preceded by a heartbeat if one is due, so that it stops together with the cycles."""
         now = time.monotonic()
         if self._beat is not None and now - self._beaten >= self._beat:
             self._network.send_message(_BEAT + self._master, _OPERATING)
@@ -171,7 +171,7 @@ class CANopen:
         self._network.send_message(_SYNC, b"")
 
     def state(self) -> str:
-        """Return if the node still answers."""
+        """Return a text that states whether the node still answers."""
         self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
         try:
             self.read(0x1000, 0)
@@ -207,7 +207,7 @@ def packages() -> Any:
 
 
 def opened_network(interface: str, bitrate: int | None) -> Any:
-    """Open a canopen network on the bus. Raises ParameterError for an unknown one, BusError if it cannot be opened."""
+    """Open a canopen network on a bus. Raises ParameterError for an unknown bus, BusError if it cannot be opened."""
     canopen = packages()
     import can
 

@@ -1,6 +1,6 @@
-"""CiA 402: the objects of a drive that are used here, for client and virtual drive alike, and its power state machine.
+"""CiA 402: the drive objects used by the client and the virtual drive, and the power state machine.
 
-Names and indices are those of IEC 61800-7-201; positions count in increments, velocities in increments a second,
+Names and indices are those of IEC 61800-7-201; positions are in increments, velocities in increments per second,
 torques in thousandths of the rated torque.
 
 not ready -> switch on disabled -> ready to switch on -> switched on -> operation enabled
@@ -44,19 +44,19 @@ class Object(NamedTuple):
 
     @property
     def place(self) -> str:
-        """The address as manuals write it, `0x607D:01`."""
+        """The address in the notation of manuals, `0x607D:01`."""
         return f"0x{self.index:04X}:{self.subindex:02X}"
 
     def encode(self, value: int) -> bytes:
-        """Encode as little endian, as on both buses. Raises struct.error for a value that does not fit."""
+        """Encode as little endian, as on both buses. Raises struct.error for a value out of range."""
         return struct.pack("<" + self.code, value)
 
     def decode(self, content: bytes) -> int:
-        """Decode as many bytes as the type has."""
+        """Decode the leading bytes of the content, as many as the type has."""
         return int(struct.unpack("<" + self.code, content[: self.bits // 8])[0])
 
     def bounds(self) -> tuple[int, int]:
-        """Return the least and the largest value."""
+        """Return the smallest and the largest value of the type."""
         if self.type[0] == "u":
             return 0, (1 << self.bits) - 1
         return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
@@ -129,7 +129,7 @@ NEEDED = ("controlword", "mode", "statusword", "mode_display", "position", "torq
 
 
 class Layout:
-    """Process data of one direction: groups of objects, one group per PDO."""
+    """The process data layout of one direction: groups of objects, one group per PDO."""
 
     def __init__(self, groups: Sequence[Sequence[str]]) -> None:
         self.groups = tuple(tuple(group) for group in groups if group)
@@ -142,25 +142,25 @@ class Layout:
         return self._struct.size
 
     def part(self, group: int) -> slice:
-        """Return the bytes of a group within those of all groups."""
+        """Return the slice of a group's bytes within the bytes of all groups."""
         sizes = [sum(OBJECTS[name].bits for name in names) // 8 for names in self.groups]
         return slice(sum(sizes[:group]), sum(sizes[: group + 1]))
 
     def keeping(self, there: Sequence[str]) -> Layout:
-        """Return the layout without the objects that the drive lacks."""
+        """Return the layout restricted to the objects in `there`."""
         return Layout([[name for name in group if name in there] for group in self.groups])
 
     def pack(self, values: Mapping[str, int]) -> bytes:
-        """Return the bytes of all groups. Raises struct.error for a value that does not fit."""
+        """Encode all groups. Raises struct.error for a value out of range."""
         return self._struct.pack(*[values[name] for name in self.names])
 
     def unpack(self, content: bytes) -> dict[str, int]:
-        """Return values by name."""
+        """Decode all groups; return the values by name."""
         return dict(zip(self.names, self._struct.unpack_from(content), strict=True))
 
 
 class PowerState(Enum):
-    """A state of the drive: mask and value of the statusword, and the name."""
+    """A power state of the drive: mask and value in the statusword, and the name."""
 
     NOT_READY = (0x4F, 0x00, "not ready to switch on")
     SWITCH_ON_DISABLED = (0x4F, 0x40, "switch on disabled")
@@ -173,17 +173,17 @@ class PowerState(Enum):
 
     @property
     def words(self) -> str:
-        """The name in the standard."""
+        """The name used in the standard."""
         return self.value[2]
 
     @property
     def status(self) -> int:
-        """The bits of the statusword, with voltage present."""
+        """The statusword bits of the state, with voltage present."""
         return self.value[1] | 0x10
 
 
 def state_of(statusword: int) -> PowerState | None:
-    """Return the state, or None for undefined bits."""
+    """Return the power state of a statusword, or None for undefined bits."""
     for state in PowerState:
         mask, value, _ = state.value
         if statusword & mask == value:
@@ -219,8 +219,9 @@ ERRORS = {
 
 
 def _command(controlword: int) -> str:
-    """Return the command in the low bits: bits 0 switch on, 1 enable voltage, 2 quick stop (active low), 3 enable
-    operation.
+    """Return the command in the low bits of a controlword.
+
+    Bits: 0 switch on, 1 enable voltage, 2 quick stop (active low), 3 enable operation.
     """
     if not controlword & 0x02:
         return "disable voltage"
@@ -255,9 +256,9 @@ _NEXT: dict[PowerState, dict[str, PowerState]] = {
 
 
 def answer(state: PowerState, controlword: int, before: int) -> PowerState:
-    """Return the next state; a command without a transition from the present state changes nothing.
+    """Return the next power state; a command without a transition from the present state has no effect.
 
-    `before` is the controlword of the last cycle: a fault is reset by the rising edge of bit 7 only.
+    `before` is the controlword of the last cycle: a fault is reset only by a rising edge of bit 7.
     """
     if state is PowerState.FAULT:
         risen = controlword & FAULT_RESET and not before & FAULT_RESET

@@ -1,4 +1,4 @@
-"""A drive by CiA 402: identified and checked, switched on and off, and commanded in a cycle."""
+"""CiA 402 client: identifies and checks a drive, switches it on and off, and commands it cyclically."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _NEAR = 5e-3  # share by which the data of the drive may differ from the declare
 
 
 def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
-    """Read numbers and name of the drive. Raises BusError for a device of another profile, or without the mode."""
+    """Read the identity of the drive. Raises BusError for a device with another profile or an unsupported mode."""
     profile = read_object(transport, "device_type") & 0xFFFF
     if profile != _PROFILE:
         raise BusError(f"{transport.where}: is not a CiA 402 drive but a device of profile {profile}")
@@ -66,9 +66,9 @@ def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
 
 
 def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
-    """Compare declared rated torque, counts and gear with the drive; return remarks on data that it does not have.
+    """Compare declared rated torque, counts and gear with the drive; return remarks on data that it does not provide.
 
-    Raises BusError for a difference, with both numbers.
+    Raises BusError with both values if they differ.
     """
     key = "rated_torque" if scaling.rated_force is None else "rated_force"
     pairs = [(key, float(scaling.rated_milli), "rated_torque", 1e-3)]
@@ -118,9 +118,9 @@ def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
 
 
 def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
-    """Set the drive's own watchdog and check its reaction; return a remark if the drive file disables it.
+    """Set the drive's internal watchdog and check its reaction; return a remark if the drive file disables it.
 
-    Raises BusError if it cannot be set, or reads back differently.
+    Raises BusError if it cannot be set or is read back with another value.
     """
     if drive.watchdog_time == 0.0:
         return ["No watchdog (watchdog = 0 in the drive file): the axis runs on when this computer stops."]
@@ -135,7 +135,7 @@ def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
 
 
 def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
-    """Write the limits into the drive; return remarks on those that it does not accept."""
+    """Write the limits to the drive; return remarks on those that it does not accept."""
     limits, scaling = drive.limits, drive.scaling
     wanted: dict[str, int] = {
         "max_torque": max(1, int(limits.force / scaling.newton)),
@@ -168,7 +168,7 @@ _TARGETS = {CSP: "target_position", CST: "target_torque"}
 
 
 class ActualValues(NamedTuple):
-    """Actual values of the drive in SI: positions m, velocity m/s, force N; None where the drive has no such object."""
+    """The actual values of a drive in SI: positions m, velocity m/s, force N; None if the drive has no such object."""
 
     status: int
     position: float
@@ -180,14 +180,14 @@ class ActualValues(NamedTuple):
 
 
 class DriveClient:
-    """A CiA 402 drive. `with DriveClient(transport, drive) as client:` opens it; leaving switches
-    it off in any case.
+    """A CiA 402 drive. `with DriveClient(transport, drive) as client:` opens it; leaving the block always switches
+    it off.
 
-    All methods raise BusError, with bus, interface, station and what to do.
+    All methods raise BusError, with bus, interface, station and remedy.
     """
 
     def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True) -> None:
-        """Set up a drive. Without `paced` a cycle begins once the drive has answered: for a virtual drive only."""
+        """Set up a drive. Without `paced` each cycle starts after the answer to the last: for virtual drives only."""
         self.transport, self.drive = transport, drive
         self.scaling = drive.scaling
         self.pace = Pace(drive.cycle_time if paced else None)
@@ -235,16 +235,16 @@ class DriveClient:
 
     @property
     def reports_velocity(self) -> bool:
-        """True if the drive has an actual velocity (0x606C); else `told` has the difference of its positions."""
+        """True if the drive has an actual velocity (0x606C); otherwise `told` contains the difference quotient."""
         return "velocity" in self._back.names
 
     @property
     def state(self) -> PowerState | None:
-        """The state of the last statusword."""
+        """The power state decoded from the last statusword."""
         return None if self.told is None else state_of(self.told.status)
 
     def open(self) -> None:
-        """Find, check, limit and map the drive, and start the exchange; it stays switched off."""
+        """Find and check the drive, write limits and mapping, and start the exchange; it stays switched off."""
         self.find()
         self.map()
         self.watch()
@@ -252,7 +252,7 @@ class DriveClient:
         self.hear()
 
     def find(self) -> None:
-        """Find, check and limit the drive."""
+        """Find and identify the drive, check it, and write its mode, cycle time and limits."""
         transport = self.transport
         transport.open()
         self.identity = identify(transport, self.drive)
@@ -271,17 +271,17 @@ class DriveClient:
         self._sent, self._back = (layout.keeping(sorted(there)) for layout in (self._sent, self._back))
 
     def map(self) -> None:
-        """Choose the objects that are exchanged in each cycle."""
+        """Map the objects that are exchanged in each cycle."""
         self.transport.map(self._sent, self._back)
         self._values["mode"] = self.mode
 
     def watch(self) -> None:
-        """Set the drive's own watchdog."""
+        """Set the drive's internal watchdog."""
         if self.pace.cycle_time is not None:  # else time is that of the frames, and stands still without them
             self.remarks += set_watchdog(self.transport, self.drive)
 
     def operate(self) -> None:
-        """Start the exchange."""
+        """Start the process data exchange."""
         self.transport.operate(self._sent.pack(self._values))
         self._operating = True
 
@@ -296,10 +296,10 @@ class DriveClient:
             raise BusError(f"{self.transport.where}: {self.transport.state()}, but its process data are lost")
 
     def cycle(self) -> ActualValues | None:
-        """Exchange one cycle with the commanded setpoints; None for a lost frame.
+        """Exchange one cycle with the commanded setpoints; return the actual values, None for a lost frame.
 
-        Raises BusError, and sends nothing, if the drive is in operation and the cycle began later than `late_cycles`:
-        the drive stood, or ran on, without a target meanwhile, and the next one would be a jump.
+        Raises BusError, without sending, if the drive is enabled and the cycle is more than `late_cycles` late: the
+        drive had no new target in the meantime, and the next one would be a jump.
         """
         late, T = self.pace.wait(), self.drive.cycle_time
         if late > self.drive.late_cycles * T and self.state is PowerState.ENABLED:
@@ -311,7 +311,7 @@ class DriveClient:
         return self._exchange()
 
     def _exchange(self) -> ActualValues | None:
-        """Exchange one cycle of all drives that are driven together; return the answer of this one."""
+        """Exchange one cycle with all drives of the group; return the answer of this one."""
         for client in self.together:
             client.transport.put(client._sent.pack(client._values))
         for client in self.together:
@@ -343,7 +343,7 @@ class DriveClient:
         return self.told
 
     def excites(self, unit: str) -> None:
-        """Raise BusError if the drive has no object for an excitation in N, an offset in `csp` and `csv`."""
+        """Raise BusError if the drive has no object for a force excitation in N, a torque offset in `csp` and `csv`."""
         name = "torque_offset"
         if unit == "N" and self.mode != CST and name not in self._sent.names:
             raise BusError(
@@ -352,10 +352,10 @@ class DriveClient:
             )
 
     def command(self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0) -> float:
-        """Set the setpoints of the next cycle, in SI; the position in whole increments (m).
+        """Set the setpoints of the next cycle, in SI; return the position (m), in csp rounded to whole increments.
 
-        csp  position, with velocity and force fed forward where the drive has objects for them
-        csv  velocity, with a force fed forward
+        csp  position, with velocity and force feedforward where the drive has objects for them
+        csv  velocity, with force feedforward
         cst  force
 
         Raises BusError for a value that its object cannot hold.
@@ -382,7 +382,7 @@ class DriveClient:
         return self._here * scaling.metre if position is None else position
 
     def _follow(self, controlword: int | None = None) -> ActualValues | None:
-        """Exchange a cycle that commands the present position."""
+        """Exchange one cycle that commands the present position."""
         if controlword is not None:
             self._values["controlword"] = controlword
         if self.told is not None:
@@ -391,7 +391,7 @@ class DriveClient:
         return self._exchange()
 
     def enable(self) -> None:
-        """Switch to operation enabled, at the present position."""
+        """Switch the drive to operation enabled, holding the present position."""
         if self.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             raise BusError(f"{self._fault()}; look for its cause, then reset it (--reset-fault)")
         self._until(PowerState.ENABLED, TOWARDS_ENABLED)
@@ -411,12 +411,12 @@ class DriveClient:
         self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: FAULT_RESET})
 
     def prepare_stop(self) -> None:
-        """Let the next cycle start a quick stop; `stop` completes it."""
+        """Request a quick stop with the next cycle; `stop` completes it."""
         if self.state is PowerState.ENABLED:
             self._values["controlword"] = QUICK_STOP
 
     def stop(self) -> None:
-        """Quick stop, and wait until the drive has switched off; then disable voltage in any case."""
+        """Perform a quick stop, wait until the drive has switched off, and always disable voltage afterwards."""
         stopping = {PowerState.ENABLED: QUICK_STOP, PowerState.QUICK_STOP: QUICK_STOP}
         try:
             self._until(PowerState.SWITCH_ON_DISABLED, stopping, ending=(PowerState.FAULT, PowerState.READY))
@@ -427,7 +427,7 @@ class DriveClient:
             self._switch_off()
 
     def disable(self) -> None:
-        """Switch off without a quick stop: for an axis at rest."""
+        """Switch off without a quick stop, for an axis at rest."""
         self._switch_off()
 
     def _switch_off(self) -> None:
@@ -435,7 +435,7 @@ class DriveClient:
             self._follow(DISABLE_VOLTAGE)
 
     def _until(self, wanted: PowerState, sending: dict[PowerState, int], ending: tuple[PowerState, ...] = ()) -> None:
-        """Cycle with the controlword of each state until the wanted state is reached."""
+        """Run cycles, sending the controlword for each state, until the wanted state or one of `ending` is reached."""
         began, cycles = time.monotonic(), 0
         before = self.state
         while self.state is not wanted and self.state not in ending:
@@ -466,7 +466,7 @@ class DriveClient:
         return f"{self.transport.where}: fault 0x{code:04X}" + (f", {meaning}" if meaning else "")
 
     def trouble(self) -> str:
-        """Return why the drive no longer follows; empty while it follows."""
+        """Return the reason if the drive no longer follows its setpoints; empty while it does."""
         if self.lost_in_row >= self.drive.lost_frames:
             return f"{self.lost_in_row} frames in a row were lost: {self.transport.state()}"
         if self.state is PowerState.ENABLED:
@@ -479,9 +479,9 @@ class DriveClient:
 
 @contextlib.contextmanager
 def driven_together(clients: Sequence[DriveClient]) -> Generator[None]:
-    """Open drives of one segment, and exchange them in the same cycles by the clock of the first.
+    """Open the drives of one segment and exchange their data in the same cycles, paced by the clock of the first.
 
-    They are switched off at the end, whatever happened.  Raises BusError as each of them.
+    They are always switched off at the end.  Raises BusError like each of them.
     """
     with contextlib.ExitStack() as stack:
         for client in clients:
@@ -498,9 +498,9 @@ def driven_together(clients: Sequence[DriveClient]) -> Generator[None]:
 
 
 def transport_of(drive: BusDrive, interface: str, bitrate: int | None, segment: Segment | None = None) -> Transport:
-    """Return the transport of a drive, on a shared segment or on its own.
+    """Return the transport of a drive, on a shared segment or a separate one.
 
-    Raises MissingExtraError without its package, when it is opened.
+    If its package is missing, opening it raises MissingExtraError.
     """
     if drive.bus == "ethercat":
         return EtherCAT(interface, drive.station, segment)

@@ -1,17 +1,17 @@
-"""A drive file: on which bus a drive is, what its increments are, and how far, fast and hard it may move.
+"""A drive file: the bus address of a drive, its scaling, and its limits of travel, velocity and force.
 
 bus = "ethercat"                # or "canopen"
 interface = "eth1"              # canopen: socketcan:can0
-station = 1                     # position on the segment, or number of the node
+station = 1                     # position on the segment, or node number
 cycle_time_us = 250
 mode = "csp"                    # csv, cst
-axis = "x"                      # of a plan that it plays; optional
+axis = "x"                      # axis of a plan that it plays; optional
 [scaling]
 counts_per_turn = 1048576
 lead_mm = 10
 rated_torque = 2.4              # N m, object 0x6076
 [limits]
-travel_mm = 100                 # from where it starts, to both sides
+travel_mm = 100                 # from the start position, in both directions
 velocity = 0.2                  # m/s
 force = 500                     # N
 following_error_mm = 1
@@ -35,7 +35,7 @@ MOST_WATCH = 6.5  # s that the registers of a watchdog hold
 class BusLimits(Section):
     """Limits at which a motion over the bus is aborted. Each must be stated, since none has a safe default.
 
-    They are checked here in every cycle, and written into the drive as far as it has objects for them.
+    They are checked in every cycle, and written to the drive where it has objects for them.
     """
 
     travel: Number = parameter("m", "farthest from where the axis stands at the start, to both sides", above=0)
@@ -79,7 +79,7 @@ class BusDrive(Section):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Refuse limits below one increment or one thousandth, which cannot be kept; cst needs bounds of the axis."""
+        """Raise ParameterError for limits below the resolution, a too short watchdog, or missing limits for cst."""
         for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
             if getattr(self.limits, name) is None:
                 raise ParameterError(
@@ -106,14 +106,14 @@ class BusDrive(Section):
 
     @property
     def watchdog_time(self) -> float:
-        """The watchdog time of the drive, s: as stated, else 0.1 s or, if longer, twice what the motion allows."""
+        """The watchdog time, s: as stated, else 0.1 s or, if longer, twice the longest permitted silence."""
         if self.watchdog is not None:
             return self.watchdog
         return min(MOST_WATCH, max(0.1, 2.0 * self._silent_at_most))
 
     @property
     def _silent_at_most(self) -> float:
-        """The longest time without a frame that the motion allows, s."""
+        """The longest time without a frame that is tolerated in motion, s."""
         return (self.late_cycles + self.lost_frames) * self.cycle_time
 
 
@@ -129,7 +129,7 @@ class DriveFile(Section):
 
     @property
     def name(self) -> str:
-        """The file that it was read from."""
+        """The name of the file from which the section was read; empty if none."""
         return "" if self.read_from is None else self.read_from.file.name
 
 
@@ -139,7 +139,7 @@ def read_drive(path: str | Path) -> DriveFile:
 
 
 def interpolation_time(cycle_time: float) -> tuple[int, int]:
-    """Return object 0x60C2 for a bus cycle in s: value and power of ten; the nearest that its eight bits hold."""
+    """Return object 0x60C2 for a bus cycle in s: mantissa and power of ten, rounded to the eight-bit range."""
     candidates = [(round(cycle_time / 10.0**power), power) for power in range(-6, 1)]
     fitting = [(value, power) for value, power in candidates if 0 < value <= 255]
     return min(
@@ -151,11 +151,11 @@ def interpolation_time(cycle_time: float) -> tuple[int, int]:
 class DriveScaling(Section):
     """Length of one increment, and force of one thousandth of the rated torque, at the table.
 
-        increment = lead / (gear · counts_per_turn)                       of a motor that turns
+        increment = lead / (gear · counts_per_turn)                       of a rotary motor
         force     = torque_per_mille / 1000 · rated_torque · gear · 2π / lead
 
-    A linear motor is given by `increment` and `rated_force` in place of the other five.  Raises ParameterError for a
-    description that is neither.
+    A linear motor is described by `increment` and `rated_force` instead of the other five.  Raises ParameterError for
+    an incomplete or mixed description.
     """
 
     increment: Number | None = parameter("m", "length of one increment at the table", above=0, default=None)
@@ -179,7 +179,7 @@ class DriveScaling(Section):
 
     @property
     def turns(self) -> bool:
-        """True if the motor turns."""
+        """True for a rotary motor."""
         return any(value is not None for value in (self.counts_per_turn, self.lead, self.rated_torque))
 
     @property
@@ -202,15 +202,15 @@ class DriveScaling(Section):
 
     @property
     def rated_milli(self) -> int:
-        """Object 0x6076: mN m of a rotary motor, mN of a linear one."""
+        """The rated torque, object 0x6076: mN m for a rotary motor, mN for a linear one."""
         rated = self.rated_torque if self.rated_force is None else self.rated_force
         assert rated is not None
         return round(1e3 * rated)
 
     def increments(self, metres: float) -> int:
-        """Return the nearest whole number of increments, also for m/s and m/s²."""
+        """Convert m, m/s or m/s² to the nearest whole number of increments."""
         return round(metres / self.metre)
 
     def per_mille(self, newtons: float) -> int:
-        """Return the nearest thousandth of the rated torque."""
+        """Convert N to the nearest whole number of thousandths of the rated torque."""
         return round(newtons / self.newton)

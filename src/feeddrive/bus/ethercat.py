@@ -1,4 +1,4 @@
-"""EtherCAT by pysoem: one drive on a segment, the others switched off; access rights to raw sockets."""
+"""EtherCAT transport by pysoem, for one or several drives of a segment, and access rights to raw sockets."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
 
 
 class Segment:
-    """The stations of an interface that are driven together: one frame a cycle carries the outputs of all.
+    """The jointly driven stations of an interface: one frame per cycle carries the outputs of all.
 
-    Each station opens, maps and operates by itself; what concerns all is done when the last one has come so far.
+    Each station calls open, map and operate; steps that concern the whole segment run when the last station is ready.
     """
 
     def __init__(self, interface: str) -> None:
@@ -41,7 +41,7 @@ class Segment:
         self._back = False  # whether the last frame came back whole
 
     def open(self, where: str) -> None:
-        """Bring the master to PRE-OP; done by the first station."""
+        """Open the master and bring the segment to PRE-OP, on the call of the first station."""
         if self.master is not None:
             return
         try:
@@ -64,7 +64,7 @@ class Segment:
         self.find()
 
     def find(self) -> None:
-        """Bring all stations from INIT to PRE-OP: FMMUs and sync managers of an earlier mapping are cleared."""
+        """Bring all stations from INIT to PRE-OP, which clears FMMUs and sync managers of an earlier mapping."""
         count = self.master.config_init()
         if count <= 0:
             raise BusError(
@@ -80,7 +80,7 @@ class Segment:
             station.slave = self.master.slaves[station.station - 1]
 
     def map(self) -> None:
-        """Map the stations once all of them are assigned; see `EtherCAT.map`."""
+        """Map the process data once all stations are assigned; see `EtherCAT.map`."""
         if not all(station.assigned for station in self.stations):
             return
         wrong = ""
@@ -103,8 +103,9 @@ class Segment:
         raise BusError(wrong)
 
     def operate(self) -> None:
-        """Bring all stations to SAFE-OP and OP once they are ready; the exchange runs meanwhile, as
-        drives monitor it.
+        """Bring all stations to SAFE-OP and OP once they are ready.
+
+        Process data are exchanged in the meantime, since drives monitor them.
         """
         if not all(station.ready for station in self.stations):
             return
@@ -121,29 +122,29 @@ class Segment:
         raise BusError(self._behind("OP", self.soem.OP_STATE))
 
     def _behind(self, name: str, wanted: int) -> str:
-        """Name the first station that is not in a state, and its present state."""
+        """Return an error text that names the first station not in the wanted state, and its present state."""
         self.master.read_state()
         late = [station for station in self.stations if station.slave.state != wanted] or self.stations
         return f"{late[0].where}: does not go to {name}: {late[0].state()}"
 
     def put(self, station: int) -> None:
-        """Mark new outputs of a station."""
+        """Mark the outputs of a station as new."""
         self._put.add(station)
 
     def took(self, station: int, timeout: float) -> bool:
-        """True if the frame of this cycle came back whole; it is sent if the station's outputs wait for it."""
+        """Return True if the frame of this cycle came back complete; pending outputs of the station send it first."""
         if station in self._put:
             self.exchange(timeout)
         return self._back
 
     def exchange(self, timeout: float) -> None:
-        """Exchange one frame with the outputs of all stations; lost if the working counter is not the expected one."""
+        """Exchange one frame with the outputs of all stations; an unexpected working counter counts as lost."""
         self._put.clear()
         self.master.send_processdata()
         self._back = self.master.receive_processdata(int(1e6 * timeout)) == self.master.expected_wkc
 
     def close(self, station: EtherCAT) -> None:
-        """Return to INIT when the last station leaves; never raises."""
+        """Remove a station, and return the segment to INIT after the last one; never raises."""
         self.stations = [other for other in self.stations if other is not station]
         if self.stations:
             return
@@ -159,7 +160,7 @@ class Segment:
 
 
 class EtherCAT:
-    """A drive at a position of the segment, 1 the first. See `Transport`; stations of a `segment` share its frames."""
+    """A drive by its position on the segment, from 1. See `Transport`; stations of a `segment` share its frames."""
 
     def __init__(self, interface: str, station: int, segment: Segment | None = None) -> None:
         self.interface, self.station = interface, station
@@ -175,15 +176,15 @@ class EtherCAT:
         self._segment.open(self.where)
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Read by SDO."""
+        """Read an object by SDO."""
         return bytes(self._sdo(self.slave.sdo_read, index, subindex))
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
-        """Write by SDO."""
+        """Write an object by SDO."""
         self._sdo(self.slave.sdo_write, index, subindex, content)
 
     def _sdo(self, ask: Callable[..., Any], index: int, subindex: int, *content: bytes) -> Any:
-        """Repeat an SDO transfer if a frame was lost: reading or writing the same value twice has no effect."""
+        """Run an SDO transfer, retrying after a lost frame; reading or writing the same value twice is harmless."""
         soem, lost = self._segment.soem, "no answer"
         for _ in range(_ATTEMPTS):
             try:
@@ -195,11 +196,11 @@ class EtherCAT:
         raise BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered ({lost}); {self.state()}")
 
     def map(self, sent: Layout, told: Layout) -> None:
-        """Write mapping and assignment, and set sync managers and FMMUs by the mapping that the drive reports.
+        """Write mapping and assignment, and configure sync managers and FMMUs from the mapping reported by the drive.
 
-        The master reads each entry of the mapping from the drive, and silently leaves out what is not answered in
-        time. So sizes are compared, the mapping is read back, and the drive is mapped again from INIT on; its mapping
-        counts as fixed only if it reads back twice differently from what was written.
+        The master reads each mapping entry from the drive and silently omits entries that are not answered in time.
+        Therefore sizes are compared, the mapping is read back, and a faulty mapping is repeated from INIT on; the
+        mapping counts as fixed only if it is read back twice differently from what was written.
         """
         self._sent, self._told = sent, told
         self.assign()
@@ -216,7 +217,7 @@ class EtherCAT:
             self.write(assigned, 0, bytes([len(layout.groups)]))
 
     def wrongly_mapped(self) -> tuple[str, bool]:
-        """Return the fault of the mapping, empty if there is none; and true if the drive holds another mapping."""
+        """Return the mapping fault, empty if none, and True if the drive holds another mapping than was written."""
         sent, told = self._sent, self._told
         sizes = len(self.slave.output), len(self.slave.input)
         held = holds_mapping(self, 0x1600, 0x1C12, sent) and holds_mapping(self, 0x1A00, 0x1C13, told)
@@ -234,10 +235,9 @@ class EtherCAT:
         ), False
 
     def watch(self, seconds: float) -> None:
-        """Set the process data watchdog of the slave controller, in steps of 0.1 ms, and the bit by which outputs
-        trigger it.
+        """Set the process data watchdog of the slave controller, in steps of 0.1 ms, and its trigger by outputs.
 
-        Registers 0x0400 and 0x0420 and bit 6 of the control of sync manager 2 by ETG.1000.4.
+        Uses registers 0x0400 and 0x0420 and bit 6 of the control of sync manager 2, according to ETG.1000.4.
         """
         try:
             self.slave.set_watchdog("processdata", 1e3 * seconds)
@@ -268,11 +268,11 @@ class EtherCAT:
         self._segment.put(self.station)
 
     def take(self, timeout: float) -> bytes | None:
-        """Return the inputs of the frame of this cycle; None if it was lost."""
+        """Return the inputs from the frame of this cycle; None if it was lost."""
         return bytes(self.slave.input) if self._segment.took(self.station, timeout) else None
 
     def state(self) -> str:
-        """Return AL state and AL status code."""
+        """Return AL state and AL status code as text."""
         names = {1: "INIT", 2: "PRE-OP", 3: "BOOT", 4: "SAFE-OP", 8: "OP"}
         self._segment.master.read_state()
         state = self.slave.state
@@ -285,7 +285,7 @@ class EtherCAT:
         return f"it is in {text}"
 
     def close(self) -> None:
-        """Return to INIT."""
+        """Return the station to INIT."""
         self._segment.close(self)
 
 
@@ -293,10 +293,10 @@ _STATES = struct.pack("<HBBHHHHHH", 0x1000 + 14, 7, 0x5A, 0, 0x0130, 2, 0, 0, 0)
 
 
 def _check_alone(where: str, interface: str) -> None:
-    """Raise BusError if another master is active: the scan for drives would stop their operation.
+    """Raise BusError if another master is active, since scanning for drives would interrupt their operation.
 
-    Either a frame passes that this process did not send, from this computer or from the line, or a station is in OP,
-    as a master that is slow or held up leaves it.  The states are read by one frame that changes nothing.
+    Another master is detected by a frame that this process did not send, from this computer or from the line, or by a
+    station in OP, in case the other master is slow or blocked.  The states are read by one frame that changes nothing.
     """
     if not sys.platform.startswith("linux"):
         return
@@ -325,7 +325,7 @@ def _check_alone(where: str, interface: str) -> None:
 
 
 def _frames(line: socket.socket, seconds: float) -> Iterator[tuple[bytes, bool]]:
-    """Yield the EtherCAT frames on a socket for so long, and if they were sent from this computer."""
+    """Yield the EtherCAT frames received on a socket for `seconds`, with True for frames sent from this computer."""
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0.0:
         line.settimeout(left)
@@ -341,7 +341,7 @@ _FLAGS = 0x8913  # SIOCGIFFLAGS
 
 
 def check_interface(name: str) -> None:
-    """Raise ParameterError for a missing interface, listing the present ones, and BusError for one that is down."""
+    """Raise ParameterError for a missing interface, listing the existing ones, and BusError for one that is down."""
     there = sorted(interface for _, interface in socket.if_nameindex())
     if name not in there:
         raise ParameterError(
@@ -352,7 +352,7 @@ def check_interface(name: str) -> None:
 
 
 def _is_up(name: str) -> bool:
-    """True if the flags of the interface, in the network namespace of this process, say so."""
+    """Return True if the flags of the interface, in the network namespace of this process, mark it as up."""
     if not sys.platform.startswith("linux"):
         return True
     import fcntl
@@ -378,7 +378,7 @@ def opened_socket(interface: str, ethertype: int) -> socket.socket:
 
 
 def not_permitted(interface: str) -> str:
-    """Return what to do without the right to raw sockets."""
+    """Return the error text, with remedies, for missing access rights to raw sockets."""
     return (
         f"interface '{interface}': raw Ethernet needs CAP_NET_RAW: run as root, give it once by  "
         f"sudo setcap cap_net_raw+ep $(readlink -f {sys.executable}), or try it in a namespace of its own by  "

@@ -1,4 +1,4 @@
-"""Plays a profile on a drive within limits and logs the response; on any fault quick stop and switch off."""
+"""Playback of a profile on a drive within limits, with a log of the response; any fault causes a quick stop."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ _ABOVE_NYQUIST = 1e-3  # share of the excitation's power that may be lost betwee
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Rows at the cycle time of the bus: excitation in `unit` (N, m or m/s), set position (m,
-    relative to its start).
+    """A motion sampled at the bus cycle: excitation in `unit` (N, m or m/s), set position relative to its start (m).
 
     `velocity` is that of the file, else the central difference of the set position, m/s.
     """
@@ -48,12 +47,12 @@ class Profile:
 
 
 def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp: float = 0.0) -> Profile:
-    """Read time, excitation, set position and set velocity, as far as present, at the cycle time of the drive.
+    """Read time, excitation, set position and set velocity, as available, at the cycle time of the drive.
 
-    share  of the excitation that is played
-    ramp   s over which the excitation swells and fades, for a profile that does not do so by itself
+    share  fraction of the excitation amplitude that is played
+    ramp   fade-in and fade-out time of the excitation, s, for a profile without its own
 
-    Raises LogError for a file that is not a log, ParameterError for one that does not fit drive, mode or limits.
+    Raises LogError for a file that is not a log, ParameterError for one incompatible with drive, mode or limits.
     """
     log = read_log(path)
     known = {"excitation", "set_position"} & set(log.channels)
@@ -88,7 +87,7 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
 
 
 def _every(path: str | Path, step: float, T: float, advice: str) -> int:
-    """Return the number of rows of a file in a cycle of the bus."""
+    """Return the number of file rows per bus cycle. Raise ParameterError if it is not a whole number."""
     every = round(T / step)
     if every < 1 or abs(T / step - every) > 1e-6 * every:
         raise ParameterError(
@@ -99,12 +98,12 @@ def _every(path: str | Path, step: float, T: float, advice: str) -> int:
 
 
 def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[Profile]:
-    """Return the motion of each axis of a plan, for the drive of this name, relative to its present position.
+    """Read the motion of each axis of a plan, for the drive with the axis name, relative to its present position.
 
     setpoints  setpoints.parquet of `feeddrive plan`
 
-    Raises ParameterError for axes without a drive, drives without an axis, other modes than csp, cycle times that
-    differ, and a motion that does not fit the limits of a drive; LogError for what is no plan.
+    Raises ParameterError for axes without a drive, drives without an axis, other modes than csp, different cycle
+    times, and a motion that exceeds the limits of a drive; LogError for a file that is not a plan.
     """
     log = read_log(setpoints)
     axes = [name.removesuffix(".set_position") for name in log.channels if name.endswith(".set_position")]
@@ -149,7 +148,7 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
 
 
 def _check_band(path: str, excitation: np.ndarray, every: int, step: float) -> None:
-    """Refuse frequencies above half the rate of the bus, which would be aliased."""
+    """Raise ParameterError for excitation above the Nyquist frequency of the bus cycle, which would be aliased."""
     if every == 1 or not np.any(excitation):
         return
     power = np.abs(np.fft.rfft(excitation)) ** 2
@@ -175,7 +174,7 @@ def _ramped(excitation: np.ndarray, rows: int) -> np.ndarray:
 
 
 def check_profile(profile: Profile, drive: BusDrive) -> None:
-    """Raise ParameterError if the profile begins or ends with a jump, or plans more than the limits allow."""
+    """Raise ParameterError if the profile begins or ends with a step, or exceeds the limits."""
     limits = drive.limits
     for name, row in (("excitation", profile.excitation), ("speed of the set position", profile.velocity)):
         peak = float(np.max(np.abs(row), initial=0.0))
@@ -210,7 +209,7 @@ _SETTLING = 0.1  # s that the last target is held before the drive is switched o
 
 @dataclass(frozen=True)
 class Played:
-    """The log of a motion, why it ended early (None: it did not), lost frames, lateness of the cycles, and remarks."""
+    """The log of a motion, the reason of an early end (None: completed), lost frames, cycle lateness, and remarks."""
 
     log: Log
     aborted: str | None
@@ -221,8 +220,8 @@ class Played:
 
 @contextlib.contextmanager
 def interruption() -> Generator[Callable[[], bool]]:
-    """Turn Ctrl-C into a flag that is read once a cycle, so that it interrupts no cycle; a second
-    one changes nothing.
+    """Turn Ctrl-C into a flag that is read once per cycle, so that no cycle is interrupted; repeating it has no
+    effect.
     """
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -252,12 +251,12 @@ def play_together(
     names: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> list[Played]:
-    """Switch the drives on, play a profile on each in the same cycles, hold, switch them off.
+    """Switch the drives on, play a profile on each in the same cycles, hold, and switch them off.
 
-    The motions are relative to where the axes stand.  Row k of a log holds what was sent in cycle k and the drive's
-    answer to it, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the motion as
-    Ctrl-C does, with a controlled stop.  What ends the motion of one ends that of all: they get the quick stop in the
-    same cycle.  Raises BusError if a drive cannot be switched on; the reason of any later end is in `Played.aborted`.
+    The motions are relative to the present positions.  Row k of a log holds the setpoints sent in cycle k and the
+    drive's answer to them, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the motion
+    like Ctrl-C, with a controlled stop.  An abort of one drive stops all of them, with a quick stop in the same cycle.
+    Raises BusError if a drive cannot be switched on; the reason of any later abort is in `Played.aborted`.
     """
     first, drive = clients[0], clients[0].drive
     for client, profile in zip(clients, profiles, strict=True):
@@ -315,7 +314,7 @@ def play_together(
 
 
 def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness | None) -> Iterator[str]:
-    """Yield remarks on the validity of a motion."""
+    """Yield remarks on the validity of the recorded motion."""
     if lost:
         yield (
             f"{lost} frames were lost; their rows hold the last values (column lost): repeat the measurement if there "
@@ -333,9 +332,7 @@ def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness
 
 
 def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
-    """Return why the motion ends: the first drive that no longer follows, or that its watch stops; empty if there is
-    none.
-    """
+    """Return the reason to abort: the first drive that no longer follows or is stopped by its watch; empty if none."""
     for rows, fault in zip(kept, seen, strict=True):
         reason = rows.client.trouble() or fault
         if reason:
@@ -344,7 +341,7 @@ def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
 
 
 def listened(client: DriveClient, seconds: float) -> Played:
-    """Log the drive while it is switched off, at rest or moved by hand. Raises BusError if it stops answering."""
+    """Log a switched-off drive, at rest or moved by hand. Raises BusError if it stops answering."""
     assert client.told is not None
     rows, zero = _Rows(client), np.zeros(0)
     count = max(1, round(seconds / client.drive.cycle_time))
@@ -372,10 +369,10 @@ class _Sent(NamedTuple):
 
 
 def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest: bool) -> _Sent:
-    """Command row i, or hold the last position.
+    """Command row i, or hold the last position, and return the setpoints.
 
-    The logged excitation is that of the profile, before it is rounded to increments, so that its lines are the
-    designed ones; the force that acted is in the column of the force.
+    The logged excitation is that of the profile before rounding to increments, so that its spectral lines are the
+    designed ones; the force that acted is in the force column.
     """
     excitation = 0.0 if rest else float(profile.excitation[i])
     position, velocity = start + float(profile.set_position[i]), 0.0 if rest else float(profile.velocity[i])
@@ -392,7 +389,7 @@ def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest
 
 
 def _halt(client: DriveClient) -> str:
-    """Quick stop and switch off; return the result as the end of a sentence."""
+    """Perform a quick stop and switch off; return the result as the end of a sentence."""
     try:
         client.stop()
     except BusError as error:
@@ -406,7 +403,7 @@ def _halt(client: DriveClient) -> str:
 
 
 class _Rows:
-    """Sent and received values, cycle by cycle."""
+    """The recorder of one drive: sent and received values of each cycle, and the watch over the drive."""
 
     def __init__(self, client: DriveClient) -> None:
         assert client.told is not None
@@ -419,7 +416,7 @@ class _Rows:
         self._state = self._watch.begin(self._answer(client.told))
 
     def watched(self, sent: _Sent, late: bool) -> str:
-        """Add the finished cycle; return why its watch ends the motion, empty if it does not."""
+        """Add the completed cycle; return the reason if the watch aborts the motion, else empty."""
         told = self.client.answer
         self.add(sent.target.position, sent.excitation, told)
         answer = None if told is None else self._answer(told)
@@ -431,14 +428,14 @@ class _Rows:
         return Answer(told.position, velocity, told.force, told.following_error, told.second)
 
     def add(self, set_position: float, excitation: float, told: ActualValues | None) -> None:
-        """Add one cycle; a lost one holds the last values."""
+        """Add one cycle; a lost frame repeats the last values."""
         self._last = told or self._last
         self.sent.append((set_position, excitation))
         self.told.append(self._last)
         self.lost.append(float(told is None))
 
     def log(self, profile: Profile, name: str, rows: int, aborted: str, lateness: Lateness | None) -> Log:
-        """Return the log of the first rows, each with the answer `lag` cycles later."""
+        """Return the log of the first `rows` cycles, each with the answer received `lag` cycles later."""
         client, lag = self.client, self.client.drive.lag
         told, T = self.told[lag : lag + rows], client.drive.cycle_time
         channels: dict[str, list[float]] = {

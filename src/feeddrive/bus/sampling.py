@@ -1,8 +1,9 @@
-"""Actual values of a drive over its bus, without anything that commands it.
+"""Passive sampling of a drive's actual values over its bus, without commanding the drive.
 
-Only what the drive tells is mapped: no controlword, mode, target or limit is sent or written, and no watchdog set, so
-that sampling neither enables nor moves a drive.  The drive is taken to OPERATIONAL (CANopen: its messages answer SYNC)
-or OP (EtherCAT) and left as the transport leaves it; as `play` and `listen` do, it refuses a bus with another master.
+Only inputs from the drive are mapped: no controlword, mode, target or limit is sent or written, and no watchdog is set,
+so that sampling neither enables nor moves a drive.  The drive is brought to OPERATIONAL (CANopen: its messages answer
+SYNC) or OP (EtherCAT) and left as the transport leaves it.  Like `play` and `listen`, sampling refuses a bus with
+another master.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _NEEDED = ("position", "torque", "statusword")
 
 
 class Sampler:
-    """The exchange with one drive: `open`, `cycle` repeatedly, `close`. All raise BusError."""
+    """The process data exchange with one drive: `open`, then `cycle` repeatedly, then `close`. All raise BusError."""
 
     def __init__(self, transport: Transport, drive: BusDrive) -> None:
         self.transport, self.drive = transport, drive
@@ -56,7 +57,7 @@ class Sampler:
         self._heard = clock.monotonic()
 
     def open(self) -> None:
-        """Find and compare the drive, map its actual values, and start the exchange."""
+        """Identify the drive, check its scaling, map its actual values, and start the exchange."""
         transport = self.transport
         transport.open()
         known = identify(transport, self.drive)
@@ -93,16 +94,16 @@ class Sampler:
 
 
 def values_of(raw: Mapping[str, int], channels: Mapping[str, str], scaling: DriveScaling) -> list[float]:
-    """Convert objects to the units of the channels: increments to m, thousandths of the rated torque to N."""
+    """Convert object values to the units of the channels: increments to m, thousandths of the rated torque to N."""
     factor = {"m": scaling.metre, "m/s": scaling.metre, "N": scaling.newton, "": 1.0}
     return [raw[_CHANNELS[name][0]] * factor[unit] for name, unit in channels.items()]
 
 
 def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], stopped: Callable[[], bool]) -> None:
-    """Sample until `stopped`, and give time (s) and values in pieces; a lost frame is a row of NaN.
+    """Sample until `stopped`, passing time (s) and values to `give` in chunks; a lost frame is a row of NaN.
 
-    Row k has the time k T of the bus, T its cycle; where this computer began a cycle late by more than T, the time goes
-    on by that much, but not that of a virtual drive, which is counted in cycles. Raises BusError.
+    Row k has the bus time k T, where T is the cycle time.  If this computer begins a cycle more than T late, the time
+    advances by the delay, except with a virtual drive, whose time is counted in cycles. Raises BusError.
     """
     T, k, slipped = sampler.drive.cycle_time, 0, 0.0
     gap = [float("nan")] * len(sampler.channels)
@@ -119,9 +120,9 @@ def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], sto
 
 
 def _child(file: DriveFile, line: Any) -> None:
-    """Sample in a separate process, so that neither a page nor a picture delays a cycle.
+    """Sample in a separate process, so that neither page nor plotting delays a cycle.
 
-    However the one that began it ends, the line ends with it, and the drive is left in order.
+    However the parent process ends, the connection breaks with it, and the drive is released properly.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sampler = Sampler(transport_of(file.drive, file.interface, file.bitrate), file.drive)
@@ -139,9 +140,9 @@ def _child(file: DriveFile, line: Any) -> None:
 
 
 class DriveSamples:
-    """The actual values of the drive of a drive file. See `LiveSource`; position (m), velocity (m/s), force (N).
+    """The sampled actual values of a drive: position (m), velocity (m/s), force (N). See `LiveSource`.
 
-    The bus is held while it is open: by one alone.
+    The bus is claimed exclusively while the source is open.
     """
 
     clock, over = "s", False
@@ -156,7 +157,7 @@ class DriveSamples:
         theirs.close()
 
     def take(self) -> Rows:
-        """Return the samples since the last call. Raises BusError as soon as the drive cannot be sampled."""
+        """Return the samples since the last call. Raises BusError once the drive can no longer be sampled."""
         times, values = list[np.ndarray](), list[np.ndarray]()
         try:
             while self._line.poll():
@@ -182,11 +183,11 @@ class DriveSamples:
         return "no answers" if not told.size else f"'{'unknown' if state is None else state.words}'"
 
     def state(self) -> str:
-        """Return the drive and its power state."""
+        """Return a description of the drive and its power state."""
         return f"{self._said} {self._state}".strip() + "; sampled, not commanded"
 
     def close(self) -> None:
-        """End the exchange."""
+        """Stop the sampling process."""
         with suppress(OSError):
             self._line.send("stop")
         self._process.join(_END)

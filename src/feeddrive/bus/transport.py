@@ -1,4 +1,4 @@
-"""The interface of a bus to a drive, and the clock of its cycle."""
+"""The transport interface to a drive on a bus, and the timing of its cycle."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _REASONS = {
 
 
 class RefusedError(BusError):
-    """The drive refused to read or write an object; `code` is its abort code."""
+    """The drive refused to read or write an object; `code` is the SDO abort code."""
 
     def __init__(self, where: str, index: int, subindex: int, code: int, writing: bool) -> None:
         reason = _REASONS.get(code, "see the manual of the drive")
@@ -48,14 +48,15 @@ class RefusedError(BusError):
 class Transport(Protocol):
     """A drive on a bus.
 
-    `where` is bus, interface and station, for errors.  The order is open, objects, `map`, `watch`, `operate`, `put` and
-    `take` ..., close; all raise BusError.  Of drives that share a frame each is taken so far before the next step.
+    `where` is bus, interface and station, for errors.  The order is open, object access, `map`, `watch`, `operate`,
+    repeated `put` and `take`, close; all raise BusError.  Drives that share a frame must all complete a step before any
+    of them continues with the next one.
     """
 
     where: str
 
     def open(self) -> None:
-        """Find the drive; objects can be read and written from here on."""
+        """Find the drive; afterwards its objects can be read and written."""
 
     def read(self, index: int, subindex: int) -> bytes:
         """Return the content of an object. Raises RefusedError."""
@@ -65,44 +66,44 @@ class Transport(Protocol):
         """Change an object. Raises RefusedError."""
 
     def map(self, sent: Layout, told: Layout) -> None:
-        """Set the objects that are sent and received in each cycle."""
+        """Map the objects that are sent and received in each cycle."""
 
     def watch(self, seconds: float) -> None:
-        """Set the time without frames after which the drive stops by itself, and read it back."""
+        """Set the drive's watchdog time, s, after which it stops without frames, and read it back."""
 
     def operate(self, content: bytes) -> None:
-        """Begin the exchange of process data, with this content."""
+        """Start the process data exchange with this initial content."""
 
     def put(self, content: bytes) -> None:
         """Set the outputs of the next cycle."""
 
     def take(self, timeout: float) -> bytes | None:
-        """Exchange one cycle: send, and return what was received within `timeout` s; None for a lost frame.
+        """Exchange one cycle: send, and return the data received within `timeout` s; None for a lost frame.
 
-        Of drives that share a frame all are put before; the first that is taken sends it.
+        For drives that share a frame, `put` is called for all of them first; the first `take` sends the frame.
         """
         ...
 
     def state(self) -> str:
-        """Return the state of the station on the bus, as text, for an error after lost frames."""
+        """Return the bus state of the station as text, for the error after lost frames."""
         ...
 
     def close(self) -> None:
-        """Leave the station as it was found; never raises."""
+        """Restore the initial state of the station; never raises."""
 
 
 class Claim:
-    """An interface is driven by one process: a second master would reset the drives of the first in motion.
+    """An exclusive lock on an interface: a second master would reset the first one's drives while they are in motion.
 
-    A name in the network namespace of the interface, which the system frees when the process ends, however it ends.
-    There are such names on Linux only; elsewhere another master shows only by its frames.
+    The lock is an abstract socket name in the network namespace of the interface, which the system frees however the
+    process ends.  It exists on Linux only; on other systems another master is detected only by its frames.
     """
 
     def __init__(self) -> None:
         self._held: socket.socket | None = None
 
     def take(self, where: str, interface: str) -> None:
-        """Raise BusError if another process has it, or another client of this one."""
+        """Acquire the lock. Raise BusError if another process, or another client in this process, holds it."""
         if not sys.platform.startswith("linux"):
             return
         name = f"\0feeddrive play {interface}".encode()[:100]
@@ -119,14 +120,14 @@ class Claim:
         self._held = line
 
     def free(self) -> None:
-        """Give it back; never raises."""
+        """Release the lock; never raises."""
         if self._held is not None:
             self._held.close()
             self._held = None
 
 
 def _holder(name: bytes) -> str:
-    """` (process 123)` of the process that holds the name, if the system tells it."""
+    """Return ` (process 123)` for the process that holds the name; empty if the system does not report it."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
         asking.settimeout(0.1)
         asking.connect(name)
@@ -136,7 +137,7 @@ def _holder(name: bytes) -> str:
 
 
 def read_object(transport: Transport, name: str) -> int:
-    """Read an object as a number. Raises RefusedError."""
+    """Read an object, by name, as a number. Raises RefusedError."""
     entry = OBJECTS[name]
     content = transport.read(entry.index, entry.subindex)
     if len(content) < entry.bits // 8:
@@ -147,13 +148,13 @@ def read_object(transport: Transport, name: str) -> int:
 
 
 def write_object(transport: Transport, name: str, value: int) -> None:
-    """Write a number. Raises RefusedError."""
+    """Write a number to an object, by name. Raises RefusedError."""
     entry = OBJECTS[name]
     transport.write(entry.index, entry.subindex, entry.encode(value))
 
 
 def has_object(transport: Transport, name: str) -> bool:
-    """True if the drive permits reading the object."""
+    """Return True if the object can be read from the drive."""
     try:
         read_object(transport, name)
     except RefusedError:
@@ -162,7 +163,7 @@ def has_object(transport: Transport, name: str) -> bool:
 
 
 def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
-    """Write the PDOs from 0x1600 or 0x1A00 on: count 0, entries, count."""
+    """Write the PDO mapping from 0x1600 or 0x1A00 on: set the count to 0, write the entries, set the count."""
     for k, group in enumerate(layout.groups):
         transport.write(first + k, 0, b"\x00")
         for place, name in enumerate(group, start=1):
@@ -171,7 +172,7 @@ def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
 
 
 def holds_mapping(transport: Transport, first: int, assigned: int, layout: Layout) -> bool:
-    """True if the PDOs from `first` on, and their list `assigned`, read back as they were written."""
+    """Return True if the PDO mapping from `first` on and its assignment `assigned` are read back as written."""
 
     def read(index: int, subindex: int, size: int) -> int:
         return int.from_bytes(transport.read(index, subindex)[:size], "little")
@@ -190,10 +191,10 @@ _PRIORITY = 60  # SCHED_FIFO, below the interrupts of a real-time kernel
 
 
 class Lateness(NamedTuple):
-    """The lateness of cycles, in s: median, 99 %, maximum; the number late by more than a cycle; and the slip of the
-    clock.
+    """The lateness of cycles, in s: median, 99th percentile, maximum; the number of cycles more than one cycle late;
+    and the total slip of the clock.
 
-    It describes the computer, not the drive.
+    It characterizes the computer, not the drive.
     """
 
     median: float
@@ -204,11 +205,12 @@ class Lateness(NamedTuple):
 
 
 class Pace:
-    """Begins cycle k at start + k · cycle_time on the monotonic clock; without one, as fast as the drive answers.
+    """The schedule of the bus cycles: cycle k begins at start + k · cycle_time on the monotonic clock.
 
-    A cycle late by more than a cycle is not made up by sending faster, as the drive would get jumps: the schedule
-    slips, the motion pauses for that long, and the log counts such cycles.  How late a cycle may be
-    in motion is `late_cycles` of the drive file; `DriveClient.cycle` keeps it.
+    With cycle_time = None a cycle begins as soon as the drive has answered.  A delay of more than a cycle is not
+    recovered by sending faster, since the drive would receive jumps: the schedule slips, the motion pauses for the
+    delay, and the log counts such cycles.  The delay permitted in motion is `late_cycles` of the drive file, enforced
+    by `DriveClient.cycle`.
     """
 
     def __init__(self, cycle_time: float | None) -> None:
@@ -243,7 +245,7 @@ class Pace:
         return late
 
     def lateness(self) -> Lateness | None:
-        """Return the lateness since `begin`; None without a clock."""
+        """Return the lateness statistics since `begin`; None without a cycle time."""
         if not self._late:
             return None
         median, often, most = np.quantile(self._late, [0.5, 0.99, 1.0]).tolist()
@@ -254,7 +256,7 @@ class Pace:
 def urgent(wanted: bool) -> Generator[bool]:
     """Run a block with real-time scheduling, if permitted, and without garbage collection.
 
-    Its value: whether it was permitted.
+    Yields True if real-time scheduling was permitted.
     """
     before = None
     if wanted and hasattr(os, "sched_setscheduler"):

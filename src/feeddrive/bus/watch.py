@@ -1,78 +1,78 @@
-"""The watch over a drive in motion, which believes nothing that the drive reports about itself.
+"""Supervision of a drive in motion, independent of what the drive reports about its own health.
 
-`Watch.step` is pure: state, targets and actual values of one cycle give the next state and a fault, or None.  It opens
-no bus, reads no clock, and does not know how the targets were made.
+`Watch.step` is a pure function: it maps state, targets and actual values of one cycle to the next state and a fault, or
+None.  It accesses neither bus nor clock, and does not depend on the source of the targets.
 
     c        one increment, m
-    r, w, F  target position, velocity and force that an answer belongs to: those sent `lag` cycles before it
+    r, w, F  target position, velocity and force that an answer refers to: those sent `lag` cycles before it
     x, v     actual position (0x6064) and velocity (0x606C)
     E, M, B  limits.following_error, limits.largest_mass, limits.breakaway_force
 
-Limits.  |x - x_start|, |v|, actual force and x are kept within the drive file's limits.  In csp the following error is
+Limits.  |x - x_start|, |v|, actual force and x must stay within the drive file's limits.  In csp the following error is
 
     e = max(|r - x|, |0x60F4|)                                                        fault if e > E
 
-The own count r - x holds whatever the drive reports as 0x60F4, which may be 0 for ever.
+The difference r - x is evaluated independently of 0x60F4, which a drive may report as constantly 0.
 
-Standstill.  The anchor a is the reading of a cycle j, and moves to x as soon as |x - a| >= 2 c.  Until then the axis
-has shown less than two counts.  An axis that has moved by more than 3 c has shown two: of what it moved one may be
-shown, one is lost to the rounding of two readings, and one to noise of half a count in both.  Three bounds say when a
-live axis must have moved so far.
+Standstill.  The anchor a is the reading of a cycle j, and is set to x as soon as |x - a| >= 2 c.  Until then the axis
+has shown less than two counts of motion.  An axis that has moved by more than 3 c shows at least two counts: of the
+travel, one count is lost to the rounding of two readings, and one to noise of half a count in each.  For each mode, a
+bound determines when a live axis must have moved by that much.
 
-csp.  Let L = r - a be the lead of the target, L_j that of cycle j, and L+ that of the next cycle, whose target was sent
-already.  A live drive moves before its target leads it by 3/4 E; one that already lags by L_j moves before 3/4 of what
-is left to E is used up:
+csp.  Let L = r - a be the lead of the target, L_j that of cycle j, and L+ that of the next cycle, whose target has
+already been sent.  A live drive moves before its target leads it by 3/4 E; a drive that already lags by L_j moves
+before 3/4 of the remaining distance to E is used up:
 
     |L - L_j| >= 3 c  and  (|L| > L' + 3/4 (E - L')  or  |L+| > E),    L' = max(0, L_j sgn L)      fault
 
-So a dead drive is found before its target leads the last reading by E, if the target advances by 3 c to half of
-E - |L_j| a cycle and `lag` is not 0; slower ones are found at the first bound, if E - |L_j| is 12 c or more.  What
-counts is way and not time: a stuck axis stands until its loop pushes harder than friction, which takes a certain lead,
-so that dwell, creep and any slow setpoint are free.  No drive is stopped whose following error never exceeds 3/4 E - 2
-c, and whose target advances by less than E/4 a cycle: where it stands within 2 c of a, L differs from its following
-error by less than that.  One that lags by more at speed is not stopped either, as its target advances about as far as
-the axis itself before two counts are shown.
+A dead drive is thus detected before its target leads the last reading by E, if the target advances by 3 c to half of
+E - |L_j| per cycle and `lag` is not 0; with a slower target it is detected at the first bound, if E - |L_j| is 12 c or
+more.  The criterion is travel, not time: a stuck axis stands still until the force of its loop exceeds friction, which
+takes a certain lead, so that dwell, creep and any slow setpoint cause no fault.  There is no false alarm for a drive
+whose following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4 per cycle: while it is
+within 2 c of a, L differs from its following error by less than that.  A drive with a larger lag at speed causes no
+false alarm either, since its target advances about as far as the axis itself before two counts are shown.
 
-csv.  No position is held, so the way S that the set velocity has asked for since cycle j takes the place of the lead:
+csv.  No position is controlled, so the travel S commanded by the set velocity since cycle j replaces the lead:
 
     S = Σ w T,    |S| > max(3/4 E, 3 c)                                                 fault
 
-While an axis stands, S is the change of its distance from Σ w T since the start, which may go from one side to the
-other: no drive is stopped whose distance never exceeds 3/8 E - c.
+At standstill, S is the change of the axis's distance from Σ w T since the start, which may change sign: there is no
+false alarm for a drive whose distance never exceeds 3/8 E - c.
 
-cst.  Dead time, current loop and filters let a force act late and smoothed.  If nothing of it comes later than
-RESPONSE, 10 ms or `lost_frames` + 2 cycles if that is longer, the acting force is a mean of the forces of that time and
-not less than their least, F-.  Where all have one sign and F- > B, the axis of a mass of at most M has
+cst.  Dead time, current loop and filters delay and smooth the force.  If its response is complete within RESPONSE,
+10 ms or `lost_frames` + 2 cycles if that is longer, the acting force is a mean of the forces of that time and not less
+than their minimum F-.  If all have the same sign and F- > B, an axis of a mass of at most M has
 
     sgn(F) x'' >= (F- - B)/M = a(t) > 0
 
 Integrated over a push of one sign that began τ ago, with q = ∫∫ a, the axis has moved by at least v0 τ + q.  The
-velocity v0 at its beginning is not known.  An axis that stayed within 3 c throughout had one with
+initial velocity v0 is unknown.  An axis that stayed within 3 c throughout had a v0 with
 
     -(3c + q(τ'))/τ' < v0 < (3c - q(τ'))/τ'    for all τ' <= τ
 
-The right side falls with τ'.  When it falls below the largest left side, no v0 is left and a live axis must have moved;
-under a constant push that is RESPONSE + (1 + √2) √(6 c/a) after its beginning.  It is dead if it has not shown two
-counts `lost_frames` + 2 cycles later, for which a reading may be held.
+The right side decreases with τ'.  When it falls below the largest left side, no v0 is possible and a live axis must
+have moved; under a constant push this happens RESPONSE + (1 + √2) √(6 c/a) after its beginning.  The axis is dead if it
+has not shown two counts `lost_frames` + 2 cycles later, the time for which a reading may be held.
 
-Velocity.  It is compared with the differences of the positions, in two ways:
+Velocity.  The velocity is compared with the position differences in two ways:
 
-1. The same values, all of them, in `lost_frames` + 2 answers after the first, and |v| T summed over them, at most over
-   the memory of 10 RESPONSE, is 2 c or more: the drive says that it moves, and stands in every bit.  A fault, which
-   finds values frozen in motion sooner than any bound above.  A live axis that has moved by 2 c has changed its
-   reading, one that stops dead changes its velocity, and noise that hides a motion changes one or the other.  A
-   drive that renews its values every n cycles only, which shows in the same values while |v| T makes more than 1.1 c,
-   may repeat them once more by chance: it gets 2 n answers.
-2. A sum that forgets within the memory, compared with the largest speed U of either in the same memory:
+1. Frozen values: all values are identical in `lost_frames` + 2 answers after the first, and |v| T summed over them, at
+   most over the memory of 10 RESPONSE, is 2 c or more, so that the drive reports a velocity with constant readings.
+   This fault detects values frozen in motion earlier than any bound above.  A live axis that has moved by 2 c has
+   changed its reading, one that stops abruptly changes its velocity, and noise that hides a motion changes one or the
+   other.  A drive that updates its values only every n cycles, detected by repeated values while |v| T exceeds 1.1 c,
+   may repeat them once more by chance: it is allowed 2 n answers.
+2. Contradiction: a leaky sum over the memory, compared with the largest speed U, from either source, in the same time:
 
        |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault
 
-   A v that comes δ too late leaves 2 δ U at most, after a reversal; one that is wrong by the share g leaves 10 g
-   RESPONSE U.  A filter of 5 ms or an error of 10 % is free, and so are half of each; 3/4 E is for the resolution of v.
-   The sum begins anew after a cycle that began more than a cycle late, as the axis went on for an unknown time.
+   A velocity delayed by δ leaves at most 2 δ U, after a reversal; a relative error g leaves 10 g RESPONSE U.  A 5 ms
+   filter or an error of 10 % is tolerated, and so is half of each combined; 3/4 E allows for the resolution of v.  The
+   sum is reset after a cycle that began more than a cycle late, as the axis continued for an unknown time.
 
-What it cannot see: a force (0x6077) or second encoder (0x60E4) that is wrong; noise of two counts over a dead encoder,
-until the following error tells; a dead drive whose target does not move (csp, csv) or stays below B (cst).
+Not detectable: a wrong force (0x6077) or second encoder (0x60E4); a dead encoder with noise of two counts, until the
+following error exceeds its limit; a dead drive whose target does not move (csp, csv) or stays below B (cst).
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ MEMORY = 10.0  # responses over which velocity and positions are compared
 
 
 class Target(NamedTuple):
-    """The command of a cycle; the mode decides which part the drive obeys."""
+    """The command of a cycle; the mode determines which part the drive follows."""
 
     position: float  # m
     velocity: float  # m/s
@@ -102,7 +102,7 @@ class Target(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Actual values of a cycle; None where the drive has no such object."""
+    """The actual values of a cycle; None if the drive has no such object."""
 
     position: float  # m
     velocity: float | None  # m/s
@@ -112,7 +112,7 @@ class Answer(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """Why a motion must end: the kind, its value and bound in one unit, the cycle, and a sentence with them."""
+    """The reason why a motion must end: kind, value and bound in one unit, cycle, and the error sentence."""
 
     kind: str
     value: float
@@ -123,7 +123,7 @@ class Fault(NamedTuple):
 
 
 class Anchor(NamedTuple):
-    """A reading and its cycle, the lead of the target in it (csp, m), and the commanded travel since (csv, m)."""
+    """A reference reading: its cycle, the target's lead in it (csp, m), and the commanded travel since (csv, m)."""
 
     position: float
     cycle: int
@@ -132,15 +132,15 @@ class Anchor(NamedTuple):
 
 
 class Push(NamedTuple):
-    """A force beyond breakaway in one direction.
+    """A force above breakaway in one direction.
 
-    forces  those of the last RESPONSE, oldest first, N
-    sign    its direction; 0 while there is none
-    time    since when, s
-    speed   gained at least, m/s
-    way     gained at least with it, m
-    slowest, fastest  bounds of the speed at its beginning, m/s, of an axis that has stayed within `SURE` counts
-    due     the first cycle in which a live axis must have moved; stays when the push ends
+    forces  forces during the last RESPONSE, oldest first, N
+    sign    its direction; 0 without a push
+    time    its duration so far, s
+    speed   least gain of speed, m/s
+    way     least travel due to that gain, m
+    slowest, fastest  bounds of the initial speed, m/s, of an axis that has stayed within `SURE` counts
+    due     the first cycle in which a live axis must have moved; kept when the push ends
     """
 
     forces: tuple[float, ...] = ()
@@ -156,15 +156,15 @@ class Push(NamedTuple):
 class State(NamedTuple):
     """The state of the watch after a cycle.
 
-    cycle    number of the next one
+    cycle    number of the next cycle
     start    position at which the motion began, m
     sent     targets without an answer, oldest first
     silent   time since the last answer, s
-    answer   the last one
-    same     how many answers after the first had the same values, and over which time, s
-    renewal  the number of answers for which values were held in motion, at most `lost_frames` + 2
+    answer   the last answer
+    same     number of repeated answers after the first with the same values, and their duration, s
+    renewal  update interval of the values in motion, in answers, at most `lost_frames` + 2
     gap      leaky sum of v T - Δx, m
-    speed    largest speed of late, m/s
+    speed    largest recent speed, m/s
     """
 
     cycle: int
@@ -181,7 +181,7 @@ class State(NamedTuple):
 
 
 class Watch:
-    """The watch over one drive. It holds the bounds of its drive file, and no state."""
+    """The watch over one drive: the bounds of its drive file, without any state."""
 
     def __init__(self, drive: BusDrive) -> None:
         self.drive, self.limits = drive, drive.limits
@@ -197,17 +197,17 @@ class Watch:
         )  # of the last RESPONSE, both ends included
 
     def begin(self, answer: Answer) -> State:
-        """Return the state before the first cycle, of an axis that is held in place."""
+        """Return the initial state, for an axis that is held in place."""
         here = answer.position
         return State(0, here, (Target(here, 0.0, 0.0),) * self.drive.lag, 0.0, answer, Anchor(here, 0, 0.0))
 
     def step(
         self, state: State, target: Target, answer: Answer | None, *, late: bool = False
     ) -> tuple[State, Fault | None]:
-        """Check one cycle with its target and its answer; the answer is None if it was lost.
+        """Check one cycle, given its target and its answer, None for a lost frame; return the new state and a fault.
 
-        Time is counted in cycles.  `late` says that more than a cycle passed before this one: how far the axis went
-        meanwhile is not known.
+        Time is counted in cycles.  `late` is True if this cycle began more than a cycle late, so that the travel since
+        the last one is unknown.
         """
         acting, *sent = (*state.sent, target)
         dt = self.drive.cycle_time
@@ -235,7 +235,7 @@ class Watch:
         return after, fault
 
     def _beyond(self, state: State, answer: Answer, lead: float, silent: float) -> Fault | None:
-        """Return the fault of a limit of the drive file that is exceeded."""
+        """Return the fault if a limit of the drive file is exceeded."""
         limits, cycle, position = self.limits, state.cycle, answer.position
         travel, speed = abs(position - state.start), answer.velocity
         if speed is None:
@@ -270,9 +270,7 @@ class Watch:
         return None
 
     def _pushed(self, push: Push, force: float, dt: float, cycle: int) -> Push:
-        """Return the push a cycle later: the least motion that it gives, and the largest speed of
-        an axis that stayed.
-        """
+        """Return the push one cycle later: the least motion due to it, and bounds of the axis's initial speed."""
         mass, breakaway = self.limits.largest_mass, self.limits.breakaway_force
         if self.drive.mode != "cst" or mass is None or breakaway is None:
             return push
@@ -292,7 +290,7 @@ class Watch:
         return Push(forces, sign, time, push.speed + gained, way, slowest, fastest, due)
 
     def _standing(self, cycle: int, anchor: Anchor, push: Push, acting: Target, sent: Sequence[Target]) -> Fault | None:
-        """Return the fault of a position that stands where that of a live drive must have moved."""
+        """Return the fault if the position stands still although that of a live drive must have moved."""
         mode, most = self.drive.mode, self.limits.following_error
         if mode == "csp":
             lead = acting.position - anchor.position
@@ -330,7 +328,7 @@ class Watch:
         )
 
     def _repeated(self, state: State, answer: Answer, silent: float) -> tuple[tuple[int, float], int]:
-        """Return how often and how long all values have been equal, and after how many answers they were new so far."""
+        """Return number and duration of the repeated answers, and the update interval of the values in answers."""
         many, time = state.same
         if answer == state.answer:
             return (many + 1, time + silent), state.renewal
@@ -338,7 +336,7 @@ class Watch:
         return (0, 0.0), max(state.renewal, min(many + 1, self._patience)) if held else state.renewal
 
     def _frozen(self, cycle: int, answer: Answer, same: tuple[int, float], renewal: int) -> Fault | None:
-        """Return the fault of values that all stand still, a velocity among them."""
+        """Return the fault if all values are frozen at a nonzero velocity."""
         many, time = same
         if answer.velocity is None or many < max(self._patience, 2 * renewal):
             return None
@@ -362,7 +360,7 @@ class Watch:
         return gap, max(kept * state.speed, abs(answer.velocity), abs(moved) / silent)
 
     def _contradiction(self, cycle: int, answer: Answer, gap: float, speed: float) -> Fault | None:
-        """Return the fault of a velocity that the positions contradict."""
+        """Return the fault if velocity and positions contradict each other."""
         bound = self._response * speed + max(self._sure, USED * self.limits.following_error)
         if abs(gap) > bound:
             sentence = Text(
@@ -376,7 +374,7 @@ class Watch:
 
 
 def _exceeded(key: str, value: float, bound: float, unit: str, cycle: int, which: str = "") -> Fault:
-    """Return the fault of a limit of the drive file that is exceeded; `which` names the counter."""
+    """Return the fault for an exceeded limit of the drive file; `which` names the source of the value."""
     message = Text(
         f"{key} = {Quantity(value, unit):SI}{which} in cycle {cycle} exceeded limits.{key} = {Quantity(bound, unit):SI}"
     )

@@ -1,4 +1,4 @@
-"""Atomic file access: a file is read or written completely or not at all.
+"""Atomic file access: files and result directories are read or written completely or not at all.
 
 A file is written under a temporary name next to it, flushed to the disk and renamed; a directory of results is
 built under a temporary name and renamed at its end.  Any failure before that, Ctrl-C included, leaves no new file and
@@ -40,7 +40,7 @@ _WHAT_TO_DO = {
 
 
 def refusal(path: str | Path, what: str, error: OSError) -> FileError:
-    """Return the FileError for an error of the operating system: file, reason, and what to do."""
+    """Return the FileError for an error of the operating system, with file, reason and remedy."""
     reason = (error.strerror or str(error) or type(error).__name__).lower()
     advice = _WHAT_TO_DO.get(error.errno or 0)
     return FileError(f"{path}: cannot be {what}: {reason}" + (f"; {advice}" if advice else ""))
@@ -81,10 +81,10 @@ def read_whole(path: str | Path, most: int) -> bytes:
 
 @contextlib.contextmanager
 def written_whole(path: str | Path) -> Generator[Path]:
-    """Yield an empty temporary file next to `path`, to be filled; it is renamed to `path` at the end of the block.
+    """Yield an empty temporary file next to `path` to write to; it is renamed to `path` at the end of the block.
 
-    On any exception the temporary file is removed and an older `path` stays as it was; an OSError becomes a FileError.
-    A symbolic link is followed, and the permissions of an older file are kept.
+    On any exception the temporary file is removed and an existing `path` stays unchanged; an OSError becomes a
+    FileError.  A symbolic link is followed, and the permissions of an existing file are kept.
     """
     _check_name(path)
     target = Path(os.path.realpath(path))
@@ -108,18 +108,18 @@ def written_whole(path: str | Path) -> Generator[Path]:
 
 
 def write_whole(path: str | Path, content: bytes | str) -> None:
-    """Write a file completely or not at all. Raises FileError that names the file and the reason."""
+    """Write a file completely or not at all. Raise FileError with the file and the reason."""
     with written_whole(path) as temporary:
         temporary.write_bytes(plain(content).encode("utf-8") if isinstance(content, str) else content)
 
 
 def _beside(target: Path, suffix: str) -> Path:
-    """Return a hidden unused name in the same directory; short, so that a long name still fits."""
+    """Return an unused hidden name in the same directory, shortened to stay within the length limit of file names."""
     return target.parent / f".{target.name[:60]}.{secrets.token_hex(6)}.{suffix}"
 
 
 def _flush(path: Path, how: int) -> None:
-    """Ask the system to put a file or a directory on the disk."""
+    """Flush a file or a directory to the disk."""
     handle = os.open(path, how)
     try:
         os.fsync(handle)
@@ -131,8 +131,8 @@ def _flush(path: Path, how: int) -> None:
 def new_directory(path: str | Path) -> Generator[Path]:
     """Yield a directory to write results into; it appears as `path` at the end of the block, or not at all.
 
-    An older `path` is replaced only if it is empty, or if feeddrive wrote it and it contains no other files.
-    Raises FileError, before the work starts, if it cannot be replaced or written.
+    An existing `path` is replaced only if it is empty, or if feeddrive wrote it and it contains no other files.
+    Raises FileError on entry if it cannot be replaced or written.
     """
     _check_name(path)
     target = Path(os.path.abspath(path))
@@ -163,7 +163,7 @@ def new_directory(path: str | Path) -> Generator[Path]:
 
 
 def check_directory(path: str | Path) -> None:
-    """Raise FileError if `new_directory` could not write there, as far as can be seen without writing."""
+    """Raise FileError if `new_directory` could not write to `path`, as far as this can be checked without writing."""
     _check_name(path)
     target = Path(os.path.abspath(path))
     try:
@@ -178,7 +178,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """Return the final path of a file that an error names by its temporary path; None if it names no file."""
+    """Translate the temporary path in an error to the final path; None if the error names no file."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)
@@ -186,7 +186,7 @@ def _seen(name: object, temporary: Path, target: Path) -> Path | None:
 
 
 def files_of(directory: Path) -> list[str]:
-    """Return the names of all files in a directory and below, without the marker, in order."""
+    """Return the sorted relative paths of all files in a directory tree, without the marker."""
     return sorted(
         str((Path(folder) / name).relative_to(directory))
         for folder, _, names in os.walk(directory)
@@ -221,7 +221,7 @@ def _check_replaceable(path: str | Path, target: Path) -> None:
 
 
 def _exchange(new: Path, target: Path) -> None:
-    """Replace `target` by `new`; the old one is moved away first, and back if that fails."""
+    """Replace `target` by `new`; the old directory is moved aside first and restored on failure."""
     old = _beside(target, "old")
     try:
         if target.exists():

@@ -1,4 +1,4 @@
-"""Columns of a measured file: the result of a reader, the spelling of units, and the roles of columns."""
+"""Columns of a measured file: the result of a reader, spellings of units, and roles of columns."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ OWN_UNIT = frozenset({"command", "excitation"})
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """A column of a file: its name there, and how its numbers become those of its role.
+    """A column of a file: its name, and the conversion of its numbers to the values of its role.
 
         value = number · factor, in `unit`
 
-    A factor without a unit leads to the SI unit of the role.  Without both, the file states the unit, or it is SI.
+    A factor without a unit converts to the SI unit of the role.  Without both, the unit is that of the file, or SI.
 
     Column(name="qm", unit="mm"), Column(name="iq", factor=35.15), Column(name="y", unit="mm", factor=-1.0)
     """
@@ -58,9 +58,9 @@ class Column:
 
     @classmethod
     def of(cls, text: str) -> Column:
-        """Parse `name`, `name:unit`, `name*factor` or `name*factor:unit`, as people write a column in one word.
+        """Parse the short form of a column: `name`, `name:unit`, `name*factor` or `name*factor:unit`.
 
-        Raises ParameterError for a factor that is no number.
+        Raises ParameterError for a factor that is not a number.
         """
         name, star, tail = text.rpartition("*")
         if not star:
@@ -76,14 +76,14 @@ class Column:
             ) from None
 
     def text(self) -> str:
-        """Return the column in one word, as `of` parses it if the name holds neither * nor a colon."""
+        """Return the short form of the column, which `of` parses if the name contains neither * nor a colon."""
         factor = "" if self.factor is None else f"*{float(self.factor)!r}"
         return f"{self.name}{factor}{f':{self.unit}' if self.unit else ''}"
 
     def checked(self, role: str) -> Column:
-        """Return the column with its unit as `language.units` spells it.
+        """Return the column with its unit in the spelling of `language.units`.
 
-        Raises ParameterError for a role that no log has, and for a unit or factor that cannot be that of the role.
+        Raises ParameterError for an unknown role, and for a unit or factor that is invalid for the role.
         """
         if role not in ROLES:
             raise ParameterError(f"a log has no role '{role}'{nearest(role, ROLES)}")
@@ -99,7 +99,7 @@ class Column:
         return replace(self, unit=unit, factor=None if self.factor is None else float(self.factor))
 
     def scale(self, role: str) -> float | None:
-        """Return the factor from the numbers in the file to the unit of the role; None if nothing states it."""
+        """Return the factor from the numbers in the file to the unit of the role; None without a unit and a factor."""
         if role in OWN_UNIT or not self.unit:
             return self.factor
         size = units.factor(self.unit, ROLES[role])
@@ -149,9 +149,9 @@ def _row(row: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns of a file by name, float64 of shape (n,); not all need to have the same length.
+    """The columns of a file by name, float64 of shape (n,), possibly of different lengths.
 
-    `unread` names columns that were not wanted; `left_out` gives the reason for other missing columns; `place` gives
+    `unread` names columns that were not wanted; `left_out` gives the reason for other omitted columns; `place` returns
     the place of a row in the file.
     """
 
@@ -170,12 +170,12 @@ Reader: TypeAlias = Callable[[str, bytes, frozenset[str] | None], Columns]
 
 
 def is_time(name: str) -> bool:
-    """True for a usual name of a time column: `t`, `time`, `time_ms`, `timestamp`."""
+    """Return True for a usual name of a time column: `t`, `time`, `time_ms`, `timestamp`."""
     return _TIME.fullmatch(name.strip()) is not None
 
 
 def free_name(name: str, taken: dict[str, int]) -> str:
-    """Return the name, or one that no other column has: force, force_again, force_again3, ...; `taken` counts them."""
+    """Return a unique name for a column: force, force_again, force_again3, ...; `taken` counts the names in use."""
     free = name
     while free in taken:
         taken[name] += 1
@@ -185,12 +185,12 @@ def free_name(name: str, taken: dict[str, int]) -> str:
 
 
 def is_wanted(name: str, wanted: frozenset[str] | None) -> bool:
-    """True for a column that is wanted or that is time."""
+    """Return True for a wanted column or a time column."""
     return wanted is None or name in wanted or is_time(name)
 
 
 def unit_of(text: str) -> str | None:
-    """Return a unit of a maker (`µm`, `mm/s²`, `%`, `[ms]`) as `language.units` writes it; None if it is not known."""
+    """Convert a unit (`µm`, `mm/s²`, `%`, `[ms]`) to the spelling of `language.units`; None if it is unknown."""
     plain = text.strip().strip("[]").strip()
     plain = plain.replace("µ", "u").replace("μ", "u").replace("²", "2").replace("³", "3").replace("^", "")
     plain = plain.replace("·", " ").replace("*", " ")
@@ -207,9 +207,10 @@ def unit_of(text: str) -> str | None:
 
 
 def factor_of(path: str, role: str, column: Column, unit: str) -> float:
-    """Return the factor from the column's unit to its role's: as stated, else by the file, else by the end of its name.
+    """Return the factor from the column's unit to that of its role.
 
-    A name that ends with `_in` means input and not inch.
+    The unit is that of `column`, else that of the file, else the suffix of the column's name, where `_in` means input
+    and not inch.
     """
     stated = column.scale(role)
     if stated is not None or role in OWN_UNIT:
@@ -229,9 +230,9 @@ def factor_of(path: str, role: str, column: Column, unit: str) -> float:
 
 
 def check_sign(path: str, column: Column, unit: str, si: str) -> None:
-    """Raise LogError for a factor of ±1 without a unit, if the file states another unit of the kind of `si`.
+    """Raise LogError for a factor of ±1 without a unit if the file states another unit of the dimension of `si`.
 
-    A person who turns the sign of a column in mm does not mean m.
+    A user who inverts the sign of a column in mm does not mean m.
     """
     if column.unit or column.factor not in (1.0, -1.0) or not unit:
         return
@@ -248,7 +249,7 @@ def check_sign(path: str, column: Column, unit: str, si: str) -> None:
 
 
 def unit_at_the_end(name: str, role: str) -> str:
-    """Return the unit of a role with which the name of a column ends, `x_cmd_mm`; empty without one."""
+    """Return the suffix of a column name if it is a unit of the role, as in `x_cmd_mm`; else empty."""
     for start in [k + 1 for k, letter in enumerate(name) if letter == "_"]:
         try:
             units.factor(name[start:], ROLES[role])
@@ -259,7 +260,7 @@ def unit_at_the_end(name: str, role: str) -> str:
 
 
 def check_size(name: str, columns: int, rows: int) -> None:
-    """Raise LogError if that many numbers are more than are read."""
+    """Raise LogError if columns x rows exceeds the limit of numbers to read."""
     if columns * rows > MOST_NUMBERS:
         raise LogError(
             f"{name}: holds {columns} columns of {rows:,} rows, more than the {MOST_NUMBERS:,} numbers that are read; "
@@ -268,12 +269,12 @@ def check_size(name: str, columns: int, rows: int) -> None:
 
 
 def most_unpacked(packed: int) -> int:
-    """Return the largest unpacked size in bytes of a file of this size: 100 times as much, and at least 100 MB."""
+    """Return the limit of the decompressed size, bytes: 100 times the compressed size, and at least 100 MB."""
     return min(FREE_BYTES + MOST_TIMES * packed, MOST_BYTES)
 
 
 def check_unpacked(name: str, numbers: int, packed: int) -> None:
-    """Raise LogError if a file of `packed` bytes states that many numbers, which no good file of its size holds."""
+    """Raise LogError if a file of `packed` bytes claims implausibly many numbers for its size."""
     if 8 * numbers > most_unpacked(packed):
         raise LogError(
             f"{name}: has {packed:,} bytes and states {numbers:,} numbers, more than {MOST_TIMES} times its size and "
@@ -283,9 +284,9 @@ def check_unpacked(name: str, numbers: int, packed: int) -> None:
 
 
 def arrow_numbers(column: Any) -> np.ndarray:
-    """Return the numbers of a column of a pyarrow table; NaN for cells without one.
+    """Return the numbers of a column of a pyarrow table, with NaN for empty cells.
 
-    Its own `to_numpy` imports pandas, if that is installed, which takes longer than a log of 4,000 rows.
+    pyarrow's `to_numpy` imports pandas, if installed, which takes longer than reading a log of 4,000 rows.
     """
     if column.null_count or not column.num_chunks or str(column.type) == "bool":
         return column.to_numpy()

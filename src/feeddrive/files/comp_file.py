@@ -1,4 +1,4 @@
-"""Compensation files of LinuxCNC, COMP_FILE of a joint: pitch errors and backlash over the travel."""
+"""LinuxCNC compensation files (COMP_FILE of a joint): pitch error and backlash over the travel."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _MOST_BYTES = 1_000_000
 
 
 def comp_text(block: PitchCompensation, *, units: float = 1000.0, file_type: int = 0) -> str:
-    """Return the rows of a compensation file: nominal, forward, reverse in machine units, `units` to a meter.
+    """Return the rows of a compensation file: nominal, forward, reverse in machine units.
 
-    units      1000 for mm
-    file_type  COMP_FILE_TYPE of the joint. 0: positions that were reached, in motion towards larger and towards
-               smaller positions; 1: what is to be added
+    units      machine units per meter: 1000 for mm
+    file_type  COMP_FILE_TYPE of the joint. 0: positions actually reached in forward and in reverse motion;
+               1: corrections to be added
     Raises ParameterError for another type and for more rows than LinuxCNC reads.
     """
     if file_type not in (0, 1):
@@ -36,18 +36,18 @@ def comp_text(block: PitchCompensation, *, units: float = 1000.0, file_type: int
 
 
 def write_comp_file(block: PitchCompensation, path: str | Path, *, units: float = 1000.0, file_type: int = 0) -> Path:
-    """Write the file, whole or not at all. Raises ParameterError as `comp_text`, FileError where it cannot be."""
+    """Write a compensation file, completely or not at all. Raises ParameterError as `comp_text`, and FileError."""
     place = Path(path)
     write_whole(place, comp_text(block, units=units, file_type=file_type))
     return place
 
 
 def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 0) -> PitchCompensation:
-    """Read the compensation in a file, in machine units, `units` to a meter.
+    """Read a compensation file in machine units, of which there are `units` per meter.
 
-    LinuxCNC interpolates between any rising positions; here they are evenly spaced, as `write_comp_file` makes them.
-    Raises FileError, with the line, for a row that has no three numbers, positions that do not rise by one spacing,
-    and fewer than two rows; ParameterError for another type.
+    LinuxCNC accepts any increasing positions; here they must be evenly spaced, as written by `write_comp_file`.
+    Raises FileError, with the line, for a row without three numbers, positions that do not increase by a constant
+    spacing, and fewer than two rows; ParameterError for another type.
     """
     if file_type not in (0, 1):
         raise ParameterError(f"file_type = {file_type} must be 0 (positions reached) or 1 (what is added)")

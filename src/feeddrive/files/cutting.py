@@ -1,15 +1,15 @@
-"""The cut of a part program: the section [process] of a job states the depths and widths of its tools and the speed.
+"""The cutting process of a part program: tools, depths and widths of cut and spindle speed, by [process] of a job.
 
 [process.tool.1]                   # of `T1 M6` in the program; a program without T uses the only one
 kind = "mechanistic_cutter"
 teeth = 4
 
-The program says in comments what the lines after them cut, in mm, until the next such comment:
+Comments in the program set the engagement of the following lines, in mm, until the next such comment:
 
 (finishing: ap=4 ae=0.3 down)      ap along the spindle; ae across the feed with up or down, without ae a slot
-(cut off)                          nothing
+(cut off)                          no cut
 
-or the job does, for lines by their numbers, over any comment:
+or the job sets it for a range of lines, overriding any comment:
 
 [[process.section]]
 first_line = 12
@@ -19,7 +19,7 @@ radial_depth_mm = 0.3
 milling = "down"
 spindle_speed = 8000               # in place of S of the program
 
-Traverses (G0) never cut.  Lines count as they stand in the file, in a subroutine too.
+Traverses (G0) never cut.  Lines are numbered as in the file, also within a subroutine.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class ProcessSection(Section):
 
 
 class Cut(NamedTuple):
-    """The cutting conditions from a time on: `tool` by number, depths in m (0: no cut), side, spindle speed in rpm."""
+    """The cutting conditions from a start time: `tool` number, depths in m (0: no cut), side, spindle speed in rpm."""
 
     begin: float
     line: int
@@ -119,9 +119,9 @@ _AIR = (0.0, None, "up")
 
 @dataclass(frozen=True)
 class Process:
-    """The cutting process by the section [process] and the comments of the program.
+    """The cutting process, defined by the section [process] and the comments of the program.
 
-    comments  depth, width and side from a line on, in order
+    comments  first line with its depth, width and side, in order
     """
 
     program: str
@@ -131,9 +131,9 @@ class Process:
     spindle: SpindleOfLines
 
     def cuts(self, times: np.ndarray, line: np.ndarray, traverse: np.ndarray) -> tuple[Cut, ...]:
-        """Return the cuts over time, from the line of each sample and whether it is a traverse.
+        """Return the cuts over time, given for each sample its program line and a flag for traverses.
 
-        Raises ProgramError at a line that cuts without a spindle, with an unknown tool, or as the tool cannot.
+        Raises ProgramError at a line that cuts with a stopped spindle, an unknown tool or an impossible engagement.
         """
         changes = np.flatnonzero((np.diff(line) != 0) | (np.diff(traverse.astype(np.int8)) != 0)) + 1
         cuts: list[Cut] = []
@@ -170,7 +170,7 @@ class Process:
         return Cut(begin, line, tool, float(depth), None if width is None else float(width), side, speed)
 
     def _fits(self, line: int, cutter: Cutter, depth: float, width: float | None) -> None:
-        """Raise ProgramError for an engagement that the tool cannot have."""
+        """Raise ProgramError for an engagement that is impossible with the tool."""
         edge = cutter.edge()
         flute, diameter = edge.flute_length, float(edge.diameter)
         if flute is not None and depth > flute:
@@ -191,7 +191,9 @@ class Process:
             )
 
     def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:
-        """Return a cut on the axes for each tool that cuts, its conditions over time as sections; substeps in s.
+        """Return a milling cut between the axes for each active tool, its conditions as sections over time.
+
+        substep  in s
 
         Raises ParameterError for a machine without x and y.
         """
@@ -230,7 +232,7 @@ class Process:
         )
 
     def _by_comment(self, line: int) -> tuple[float, float | None, str]:
-        """Return depth, width and side by the last comment before a line."""
+        """Return depth, width and side from the last comment before a line."""
         place = bisect_right(self.comments, line, key=lambda comment: comment[0])
         return self.comments[place - 1][1] if place else _AIR
 
@@ -239,14 +241,14 @@ class Process:
 
 
 class SpindleOfLines:
-    """Speed of the spindle (rpm, negative counterclockwise) and tool while each line of a program moves."""
+    """The spindle speed (rpm, negative counterclockwise) and tool number of each line of a program that moves."""
 
     def __init__(self) -> None:
         self._found: dict[int, tuple[float | None, int | None]] = {}
         self._speed, self._tool = 0.0, 0
 
     def noted(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """Yield the moves, and note the spindle speed and the tool of their lines."""
+        """Yield the moves unchanged, recording spindle speed and tool of their lines."""
         for move in moves:
             if isinstance(move, Spindle):
                 self._speed = move.spindle_speed * move.direction
@@ -260,12 +262,12 @@ class SpindleOfLines:
             yield move
 
     def at(self, line: int) -> tuple[float | None, int | None]:
-        """Return spindle speed and tool at a line; None for a value that differed between runs of the line."""
+        """Return spindle speed and tool at a line; None for a value that differed between executions of the line."""
         return self._found.get(line, (0.0, 0))
 
 
 def process_of(section: ProcessSection, program: Path) -> Process:
-    """Return the process of a section, with the comments of its program. Raise ProgramError at a malformed comment."""
+    """Return the cutting process of a section and its program. Raise ProgramError at a malformed comment."""
     tools = {int(name): cutter for name, cutter in section.tool.items()}
     return Process(program.name, tools, section.section, tuple(_comments(program)), SpindleOfLines())
 

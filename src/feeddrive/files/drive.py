@@ -1,4 +1,4 @@
-"""The drive behind a log: how much force its command or current is, and the lever of its motor on the table."""
+"""The drive that recorded a log: force per unit of its command or current, and table travel per motor angle."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from feeddrive.loop.loop import Loop
 
 @dataclass(frozen=True)
 class Drive:
-    """The drive that made the logs, by the command line, else by the machine file.
+    """The drive that recorded the logs: options of the command line take precedence over the machine file.
 
-    force_constant  N at the table per unit of the command or current, as it was typed
-    lead, gear      of the screw, m, and turns of the motor in one of the screw
-    turns           the axis itself turns: its force is a torque, and no screw stands between
+    force_constant  N at the table per unit of the command or current, from the command line
+    lead, gear      lead of the screw, m, and motor revolutions per screw revolution
+    turns           True for a rotary axis: its force is a torque, and there is no screw
     """
 
     machine: MachineFile | None
@@ -36,14 +36,14 @@ class Drive:
 
     @property
     def lever(self) -> float | None:
-        """Travel of the table per rad of the motor, m/rad."""
+        """The travel of the table per motor angle, m/rad; None if the lead is unknown."""
         return None if self.lead is None else lever(self.lead, self.gear)
 
     def per_unit(self, unit: str) -> tuple[float, bool] | None:
-        """Return how much 1 of a command or current in `unit` is: in N at the table, or, if True, in N m of the shaft.
+        """Return the force per `unit` of command or current, N at the table; with True the torque at the shaft, N m.
 
-        A typed force constant decides, then the unit of the column if it is that of a force or torque, then the motor
-        of the machine file, whose constant is for the drive's own unit.  None if nothing says it.
+        The force constant of the command line comes first, then the column's unit if it is a force or torque, then the
+        motor constant of the machine file, which is per unit of the drive.  None if none of them is available.
         """
         if self.force_constant is not None:
             return self.force_constant, self.turns
@@ -56,16 +56,16 @@ class Drive:
         return None if motor is None else (float(motor.force_per_unit()), self.turns)
 
     def force_per_unit(self, unit: str) -> float | None:
-        """Return the force on the axis for 1 of a command in `unit`, N, or N m if it turns; None if nothing says it."""
+        """Return the force on the axis per `unit` of command, N, or N m for a rotary axis; None if it is unknown."""
         size, is_torque = self.per_unit(unit) or (None, False)
         if size is None or is_torque == self.turns:
             return size
         return size / self.lever if is_torque and self.lever is not None else None
 
     def acting(self, path: Path | OpenedFile, log: Log, role: str) -> tuple[np.ndarray, bool]:
-        """Return the force along the table that a channel holds, N, or the torque of the shaft, N m, and True.
+        """Convert a channel to the force along the table, N, and False, or to the torque of the shaft, N m, and True.
 
-        Raises ParameterError for a command or current in the drive's own unit, with what to give.
+        Raises ParameterError, with the missing option, for a command or current in the drive's own unit.
         """
         scale = self._scale(log, role)
         if scale is None:
@@ -76,16 +76,16 @@ class Drive:
         return log[role] if scale[0] == 1.0 else scale[0] * log[role], scale[1]
 
     def knows(self, log: Log, role: str) -> bool:
-        """True if `acting` can tell the force that a channel holds."""
+        """Return True if `acting` can convert the channel to a force or torque."""
         return self._scale(log, role) is not None
 
     def _scale(self, log: Log, role: str) -> tuple[float, bool] | None:
         return (1.0, role == "torque") if role in ("force", "torque") else self.per_unit(log.units.get(role, ""))
 
     def at_table(self, path: Path | OpenedFile, moving: str, unit: str, acting: str) -> float:
-        """Return the lever, m/rad, for a motion in a unit and a force, one along the table, the other of a shaft.
+        """Return the table travel per motor angle, m/rad, needed when only one of motion and force is at the shaft.
 
-        Raises ParameterError without a lead.
+        Raises ParameterError if the lead is unknown.
         """
         if self.lever is None:
             other = "N" if "rad" in unit else "N m"
@@ -106,7 +106,7 @@ def drive_with(
     *,
     turns: bool = False,
 ) -> Drive:
-    """Return the drive of a loop of a machine file with the options; lead and gear are completed by its motor."""
+    """Return the drive from the options, completed by lead and gear of the screw in the machine file's loop."""
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear
@@ -115,5 +115,5 @@ def drive_with(
 
 
 def axis_name(loop: Loop | None, axis: str | None) -> str:
-    """Return the name of an axis: that of its loop in the machine file, else as it was given; x without both."""
+    """Return the axis name: that of the machine file's loop, else the given one, else x."""
     return axis or "x" if loop is None else loop.name

@@ -1,10 +1,10 @@
-"""Measured frequency responses from files: the role of each column, and the reason if a file cannot be read.
+"""Reading and writing of measured frequency responses; the role of each column is derived from its name.
 
     f_Hz, re, im [, coherence] [, variance]        one response
-    f_Hz, re_Gm, im_Gm, re_Gl, im_Gl several, by the rest of the names
+    f_Hz, re_Gm, im_Gm, re_Gl, im_Gl               several, by the rest of the names
     f_Hz, magnitude_dB, phase_deg [, coherence]    a magnitude in dB or as plain ratio, a phase in deg or rad
 
-A unit may stand in brackets or at the end of a name; that of a response is output over input (`re_rad_per_A`).
+A unit may be given in brackets or as a suffix of the name; a response has output over input (`re_rad_per_A`).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _SI = {"deg": "rad", "rev": "rad", "t": "kg", "g": "kg", "in": "m", "min": "s", 
 
 @dataclass
 class Response:
-    """The columns of one response, and the unit of its numbers as the file states it."""
+    """The columns of one response, and the unit of its numbers as stated in the file."""
 
     name: str
     places: dict[str, str] = field(default_factory=dict[str, str])
@@ -57,7 +57,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Named:
-    """The parts of a column's name."""
+    """The components of a column name."""
 
     kind: str
     name: str
@@ -67,7 +67,7 @@ class Named:
 
 
 def named(column: str, unit: str) -> Named | None:
-    """Return kind, name of the response and unit of a column; None if it does not belong to a response.
+    """Parse a column name into kind, response name and unit; None if it does not belong to a response.
 
     `Re_Pv1`, `ReGm_rad_per_A`, `Gm.real`, `mag(dB)`, `phase_deg`, `coherence_y`
     """
@@ -89,7 +89,7 @@ def named(column: str, unit: str) -> Named | None:
 
 
 def _kind(rest: str) -> tuple[str | None, str]:
-    """Return the kind that a name begins or ends with, and the rest of the name."""
+    """Split a name into the kind that it starts or ends with, None without one, and the rest of the name."""
     for kind, words in _KINDS.items():
         for word in words:
             if rest.lower() == word or rest == f"|{word}|":
@@ -110,7 +110,7 @@ def _kind(rest: str) -> tuple[str | None, str]:
 
 
 def frequency_of(name: str, columns: Columns) -> tuple[str, np.ndarray]:
-    """Return the column of frequency in Hz, and its name. Raise LogError if there is none or several."""
+    """Return the name of the frequency column and its values in Hz. Raise LogError unless there is exactly one."""
     candidates: list[tuple[str, str]] = []
     for column in columns.values:
         unit = columns.units.get(column, "")
@@ -149,7 +149,7 @@ def _is_frequency(unit: str) -> bool:
 
 
 def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
-    """Return the responses in the columns, each with those that it needs. Raise LogError for an incomplete one."""
+    """Group the columns into responses. Raise LogError for a response with missing columns."""
     responses: dict[str, Response] = {}
     for column in columns.values:
         if column == frequency:
@@ -191,7 +191,7 @@ def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
 
 
 def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
-    """Return the unit in SI, and the factor to it: um/N is m/N times 1e-6. Raise LogError for text that is no unit."""
+    """Return the SI unit and the factor to it: m/N and 1e-6 for um/N. Raise LogError for an unknown unit."""
     if not unit:
         return "", 1.0
     try:
@@ -214,7 +214,7 @@ def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
 
 
 def _share(responses: dict[str, Response]) -> None:
-    """Give a coherence or variance without a name to the only response."""
+    """Assign an unnamed coherence or variance to the only response."""
     nameless = responses.get("")
     others: Iterable[Response] = [
         response for key, response in responses.items() if key and "coherence" not in response.places
@@ -243,15 +243,15 @@ def read_frf(
     output: str | None = None,
     unit: str | None = None,
 ) -> FRF:
-    """Read the frequency response in a file; if there are several, the one of that name.
+    """Read the frequency response in a file; if there are several, the one called `name`.
 
-    columns        names for the columns of a file without heads, or instead of its heads:
+    columns        names for the columns of a file without headers, or to replace its headers:
                    ["f_Hz", "re", "im", "coherence"], ["f_Hz", "magnitude_dB", "phase_deg"]
     input, output  names of its input and output; default: as in the file
-    unit output over input in SI, as m/N, if the file does not state it; a stated unit is converted to SI
+    unit           output over input in SI, as m/N, if the file does not state it; a stated unit is converted to SI
 
-    Raises FileError (no such file, ...) or LogError (of another kind, damaged, NaN, frequencies that are negative or do
-    not rise, a coherence above 1, a magnitude without phase), each with file, line and what to do.
+    Raises FileError (no such file, ...) or LogError (unsupported format, damaged, NaN, frequencies that are negative or
+    not increasing, a coherence above 1, a magnitude without phase), each with file, line and remedy.
     """
     responses = read_frfs(path, columns=columns)
     if name is None and len(responses) > 1:
@@ -270,7 +270,7 @@ def read_frf(
 
 
 def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
-    """Read all frequency responses in a file, by name, see `read_frf`; one that was read has its output's name."""
+    """Read all frequency responses in a file, by name, see `read_frf`; an FRF object is returned under its output."""
     if isinstance(path, FRF):
         return {path.output: path}
     try:
@@ -284,9 +284,9 @@ def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = Non
 def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float | str]]:
     """Read controllers, filters and models of the mechanics in the XML of a SINUMERIK tuning tool (AST).
 
-    Numbers and texts stand by path in the file and by member, as m_Kp, m_Tn, m_Kv.  The name "" has all other
-    numbers and texts, so that members with other names in another version of the tool are not lost.
-    Raises FileError or LogError (damaged, or of another kind).
+    Returns numbers and texts by path in the file and by member, such as m_Kp, m_Tn, m_Kv.  The path "" holds all other
+    numbers and texts, so that members renamed in another version of the tool are still available.
+    Raises FileError or LogError (damaged, or unsupported format).
     """
     file = _opened(path)
     if not ast_xml.is_xml(file.unpacked):
@@ -296,9 +296,9 @@ def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float
 
 
 def names_frequency(path: str | Path | OpenedFile) -> bool:
-    """True for a file of frequency responses, even with wrong lines; such a file is not a log.
+    """Return True for a file of frequency responses, even one with invalid lines; such a file is not a log.
 
-    It has a column of frequency and none of time, or it is the XML of a tuning tool.
+    It has a frequency column and no time column, or it is the XML of a tuning tool.
     """
     where, file = str(path), _opened(path)
     try:
@@ -325,7 +325,7 @@ def _read_frfs(path: str | Path | OpenedFile, columns: Sequence[str] | None) -> 
 
 
 def _tables(file: OpenedFile, columns: Sequence[str] | None) -> Iterable[tuple[Columns, Mapping[str, str]]]:
-    """Return tables of frequency and responses, one for each frequency vector, and the file's statements on them."""
+    """Return a table for each frequency vector in the file, with the metadata that the file states for it."""
     where, content = str(file), file.unpacked
     if content.startswith(uff.STARTS):
         return uff.uff_tables(where, content)
@@ -359,7 +359,7 @@ def _responses(where: str, table: Columns, stated: Mapping[str, str]) -> dict[st
 
 
 def _stated_unit(where: str, unit: str) -> tuple[str, float]:
-    """Return the unit of a line `# unit: um/N` in SI and the factor to it; an unknown unit is not changed."""
+    """Return the SI unit for a line `# unit: um/N` and the factor to it; an unknown unit is left unchanged."""
     try:
         return in_si(where, "unit", unit)
     except LogError:
@@ -367,7 +367,7 @@ def _stated_unit(where: str, unit: str) -> tuple[str, float]:
 
 
 def _renamed(where: str, table: Columns, columns: Sequence[str]) -> Columns:
-    """Return the table with other names, one for each column."""
+    """Return the table with its columns renamed. Raise ParameterError unless there is one unique name per column."""
     if len(columns) != len(table.values) or len(set(columns)) != len(columns):
         raise ParameterError(
             f"{where}: {len(table.values)} columns of numbers need {len(table.values)} different names, not {columns}"
@@ -376,7 +376,7 @@ def _renamed(where: str, table: Columns, columns: Sequence[str]) -> Columns:
 
 
 def _finite(where: str, table: Columns, column: str) -> np.ndarray:
-    """Return a column. Raise LogError for a number that is not finite."""
+    """Return the values of a column. Raise LogError if one is not finite."""
     values = table.values[column]
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
@@ -388,7 +388,7 @@ def _finite(where: str, table: Columns, column: str) -> np.ndarray:
 
 
 def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Columns) -> slice:
-    """Return the lines to use: all, or all but a first one at 0 Hz, which a logarithmic frequency axis cannot show."""
+    """Return the frequency lines to use: all except a leading line at 0 Hz, impossible on a logarithmic axis."""
     _finite(where, table, label)
     if frequency.size == 0:
         raise LogError(f"{where}: holds no lines")
@@ -413,7 +413,7 @@ def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Colum
 
 
 def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
-    """Return the complex numbers of a response. Raise LogError for an implausible size."""
+    """Return the complex values of a response. Raise LogError for an implausible magnitude."""
     values = _from_parts(where, response, table)
     size = np.abs(values)
     if (most := float(np.max(size))) > _LARGEST:
@@ -425,7 +425,7 @@ def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
 
 
 def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
-    """Return the complex numbers of a response, from its parts or from magnitude and phase."""
+    """Return the complex values of a response, from real and imaginary part or from magnitude and phase."""
     places = response.places
     if {"re", "im"} <= set(places):
         return _finite(where, table, places["re"]) + 1j * _finite(where, table, places["im"])
@@ -449,7 +449,10 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
 
 
 def _coherence(where: str, response: Response, table: Columns, kept: slice) -> np.ndarray | None:
-    """Return the coherence, between 0 and 1; more by rounding counts as 1."""
+    """Return the coherence, clipped to 1 where rounding exceeds it; None without a column.
+
+    Raises LogError for values outside 0 to 1.
+    """
     column = response.places.get("coherence")
     if column is None:
         return None
@@ -503,11 +506,11 @@ def _number(text: str | None) -> float | None:
 
 
 def write_frf(path: str | Path, *frfs: FRF) -> None:
-    """Write frequency responses as CSV; `read_frfs` gives the same numbers, bit for bit.
+    """Write frequency responses as CSV; `read_frfs` reads them back bit for bit.
 
-    Columns: f_Hz, re, im, and coherence and variance if they are known; of several responses re_<output> and so on,
-    on their common lines.  Raises ParameterError (outputs of the same name, from different inputs or
-    without a common line) or FileError if it cannot be written.
+    Columns: f_Hz, re, im, and coherence and variance if they are known; for several responses re_<output> and so on,
+    on their common frequency lines.  Raises ParameterError (outputs of the same name, different inputs or sample times,
+    no common line) or FileError if it cannot be written.
     """
     wrong = [frf for frf in frfs if not isinstance(frf, FRF)]  # pyright: ignore[reportUnnecessaryIsInstance]
     if wrong or not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -548,12 +551,12 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
 
 
 def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
-    """Return the responses of the motor's and of the load's encoder, told apart by their names.
+    """Return the responses measured with the motor and the load encoder, identified by their names.
 
     responses   by name, as `read_frfs` returns them
 
-    "motor" or "load" in the name or in the output's name decides; one response alone without such a name counts as
-    the motor's. Roles without a name are left out.
+    "motor" or "load" in the name or in the output's name decides; a single response without such a name counts as the
+    motor's.  Roles without a response are omitted.
     """
     by_role = {
         role: frf
@@ -565,5 +568,5 @@ def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
 
 
 def digest(path: str | Path) -> str:
-    """Return the SHA-256 of a file, by which a report identifies its inputs. Raise FileError."""
+    """Return the SHA-256 of a file, which identifies it as an input of a report. Raise FileError."""
     return hashlib.sha256(read_whole(path, MOST_BYTES)).hexdigest()

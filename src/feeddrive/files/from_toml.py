@@ -1,4 +1,4 @@
-"""Blocks and sections from TOML tables, and back, by their declarations.
+"""Conversion between TOML tables and blocks or sections, by their declarations.
 
     [axis.x.plant]
     kind = "two_mass"            # selects the block of the family; not needed where only one block fits
@@ -7,7 +7,7 @@
     [[axis.x.forces]]            # a part is a section, a tuple of parts a list of sections
     kind = "cogging"
 
-Every error is one sentence: file and line, key, value, bound, unit, what to do.  `to_toml.py` is the inverse of blocks.
+Every error is one sentence: file and line, key, value, bound, unit, remedy.  `to_toml` is the inverse for blocks.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _ROW = 6  # numbers of a table on one line
 def to_toml(block: Block, key: str = "", *, listed: bool = False, rotary: bool = False) -> str:
     """Return the block as the section `[key]`, as an entry `[[key]]` of a list, or as a whole file without a key.
 
-    rotary   it is a part of an axis that turns: comments name rad, N m and kg m2
+    rotary   True for a block of a rotary axis: comments name rad, N m and kg m2
 
     An absent parameter is written as a comment.  Raises StructureError for a block that holds arrays of variants.
     """
@@ -132,10 +132,10 @@ Choice: TypeAlias = Any  # the type of a choice: int, str, bool, float, tuple[..
 
 @dataclass(frozen=True)
 class Hint:
-    """The type of a part: blocks or sections of these families or classes.
+    """The type of a part: a block or section of one of these families or classes.
 
-    many      a list of them
-    optional  may be absent
+    many      True for a list
+    optional  True if it may be absent
     """
 
     classes: tuple[type[Any], ...]
@@ -143,13 +143,13 @@ class Hint:
     optional: bool = False
 
     def single(self) -> bool:
-        """True if only one class fits, so that `kind` need not be written."""
+        """Return True if only one class matches, so that `kind` may be omitted."""
         return len(self.classes) == 1 and not inspect.isabstract(self.classes[0])
 
 
 @cache
 def hints(kind: type[Declared]) -> Mapping[str, Any]:
-    """Return by name the Hint of every part, the type of every choice, and either for the values of a `named` field."""
+    """Return by field name the Hint of each part, the type of each choice, and the value type of each `named` field."""
     resolved = typing.get_type_hints(kind)
     by_name: dict[str, Any] = {}
     for name, declared in declarations(kind).items():
@@ -164,9 +164,7 @@ def hints(kind: type[Declared]) -> Mapping[str, Any]:
 
 
 def part_hint(annotation: Any) -> Hint:
-    """Return the Hint of `Plant`, `Friction
-    None` or `tuple[Force, ...]`.
-    """
+    """Return the Hint of an annotation such as `Plant`, `Friction | None` or `tuple[Force, ...]`."""
     if typing.get_origin(annotation) is tuple:
         inner = part_hint(typing.get_args(annotation)[0])
         return Hint(inner.classes, many=True)
@@ -192,7 +190,7 @@ def options_of_type(annotation: Choice) -> tuple[Choice, ...]:
 
 
 def members(hint: Hint) -> dict[str, type[Any]]:
-    """Return the class of every block or section that fits, by kind."""
+    """Return all classes of blocks or sections that match a hint, by kind."""
     by_kind: dict[str, type[Any]] = {}
     for family in hint.classes:
         if issubclass(family, Section):
@@ -203,7 +201,7 @@ def members(hint: Hint) -> dict[str, type[Any]]:
 
 
 def _members_of(family: type[Section]) -> Iterator[type[Section]]:
-    """Yield the classes of a family of sections: itself, if it has no others."""
+    """Yield the leaf classes of a family of sections, or the family itself if it has no subclasses."""
     below = family.__subclasses__()
     if not below:
         yield family
@@ -212,7 +210,7 @@ def _members_of(family: type[Section]) -> Iterator[type[Section]]:
 
 
 def choice_value(table: TomlTable, key: str, declared: Declaration, annotation: Choice, value: Any) -> Any:
-    """Return the value of a choice in its own type. Raise ParameterError that names what is allowed."""
+    """Convert the value of a choice to its declared type. Raise ParameterError listing the allowed values."""
     held = _in_type(annotation, value)
     where = f"{table.dotted(key)} = {shown(value)} ({declared.meaning})"
     if declared.options:
@@ -237,7 +235,7 @@ def _as_text(option: Any) -> str:
 
 
 def _in_type(annotation: Choice, value: Any) -> Any:
-    """Return the value if it is of the type, lists as tuples; None if it is not."""
+    """Return the value if it has the given type, with lists as tuples; otherwise None."""
     if _is_union(annotation):
         tried = (_in_type(option, value) for option in options_of_type(annotation))
         return next((converted for converted in tried if converted is not None), None)
@@ -262,7 +260,7 @@ _TYPES = {int: "a whole number", str: 'text in quotes ("...")', bool: "true or f
 
 
 def type_as_text(annotation: Choice) -> str:
-    """Return a type in words: `a whole number`."""
+    """Return a description of a type: `a whole number`."""
     if _is_union(annotation):
         return " or ".join(map(type_as_text, options_of_type(annotation)))
     if typing.get_origin(annotation) is tuple:
@@ -282,10 +280,10 @@ _A_PROGRAM = (
 
 @dataclass(frozen=True)
 class _Around:
-    """The context of a table for its reader, beside its keys.
+    """The context in which a table is read.
 
     besides   keys that are read elsewhere
-    unit_of   of sections that declare a field in `VARIED`
+    unit_of   function that returns the unit of fields declared in `VARIED`
     """
 
     besides: frozenset[str] = field(default_factory=frozenset[str])
@@ -304,10 +302,10 @@ def read_block(family: type[B], table: TomlTable) -> B:
 def read_section(
     section: type[S], table: TomlTable, *, besides: Iterable[str] = (), unit_of: UnitOf | None = None
 ) -> S:
-    """Read the section that a table holds; its own family chooses the class.
+    """Read a section from a table; the family of the section chooses the class.
 
     besides   keys that are read elsewhere
-    unit_of   the unit of fields that are declared in `VARIED`, of a table of such a section
+    unit_of   function that returns, for a table, the unit of fields declared in `VARIED`
 
     Raises as `read_block`.
     """
@@ -315,7 +313,7 @@ def read_section(
 
 
 def read_field(section: type[Section], table: TomlTable, name: str) -> Any:
-    """Read one field of a section alone, before the others can be read. Raise as `read_section`."""
+    """Read a single field of a section before the rest of it is read. Raise as `read_section`."""
     if name not in table.values:
         if name not in defaults(section):
             _refuse_missing(section, table, [name])
@@ -357,7 +355,7 @@ def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
 
 
 def _declared(kind: type[Declared], table: TomlTable, around: _Around) -> dict[str, Declaration]:
-    """Return the declarations of a kind for this table: of an axis that turns, or in the unit that varies."""
+    """Return the declarations for this table, with the units of a rotary axis and of `VARIED` fields resolved."""
     declared = {name: declaration.of_axis(table.rotary) for name, declaration in declarations(kind).items()}
     if all(declaration.unit != VARIED for declaration in declared.values()):
         return declared
@@ -370,14 +368,14 @@ def _declared(kind: type[Declared], table: TomlTable, around: _Around) -> dict[s
 
 
 def _inline(kind: type[Declared]) -> str:
-    """Return the part of a section whose keys stand among its own; empty if there is none, as in every block."""
+    """Return the name of the section's inline part, whose keys are mixed with its own; empty if there is none."""
     if not issubclass(kind, Section):
         return ""
     return next((name for name, declaration in declarations(kind).items() if declaration.inline), "")
 
 
 def _is_of(key: str, declared: Mapping[str, Declaration], inline: str) -> bool:
-    """True if a key is one of the section itself, and not of its inline part."""
+    """Return True if a key belongs to the section itself and not to its inline part."""
     return any(
         key == name or (declaration.role in ("parameter", "table") and key.startswith(f"{name}_"))
         for name, declaration in declared.items()
@@ -386,14 +384,14 @@ def _is_of(key: str, declared: Mapping[str, Declaration], inline: str) -> bool:
 
 
 def _names_kind(kind: type[Declared], value: Any) -> bool:
-    """True if a key `kind` only says what this is."""
+    """Return True if the key `kind` selects the class and is not a field of its own."""
     return issubclass(kind, Block) or ("kind" not in declarations(kind) and value == getattr(kind, "kind", ""))
 
 
 def _value(
     kind: type[Declared], table: TomlTable, key: str, name: str, declared: Declaration, factor: float, around: _Around
 ) -> Any:
-    """Return the value of a field from the value of a key."""
+    """Convert the value of a key to the value of its field."""
     value = table.values[key]
     match declared.role:
         case "parameter":
@@ -413,7 +411,7 @@ def _value(
 
 
 def _built(kind: type[Declared], table: TomlTable, fields: dict[str, Any]) -> Any:
-    """Build a value from its fields; errors of its check get file and line."""
+    """Construct the block or section from its fields, adding file and line to errors of its checks."""
     try:
         with np.errstate(all="ignore"):  # a value near 1e308 overflows in a check, which then refuses it
             if not issubclass(kind, Section):
@@ -436,7 +434,7 @@ def _prefix(table: TomlTable) -> str:
 
 
 def _kind(hint: Hint, table: TomlTable) -> type[Declared]:
-    """Return the class that `kind` names, or the only one that fits; a family of sections chooses by its keys."""
+    """Return the class named by `kind`, or the only matching one; a family of sections chooses by the keys."""
     first = hint.classes[0]
     if issubclass(first, Section):
         return first.choose(table)
@@ -458,7 +456,7 @@ def _kind(hint: Hint, table: TomlTable) -> type[Declared]:
 
 
 def _named(kind: type[Declared], key: str, table: TomlTable, declared: Mapping[str, Declaration]) -> tuple[str, float]:
-    """Return the field that a key means, and the factor to its unit."""
+    """Return the field that a key refers to, and the conversion factor to its unit."""
     declared = {name: declaration for name, declaration in declared.items() if declaration.role != "label"}
     if key in declared:
         return key, 1.0
@@ -523,7 +521,7 @@ def _text(table: TomlTable, key: str, declared: Declaration, value: Any) -> str:
 
 
 def _under_names(table: TomlTable, key: str, declared: Declaration, hint: Any, around: _Around) -> dict[str, Any]:
-    """Read sections or values by their names."""
+    """Read the sections or values of a `named` field."""
     group = table.optional(key)
     assert group is not None
     if len(group.values) < declared.shortest:
@@ -549,7 +547,7 @@ def _too_few(place: str, declared: Declaration, hint: Any) -> str:
 
 
 def _by_path(table: TomlTable, key: str, declared: Declaration) -> dict[str, float]:
-    """Read numbers by path, written in quotes or as nested tables."""
+    """Read numbers by path, given as quoted keys or nested tables."""
     group = table.optional(key)
     assert group is not None
     by_path: dict[str, float] = {}

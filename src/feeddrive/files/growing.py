@@ -1,10 +1,11 @@
-"""Tables in text that grow while they are read: a log that is being written, or rows from a pipe.
+"""Text tables that grow while they are read: a log that is being written, or rows from a pipe.
 
     rows = GrowingTable(GrowingFile("run.csv"))
-    rows.take()     # what is there, then what has come since
+    rows.take()     # first all existing rows, then the rows added since
 
-Only whole lines count.  A file that is cut, written anew or replaced begins anew; one that is not there yet, or no
-longer, is waited for.  A file is opened for each look and closed again, so that its writer may rename it.
+Only complete lines are read.  A file that is truncated, rewritten or replaced is read from its start; a file that does
+not exist yet, or no longer, is waited for.  A file is opened for each read and closed again, so that its writer may
+rename it.
 """
 
 from __future__ import annotations
@@ -48,11 +49,11 @@ _MOST = 16_000_000  # bytes of a pipe that wait for a page
 
 
 class Grown(NamedTuple):
-    """Bytes that have come.
+    """The bytes received since the last read.
 
-    begins  they are the first ones of the file or pipe
-    anew    what came before is over
-    ended   no more will come
+    begins  True if they are the first bytes of the file or pipe
+    anew    True if the file has started over, so that earlier bytes are obsolete
+    ended   True if no more bytes will follow
     """
 
     content: bytes
@@ -62,27 +63,27 @@ class Grown(NamedTuple):
 
 
 class GrowingBytes(Protocol):
-    """Bytes that grow at their end."""
+    """A byte stream that grows at its end."""
 
     name: str
 
     def head(self) -> bytes:
-        """Return the first bytes, `HEAD` at most, as far as they are there."""
+        """Return up to `HEAD` bytes from the start, as far as available."""
         ...
 
     def read(self) -> Grown:
-        """Return the bytes that have come since the last call. Raise FileError."""
+        """Return the bytes received since the last call. Raise FileError."""
         ...
 
     def waits(self) -> str:
-        """Return what is waited for; empty if nothing is."""
+        """Return what the stream is waiting for, as text; empty if it is not waiting."""
         ...
 
 
 class GrowingFile:
-    """A file at whose end somebody writes.
+    """A file to which another program is appending.
 
-    inside  a folder that it must not leave by a symbolic link; None: it may be anywhere
+    inside  folder that must contain the file after resolving symbolic links; None: no restriction
     """
 
     def __init__(self, path: str | Path, inside: Path | None = None) -> None:
@@ -97,11 +98,11 @@ class GrowingFile:
         return self._head
 
     def waits(self) -> str:
-        """Return that the file is not there; empty if it is."""
+        """Return a message if the file does not exist; empty if it does."""
         return "waits for the file: it is not there" if self._missing else ""
 
     def read(self) -> Grown:
-        """Read the new bytes; of a file that is long at first only the last `FIRST` bytes, from the start of a line."""
+        """Read the new bytes; at first at most the last `FIRST` bytes of the file, from the start of a line."""
         try:
             if self._inside is not None and not Path(os.path.realpath(self.path)).is_relative_to(
                 os.path.realpath(self._inside)
@@ -148,9 +149,9 @@ class GrowingFile:
 
 
 class Pipe:
-    """Rows that come through a pipe, as from `halsampler -t | feeddrive studio --follow -`.
+    """The rows received through a pipe, as from `halsampler -t | feeddrive studio --follow -`.
 
-    They are read once, by a thread, and kept for all who follow them: the last `_MOST` bytes.
+    A thread reads them once and keeps the last `_MOST` bytes for all followers.
     """
 
     def __init__(self, stream: BinaryIO, name: str = "-") -> None:
@@ -176,18 +177,18 @@ class Pipe:
         self.ended = True
 
     def since(self, at: int) -> tuple[bytes, int, bool]:
-        """Return the bytes from a place on, the place behind them, and whether some before them are gone."""
+        """Return the bytes from offset `at` on, the offset of their end, and True if bytes at `at` were discarded."""
         with self._lock:
             begin = max(at, self._begin)
             return bytes(self._content[begin - self._begin :]), self._begin + len(self._content), begin > at
 
     def follower(self) -> PipeFollower:
-        """Return a reader of the pipe with a place of its own."""
+        """Return a new reader of the pipe with its own read position."""
         return PipeFollower(self)
 
 
 class PipeFollower:
-    """A reader of a pipe, beside others."""
+    """A reader of a pipe, independent of its other readers."""
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe, self._at, self.name = pipe, 0, pipe.name
@@ -197,24 +198,23 @@ class PipeFollower:
         return self._pipe.first
 
     def waits(self) -> str:
-        """Return that the first bytes are waited for; empty once they are there."""
+        """Return a message while no bytes have been received; empty afterwards."""
         return "" if self._pipe.first else "waits for rows from the pipe"
 
     def read(self) -> Grown:
-        """Read the new bytes; from the start of a line if older ones are gone."""
+        """Read the new bytes, from the start of a line if older bytes were discarded."""
         ended, begins = self._pipe.ended, self._at == 0
         content, self._at, lost = self._pipe.since(self._at)
         return Grown(content.partition(b"\n")[2] if lost else content, begins and not lost, False, ended)
 
 
 class GrowingTable:
-    """The rows of a text that grows: of CSV of any kind, or of halsampler. See `LiveSource`.
+    """The rows of a growing text table: CSV of any kind, or halsampler output. See `LiveSource`.
 
-    sample_time  s, of a table without a column of time; None: rows are counted in samples
-    time_unit    of a column of time that states none; None: s
+    sample_time  s, of a table without a time column; None: time is counted in samples
+    time_unit    of a time column without a unit; None: s
 
-    Lines that are no rows are left out and counted.  halsampler's `overrun` is a gap; its numbers of samples are the
-    clock.
+    Invalid lines are skipped and counted.  halsampler's `overrun` is a gap; its sample numbers are the clock.
     """
 
     def __init__(
@@ -232,7 +232,7 @@ class GrowingTable:
         self._heard = clock.monotonic()
 
     def take(self) -> Rows:
-        """Return the new rows. Raise LogError for what is no table, FileError if it cannot be read."""
+        """Return the new rows. Raise LogError if the content is not a table, FileError if it cannot be read."""
         grown = self._content.read()
         self.over = grown.ended
         if grown.anew:
@@ -254,7 +254,7 @@ class GrowingTable:
         return rows
 
     def state(self) -> str:
-        """Return the state as a text: rows, silence, and lines that were left out."""
+        """Return the state as a text: number of rows, time without new rows, and skipped lines."""
         waiting = self._content.waits()
         if waiting:
             return waiting
@@ -270,10 +270,10 @@ class GrowingTable:
         return text
 
     def close(self) -> None:
-        """Do nothing: the file is open only while it is read."""
+        """Do nothing, since the file is open only during a read."""
 
     def _understand(self) -> bool:
-        """Find layout, names, units and clock in the first lines, once there are enough of them."""
+        """Detect layout, names, units and clock from the first lines; return False while there are too few."""
         head = self._content.head()
         full = len(head) >= HEAD  # what comes now makes nothing clearer
         head = head[: head.rfind(b"\n") + 1]
@@ -309,7 +309,7 @@ class GrowingTable:
         return True
 
     def _set(self, layout: CsvLayout, numbered: bool) -> None:
-        """Set layout, clock and channels; `numbered`: the first column holds the numbers of the samples."""
+        """Set layout, clock and channels; with `numbered` the first column holds sample numbers."""
         names = list(layout.names)
         counter = 0 if numbered else None
         if numbered:
@@ -367,7 +367,7 @@ class GrowingTable:
         return Rows(time, values, self._anew)
 
     def _line_by_line(self, text: str) -> np.ndarray:
-        """Return the rows among the lines; `overrun` becomes a row of NaN."""
+        """Parse the valid rows among the lines; `overrun` becomes a row of NaN."""
         assert self._layout is not None
         layout = self._layout
         rows = list[list[float]]()
@@ -391,6 +391,6 @@ def _number(cell: str, layout: CsvLayout) -> float:
 
 
 def _filled(counter: np.ndarray) -> np.ndarray:
-    """Return numbers of samples, where a gap has that of the row after it; the last one is a number."""
+    """Fill each NaN in the sample numbers with the next valid number; the last one must be valid."""
     good = np.flatnonzero(np.isfinite(counter))
     return counter[good[np.searchsorted(good, np.arange(counter.size))]]

@@ -1,9 +1,9 @@
-"""Models and responses for other tools: MATLAB files and CSV of an FRF, a linear model, a run or a log.
+"""Export to other tools: MATLAB and CSV files of an FRF, a linear model, a run or a log.
 
     fd.files.write_mat("model.mat", fd.linearize(loop, ["set_position"], ["position_load"]))
     >> m = load("model.mat");  sys = ss(m.A, m.B, m.C, m.D, m.sample_time_s);
 
-All numbers are in SI and come back bit for bit.
+All numbers are in SI and are preserved bit for bit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def write_mat(path: str | Path, source: Handed) -> None:
         StateSpace   A, B, C, D, sample_time_s, states, inputs, outputs
         Run, Log     time_s, sample_time_s, a column for each signal, units.SIGNAL
 
-    A letter that MATLAB does not allow in a name becomes _.  Raises FileError, ParameterError for anything else.
+    Characters that MATLAB does not allow in a name become _.  Raises FileError; ParameterError for any other type.
     """
     from scipy.io import savemat
 
@@ -45,13 +45,13 @@ def write_mat(path: str | Path, source: Handed) -> None:
 
 
 def write_csv(path: str | Path, source: Handed) -> None:
-    """Write a CSV, completely or not at all; each number with the fewest digits that give it back exactly.
+    """Write a CSV file, completely or not at all, with the fewest digits that reproduce each number exactly.
 
         FRF          as `write_frf`
         StateSpace   matrix, row, column, value; names and sample time in comments
-        Run, Log     time and signals with their units in the heads
+        Run, Log     time and signals with their units in the headers
 
-    Raises FileError, ParameterError for anything else.
+    Raises FileError; ParameterError for any other type.
     """
     if isinstance(source, FRF):
         write_frf(path, source)
@@ -99,7 +99,7 @@ def _variables(source: Any) -> dict[str, Any]:
 
 
 def _free(column: str, taken: dict[str, Any]) -> str:
-    """Return a name that is legal in MATLAB and unique."""
+    """Return a unique name that is valid in MATLAB."""
     name = re.sub(r"\W", "_", column, flags=re.ASCII)
     name = (name if name[:1].isalpha() else f"x{name}")[:_NAME]
     free, count = name, 2

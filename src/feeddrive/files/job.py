@@ -1,11 +1,11 @@
-"""A job file: a machine, the motion and loads it is simulated with, and the laws to compare.
+"""A job file: a machine, the motion and loads for its simulation, and the laws to compare.
 
 title = "softer or stiffer"
-machine = "my_mill.toml" # in the directory of the job, or the name of a bundled one
+machine = "my_mill.toml"           # in the directory of the job, or the name of a bundled one
 axis = "x"                         # needed if the machine has several
 seed = 0                           # of the noise
-rule = "equal gains" # what makes the laws comparable; printed in the report
-[reference]                        # the work: any reference block ...
+rule = "equal gains"               # what makes the laws comparable; printed in the report
+[reference]                        # the motion: any reference block ...
 kind = "snap_limited_move"
 [log]                              # ... or a measured log, whose reference is replayed
 file = "run.csv"
@@ -13,8 +13,8 @@ file = "run.csv"
 file = "part.ngc"
 [load]                             # a force on the table
 kind = "step_force"
-[others.y.reference] # of a coupled machine, or to run all axes: motion of another axis;
-kind = "linear_move" # axes without one stand still; [others.y.load] is a force on the table
+[others.y.reference]               # of a coupled machine, or to run all axes: motion of another axis;
+kind = "linear_move"               # axes without one stand still; [others.y.load] is a force on the table
 [[law]]                            # rows of the comparison; today's control is always the first
 name = "twice the gain"
 set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control], [law.axis.y.control]
@@ -112,9 +112,9 @@ class JobSection(Section):
 class Job(Result):
     """The content of a job file.
 
-    loops     the axis of the rows, by row
-    machines  by row all axes with their couplings, if the axis is coupled or `others` move; else empty
-    program   the planned part program that gives the references, if one does
+    loops     the loop of the compared axis, by row
+    machines  by row, all axes with their couplings, if the axis is coupled or `others` move; else empty
+    program   the planned part program that provides the references, if any
     """
 
     title: str
@@ -135,7 +135,7 @@ class Job(Result):
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
 
     def table(self) -> Table:
-        """Tabulate a law in each row, today's first."""
+        """Tabulate the laws, one per row, today's first."""
         work = self.reference.kind if self.reference is not None else "-"
         work = self.program.description if self.program is not None else work
         work = f"log {self.log.path.name}" if self.log is not None else work
@@ -152,9 +152,9 @@ JobLike: TypeAlias = str | Path | Job
 
 
 def read_job(path: JobLike, log: str | Path | None = None) -> Job:
-    """Read the job in a file, the bundled one of that name, or one that was read; `log` replaces its log's file.
+    """Read a job file, given by path or as the name of a bundled one, or return a Job; `log` replaces its log file.
 
-    Raises FileError, ParameterError or StructureError with file, line, key and what to do.
+    Raises FileError, ParameterError or StructureError with file, line, key and remedy.
     """
     if isinstance(path, Job):
         if log is None:
@@ -171,9 +171,9 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
 def job_of(
     file: TomlFile, place: Path, log: str | Path | None = None, values: Mapping[Key, Any] = MappingProxyType({})
 ) -> Job:
-    """Return the job of a file that was read; the files that it names stand beside `place`.
+    """Return the job in a parsed TOML file; the files that it names are relative to `place`.
 
-    values  of keys of the machine file, in place of what it says
+    values  values by key that replace those of the machine file
 
     Raises as `read_job`.
     """
@@ -212,7 +212,7 @@ def job_of(
 
 
 def _machine(root: TomlTable, place: Path, values: Mapping[Key, Any]) -> MachineFile:
-    """Read the machine that the job names."""
+    """Read the machine file named by the job."""
     name = read_field(JobSection, root, "machine")
     beside = place.parent / name
     try:
@@ -222,7 +222,7 @@ def _machine(root: TomlTable, place: Path, values: Mapping[Key, Any]) -> Machine
 
 
 def _axis(root: TomlTable, machine: MachineFile) -> str:
-    """Return the axis of the rows: the one that is named, the only one, or of a part program the first one."""
+    """Return the axis to compare: the named one, the only one, or with a part program the first one."""
     axis = read_field(JobSection, root, "axis")
     if axis is None and "program" in root.values:
         return next(iter(machine.loops))
@@ -233,7 +233,7 @@ def _axis(root: TomlTable, machine: MachineFile) -> str:
 
 
 def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool]:
-    """Return whether sections are about an axis that turns, by the begin of their key."""
+    """Return, by key prefix, True for sections that concern a rotary axis."""
     turns = {name: loop.axis.rotary for name, loop in machine.loops.items()}
     turning: dict[Key, bool] = dict.fromkeys((("reference",), ("load",), ("law",)), turns[axis])
     turning |= {("others", name): rotary for name, rotary in turns.items()}
@@ -244,7 +244,7 @@ def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool
 
 
 def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineFile) -> tuple[Coupling, ...]:
-    """Return the cuts of the process as couplings of the machine."""
+    """Return the cuts of the section [process] as couplings of the machine."""
     process = section.process
     if process is None or program is None:
         return ()
@@ -263,7 +263,7 @@ def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineF
 
 
 def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -> Reference | None:
-    """Return the motion of the axis of the rows; None for that of a log."""
+    """Return the reference of the compared axis; None if it comes from a log."""
     if program is None:
         return section.reference
     if axis not in program.references:
@@ -276,7 +276,7 @@ def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -
 def _program(
     section: JobSection, place: Path, machine: MachineFile, others: dict[str, Other], axis: str
 ) -> tuple[PlannedProgram | None, dict[str, Other]]:
-    """Return the planned program of a job, if it has one, and the other axes with the motions that it gives them."""
+    """Return the planned program of a job, if any, and the other axes with their motions from the program."""
     if section.program is None:
         return None, others
     for name, other in others.items():
@@ -292,7 +292,7 @@ def _program(
 
 
 def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, Other]:
-    """Return motions and loads of the other axes."""
+    """Return motions and loads of the other axes. Raise an error for an unknown axis."""
     there = [name for name in machine.loops if name != axis]
     for name, other in section.others.items():
         if name not in there:
@@ -303,7 +303,7 @@ def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, O
 
 
 def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, System]:
-    """Return the rows: the axis, or with a machine all its axes, under today's control and under the others."""
+    """Return the rows: the axis, or with a machine all its axes, under today's control and each law to compare."""
     whole: System = today if machine is None else machine
     rows = {"today": whole}
     for law in job.law:
@@ -318,7 +318,7 @@ def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, Sy
 
 
 def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str, Loop]:
-    """Return the axes of a row that have a control of their own in it."""
+    """Return the loops of those axes for which the row specifies a control."""
     loops = {today.name: today} if machine is None else machine.loops()
     controls = {} if law.control is None else {today.name: _replaced(law, law.dotted("control"), law.control, today)}
     for name, axis in (law.axis or {}).items():
@@ -331,7 +331,7 @@ def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str
 
 
 def _replaced(section: Section, place: str, control: Control, today: Loop) -> Loop:
-    """Return the loop under another control; a row without guard or limit has those of today."""
+    """Return the loop with another control, whose guard and force limit default to those of today's control."""
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
     try:
@@ -341,7 +341,7 @@ def _replaced(section: Section, place: str, control: Control, today: Loop) -> Lo
 
 
 def _varied(law: LawSection, values: Mapping[str, float], whole: System) -> System:
-    """Return the axes of a row that changes numbers of today's control."""
+    """Return the axes of a row that changes parameters of today's control."""
     places = [loop.place_of("control") for loop in whole.loops().values()]
     if isinstance(whole, Machine):
         places += [f"couplings.{i}" for i, coupling in enumerate(whole.couplings) if coupling.controls]

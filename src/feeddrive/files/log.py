@@ -1,7 +1,7 @@
 """A measured log: channels over time on one clock, with remarks on irregular channels.
 
-`read_log.py` makes one from a file.  A channel that is constant, clipped or slower than the clock is not refused; a
-remark says so.
+`read_log.py` reads one from a file.  A channel that is constant, clipped or slower than the clock is accepted with a
+remark.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from feeddrive.language.text import Text
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Log(Result):
-    """Channels over time, all finite, on one clock. `log["position_load"]` is an array of shape (n,) in `units`.
+    """The channels of a log, all finite, on one clock. `log["position_load"]` is an array of shape (n,) in `units`.
 
-    `time` holds the stamps as they were recorded, s; `sample_time` their common step, s, and `jitter` the largest
-    deviation from it as a share of it.  `constants` are single numbers in the file besides the columns; `left_out`
-    gives the reason for every column that is missing; `provenance` describes the source.
+    `time` holds the recorded stamps, s; `sample_time` their common step, s, and `jitter` the largest deviation from it
+    as a fraction of it.  `constants` are scalars stored in the file besides the columns; `left_out` gives the reason
+    for every omitted column; `provenance` describes the source.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Log(Result):
         return self.time.size
 
     def from_row(self, first: int) -> Log:
-        """Return the log without the rows before one. Raises LogError if none is left."""
+        """Return the log from row `first` on. Raises LogError if no row is left."""
         if first == 0:
             return self
         if first >= self.time.size:
@@ -76,7 +76,7 @@ class Log(Result):
         return remarks(self.channels)
 
     def table(self) -> Table:
-        """Tabulate least, largest and RMS value of every channel."""
+        """Tabulate minimum, maximum and RMS value of every channel."""
         rows: list[list[Cell]] = []
         for channel, values in self.channels.items():
             unit = self.units.get(channel, "")
@@ -95,7 +95,7 @@ LogLike: TypeAlias = Path | Log
 
 
 def _held(name: str, channel: str, values: Any) -> np.ndarray:
-    """Return a read-only float64 array of one dimension; copied only if other code could change it."""
+    """Return a read-only one-dimensional float64 array, copied only if the caller could still modify it."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
         raise LogError(f"{name}: '{channel}' must be a row of numbers, not of shape {array.shape}")
@@ -108,7 +108,7 @@ def _held(name: str, channel: str, values: Any) -> np.ndarray:
 
 
 def write_log(path: str | Path, log: Log) -> None:
-    """Write a log as Parquet, with units, sample time and origin; `read_log` gives the same numbers, bit for bit.
+    """Write a log as Parquet, with units, sample time and provenance; `read_log` reads it back bit for bit.
 
     Raises FileError if it cannot be written.
     """
@@ -146,7 +146,7 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _clipped(name: str, values: np.ndarray) -> str:
-    """Find a signal that reaches its largest or smallest value at full speed and stays there, several times."""
+    """Return a remark if the signal repeatedly reaches its extreme value at full slope and stays there; else empty."""
     if np.unique(values).size < _LEVELS:
         return ""
     steps = np.abs(np.diff(values))
@@ -167,7 +167,7 @@ def _clipped(name: str, values: np.ndarray) -> str:
 
 
 def _slow(name: str, values: np.ndarray) -> str:
-    """Find a signal that changes only at every m-th sample, as one from a slower task does."""
+    """Return a remark if the signal changes only at every m-th sample, as from a slower task; else empty."""
     changes = np.flatnonzero(np.diff(values))
     if changes.size < 20:
         return ""

@@ -1,20 +1,20 @@
-"""A machine file: axes with their physics, the control that runs on them, and what couples them.
+"""A machine file: axes with their physics and control, and the couplings between them.
 
 name = "my mill"
 sample_time_ms = 0.25
 [axis.x]                      # the physics; substeps, encoders, friction, forces
 [axis.x.plant]
 kind = "two_mass"
-[axis.x.control] # today's control: limit, guard, filters, feedforward
+[axis.x.control]              # today's control: limit, guard, filters, feedforward
 [axis.x.control.law]
 kind = "cascade_ppi"
-[axis.x.limits] # what a planned motion keeps: velocity to snap, travel
+[axis.x.limits]               # limits of planned motions: velocity to snap, travel
 velocity = 0.5
-[[couplings]] # interactions of the axes: structure modes, a cut, a recorded force
+[[couplings]]                 # interactions of the axes: structure modes, a cut, a recorded force
 kind = "structure_mode"
 [[couplings.shapes]]
 axis = "x"
-[geometry] # squareness, scales and straightness: where the tool point is
+[geometry]                    # geometric errors at the tool point: squareness, scales and straightness
 squareness_xy_urad = 20
 """
 
@@ -89,7 +89,7 @@ class LimitsSection(Section):
 class MachineFile(Result):
     """The content of a machine file: a loop for each axis, the couplings, and the source of the numbers.
 
-    `loops` are the axes alone, without couplings; `limits` are those of planned motions, of the axes that have some.
+    `loops` are the individual axes, without couplings; `limits` are the limits of planned motions, where stated.
     """
 
     name: str
@@ -103,7 +103,7 @@ class MachineFile(Result):
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """The texts that a person wrote in the file."""
+        """The user-defined texts in the file."""
         return self.name, self.source, self.remark
 
     @property
@@ -113,7 +113,7 @@ class MachineFile(Result):
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
     def table(self) -> Table:
-        """Tabulate an axis in each row: its plant and its control."""
+        """Tabulate plant and control, one row per axis."""
         rows = [
             [
                 name,
@@ -135,7 +135,7 @@ class MachineFile(Result):
     def loop(self, axis: str | None) -> Loop:
         """Return the loop of an axis; the only one if none is named.
 
-        Raises ParameterError for one that is not there, and for a coupled one: alone its motion would differ.
+        Raises ParameterError for an unknown axis, and for a coupled one, whose motion alone would differ.
         """
         name = self.named(axis)
         if self.coupled(name):
@@ -147,7 +147,7 @@ class MachineFile(Result):
         return self.loops[name]
 
     def named(self, axis: str | None) -> str:
-        """Return the name of an axis; of the only one if none is given. Raise ParameterError for an unknown axis."""
+        """Return the axis name, by default that of the only axis. Raise ParameterError if unknown or ambiguous."""
         if axis is None and len(self.loops) == 1:
             return next(iter(self.loops))
         if axis is None:
@@ -157,7 +157,7 @@ class MachineFile(Result):
         return axis
 
     def coupled(self, axis: str) -> str:
-        """Return the coupling of an axis, as a clause; empty if it has none."""
+        """Return a clause that describes the coupling of an axis; empty if it has none."""
         for i, coupling in enumerate(self.couplings):
             if axis in coupling.axes():
                 others = ", ".join(name for name in coupling.axes() if name != axis) or "the structure"
@@ -165,11 +165,11 @@ class MachineFile(Result):
         return ""
 
     def followers(self) -> dict[str, str]:
-        """Return by axis the one whose word of a part program moves it too: second drives of gantries."""
+        """Return the leader of each follower axis, such as the second drive of a gantry."""
         return {name: leader for coupling in self.couplings for name, leader in coupling.follows().items()}
 
     def machine(self, *couplings: Coupling) -> Machine:
-        """Return all axes as one machine, with the couplings of the file and these.
+        """Return all axes as one machine, with the couplings of the file and the given ones.
 
         Raises ParameterError and StructureError as `Machine`.
         """
@@ -183,9 +183,9 @@ MachineLike: TypeAlias = str | Path | MachineFile
 def read_machine(
     path: MachineLike, *, quoting: bool = True, values: Mapping[Key, Any] = MappingProxyType({})
 ) -> MachineFile:
-    """Read the machine in a file, or the bundled one of that name; one that was read is returned as it is.
+    """Read a machine file, given by path or as the name of a bundled one; a MachineFile is returned unchanged.
 
-    values  of keys, in place of what the file says
+    values  values by key that replace those of the file
 
     Raises FileError (the file) and ParameterError or StructureError (a key in it), all with file and line.
     """
@@ -212,7 +212,7 @@ def machine_toml(
     remark: str = "",
     limits: Mapping[str, AxisLimits] = MappingProxyType({}),
 ) -> str:
-    """Return the text of a machine file, from which `read_machine` makes the same machine.
+    """Return the text of a machine file, from which `read_machine` reproduces the machine.
 
     Raises StructureError for a machine that holds arrays of variants.
     """
@@ -231,7 +231,7 @@ def machine_toml(
 
 
 def _loop(machine: MachineSection, name: str, section: AxisSection) -> Loop:
-    """Return the loop of an axis."""
+    """Build the loop of an axis from its section."""
     try:
         return Loop(axis=section.physics, control=section.control, sample_time=machine.sample_time, name=name)
     except (ParameterError, StructureError) as error:
@@ -239,7 +239,7 @@ def _loop(machine: MachineSection, name: str, section: AxisSection) -> Loop:
 
 
 def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
-    """Raise the error of the first coupling that does not suit the axes, or of the geometry, with its line."""
+    """Raise an error, with its line, if a coupling or the geometry is incompatible with the axes."""
     for k in range(len(section.couplings)):
         try:
             Machine.of(loops, section.couplings[: k + 1])
@@ -255,7 +255,7 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
 
 
 def find_bundled(path: str | Path, folder: str) -> Path:
-    """Return the path itself, or the file bundled in a folder under that name. Raise FileError if there is neither."""
+    """Return the path if it exists or has a suffix, else the bundled file of that name. Raise FileError if missing."""
     file = Path(path)
     if file.exists() or file.suffix:
         return file
@@ -267,11 +267,11 @@ def find_bundled(path: str | Path, folder: str) -> Path:
 
 
 def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> MachineLimits:
-    """Return by letter the limits of the axes that a part program moves: of a machine, a file of limits, or both.
+    """Return, by axis letter, the limits for planning a part program from a machine, a limits file, or both.
 
-    A file of limits has sections [axis.x.limits] as a machine file has; they replace those of the machine, of which
-    axes that have no name of a part program are left out: x y z u v w, and a b c if they turn.  Raises FileError or
-    ParameterError.
+    A limits file has sections [axis.x.limits] like a machine file; they replace those of the machine.  Machine axes
+    whose name is not an axis letter of part programs are omitted: x y z u v w, and a b c for rotary axes.  Raises
+    FileError or ParameterError.
     """
     stated: dict[str, AxisLimits] = {}
     if limits is not None:
@@ -307,7 +307,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
 
 
 def _resolution(loop: Loop) -> float | None:
-    """Return the resolution of an axis's position, m: of the encoder at the load, else of the one at the motor."""
+    """Return the position resolution of an axis, m: of the load encoder, else of the motor encoder; None without."""
     for encoder in (loop.axis.encoder_load, loop.axis.encoder_motor):
         resolution = getattr(encoder, "resolution", None)
         if resolution is not None:

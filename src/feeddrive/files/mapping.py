@@ -1,17 +1,17 @@
-"""What each column of a log is: guessed from names and units, and stated.
+"""The roles of a log's columns: guessed from names and units, or stated in a mapping.
 
-Guess the role of each channel of a log from its name and unit; the guess is shown first, as a table or as TOML.
+`guess_roles` guesses the role of each channel from its name and unit; the guess can be inspected as a table or as TOML.
 
     guess = guess_roles(read_log("run.csv"))
-    print(guess) # role, channel, unit, reason
+    print(guess)                                  # role, channel, unit, reason
     print(guess.toml("run.csv"))                  # [log] and [log.channels] for a job, or for `read_request`
-    log = read_log("run.csv", guess.mapping)      # the `Mapping` that the text says
+    log = read_log("run.csv", guess.mapping)      # the same `Mapping` as in the TOML text
 
-A name states quantity, set or measured, motor or load, and axis.  It is cut into words at punctuation, digits and
-capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.  A known unit decides the quantity; without one the
-words decide.  A guess is used only on the user's request.
+A name states quantity, set or measured, motor or load, and axis.  It is split into words at punctuation, digits and
+capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.  A known unit determines the quantity; otherwise the
+words do.  A guess is used only on the user's request.
 
-The mapping of roles to a log's columns: one value for the page, a channels file, the command line and Python.
+`Mapping` assigns roles to a log's columns, in one form for the page, a channels file, the command line and Python:
 
 mapping = Mapping({"position_load": Column(name="x", unit="mm"), "force": Column(name="f", factor=12.0)})
 log = read_log("run.csv", mapping)
@@ -124,7 +124,7 @@ _SHORT = re.compile(r"(u|v|i|iq|f|pos|vel)_?([xyz])")
 
 @dataclass(frozen=True)
 class NameReading:
-    """The meaning of a name. `exact`: the name itself is that of a role."""
+    """The meaning of a channel name. `exact` is the role if the name itself is the name of a role."""
 
     quantity: str = ""
     is_set: bool = False
@@ -136,7 +136,7 @@ class NameReading:
 
     @property
     def is_weak(self) -> bool:
-        """True for a command that may be only a set value; an `output` is preferred to it."""
+        """True for a command that may merely be a set value; an `output` takes precedence over it."""
         return self.quantity == "command" and self.is_set
 
     @property
@@ -146,13 +146,13 @@ class NameReading:
 
 
 def words_of(name: str) -> list[str]:
-    """Return the words of a name, in lower case."""
+    """Split a name into words, in lower case."""
     cut = _BEFORE.sub(r"\1 ", _BEHIND.sub(r" \1", re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", name)))
     return [word.lower() for word in re.findall(r"[A-Za-zÄÖÜäöü]+[0-9]?|[0-9]+", cut)]
 
 
 def read_name(name: str, unit: str) -> NameReading:
-    """Return the meaning of a channel's name and unit."""
+    """Interpret the name and the unit of a channel."""
     words = words_of(name)
     unit, bare = (unit, words) if unit else _unit_at_the_end(name, words)
     axis = _axis(name, bare)
@@ -191,9 +191,9 @@ def read_name(name: str, unit: str) -> NameReading:
 
 
 def unit_in_name(name: str) -> str:
-    """Return the unit that a name ends with, `pos_act_mm`, `force_N`: a single letter only if it fits the name.
+    """Return the unit suffix of a name, as in `pos_act_mm`, `force_N`; a single letter only if it matches the quantity.
 
-    `u_in` is an input and no inch.
+    `u_in` is an input, not inches.
     """
     unit = _unit_at_the_end(name, [])[0]
     if unit:
@@ -203,7 +203,7 @@ def unit_in_name(name: str) -> str:
 
 
 def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
-    """Return the unit that a name ends with, `x_cmd_mm`, and its other words; not a single letter, nor `in`."""
+    """Split off the unit suffix of a name, as in `x_cmd_mm`, except single letters and `in`; return unit and words."""
     for start in [k + 1 for k, letter in enumerate(name) if letter in "_ "]:
         end = name[start:].replace(" ", "_")
         unit = unit_of(re.sub(r"^(u?m?m|rad|deg)_(s2?)$", r"\1/\2", end))  # rad_s is rad/s in a name
@@ -225,7 +225,7 @@ def _axis(name: str, words: list[str]) -> str:
 
 
 def _by_words(name: str, words: list[str]) -> str:
-    """Return the quantity that the words of a name stand for; `command` only if nothing else does."""
+    """Return the quantity named by the words of a name; `command` only if no other quantity matches."""
     for quantity, known in _WORDS.items():
         if known & set(words):
             return quantity
@@ -272,11 +272,11 @@ _OTHER = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Guess(Result):
-    """Roles of the channels of a log: `mapping` for `read_log`, with the reason of each, and open questions.
+    """The guessed roles of a log's channels: `mapping` for `read_log`, with reasons, and unresolved channels.
 
     `needs` names channels whose role is clear but whose unit needs a factor (percent of a rated torque, counts), with
     the factor's meaning; `unused` names channels without a role, with the reason; `lost` the column that would have a
-    role if its cells were numbers, and what they are.
+    role if its cells were numbers, with their actual content.
     """
 
     name: str
@@ -286,7 +286,7 @@ class Guess(Result):
     lost: abc.Mapping[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
 
     def table(self) -> Table:
-        """Tabulate role, channel, unit and reason; then channels that need a factor, then unused ones."""
+        """Tabulate role, channel, unit and reason, followed by channels that need a factor and unused channels."""
         rows = [
             [role, column.name, column.unit or ROLES[role] or "own", self.mapping.reasons.get(role, "")]
             for role, column in self.mapping.items()
@@ -310,7 +310,7 @@ class Guess(Result):
 def guess_roles(log: Log, axis: str | None = None) -> Guess:
     """Guess the roles of the channels of a log that was read without a mapping.
 
-    axis  which axis, of a log with several: `x`, or the number of a joint; default: the first one
+    axis  the axis of a log with several: `x`, or the number of a joint; default: the first one
 
     Raises ParameterError for an axis that no channel names.
     """
@@ -359,7 +359,7 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
 
 
 def _role(reading: NameReading) -> str:
-    """Return the role of a quantity, set or measured, at the motor, at the load or anywhere."""
+    """Return the role of a quantity: set value, or measured at the motor, at the load or at an unspecified place."""
     if reading.quantity not in _ROLES:
         return ""
     place = 0 if reading.is_set else {"motor": 1, "load": 2}.get(reading.side, 3)
@@ -374,7 +374,7 @@ def _take(
     reasons: dict[str, str],
     needs: dict[str, tuple[str, str]],
 ) -> None:
-    """Give a channel its role, or note the factor that it needs."""
+    """Assign a role to a channel, or record the factor that it needs."""
     if role in OWN_UNIT:
         mapping[role] = Column(name=name, unit=reading.unit if _known(reading.unit) else "")
     elif not reading.unit:
@@ -402,7 +402,7 @@ def _second(
     reasons: dict[str, str],
     needs: dict[str, tuple[str, str]],
 ) -> None:
-    """Give two channels of one kind their roles: the first in the file is the motor's, the second the load's."""
+    """Assign roles to two channels of the same kind: the first in the file is the motor's, the second the load's."""
     motor, load = (other, role) if role.endswith("_load") else (role, other)
     if role in mapping:
         mapping[motor] = mapping.pop(role)
@@ -432,7 +432,7 @@ def _fits(unit: str, role: str) -> bool:
 
 
 def write_roles(path: str | Path, guess: Guess, file: str | Path = "") -> None:
-    """Write the guess as TOML, to correct by hand. Raises FileError if it cannot be written."""
+    """Write the guess as TOML for manual correction. Raises FileError if it cannot be written."""
     write_whole(path, guess.toml(file))
 
 
@@ -441,15 +441,15 @@ _LONGEST = 1e9  # s, of a sample time
 
 @dataclass(frozen=True)
 class Mapping(abc.Mapping[str, Column]):
-    """The columns of a log by role, as `read_log` takes them.
+    """The columns of a log by role, as accepted by `read_log`.
 
-    columns      by role
-    optional     the same for columns that may be missing
-    reasons      why a column has its role, by role
-    axis         of a log with several, as its columns name it; empty for a log of one axis
-    sample_time  of a log without a column of time, or whose stamps are rounded, s
+    columns      required columns by role
+    optional     columns by role that may be missing
+    reasons      the reason for each assignment, by role
+    axis         axis name used in the columns of a log with several axes; empty for a log of one axis
+    sample_time  of a log without a time column, or with rounded stamps, s
 
-    Raises ParameterError for a role, unit, factor or sample time that cannot be.
+    Raises ParameterError for an invalid role, unit, factor or sample time.
     """
 
     columns: abc.Mapping[str, Column]
@@ -484,9 +484,9 @@ class Mapping(abc.Mapping[str, Column]):
         return len(self.columns)
 
     def text(self, file: str | Path = "") -> str:
-        """Return the sections [log], [log.channels] and [log.optional] of TOML, as a job has them.
+        """Return the TOML sections [log], [log.channels] and [log.optional], as in a job.
 
-        file  the log itself, for a file that is read without naming one
+        file  name of the log to include, so that it need not be given when the text is read
         """
         lines = ["[log]"]
         if str(file):
@@ -503,11 +503,11 @@ class Mapping(abc.Mapping[str, Column]):
 
     @staticmethod
     def read(text: str, name: str = "mapping") -> Mapping:
-        """Read the text of a mapping.
+        """Parse the text of a mapping.
 
-        name  of its file in errors
+        name  file name in errors
 
-        Raises FileError or ParameterError with file, line, key and what to do.
+        Raises FileError or ParameterError with file, line, key and remedy.
         """
         return read_section(LogSection, parse_toml(text, name).root().section("log"), besides=("file",)).mapping
 
@@ -517,7 +517,7 @@ MappingLike: TypeAlias = Path | Mapping
 
 
 def entry(role: str, column: Column, reason: str = "") -> str:
-    """Return the line of [log.channels] for a column."""
+    """Return the line for a column in [log.channels]."""
     words = [f"column = {quoted(column.name)}"]
     if column.unit:
         words.append(f"unit = {quoted(column.unit)}")
@@ -544,7 +544,7 @@ class ColumnSection(Section):
     reason: str = text("why the column has the role", default="")
 
     def of(self, role: str) -> Column:
-        """Return the column as one of a role. Raises ParameterError for a unit or factor that cannot be its own."""
+        """Return the column for a role. Raises ParameterError for an invalid unit or factor."""
         try:
             return Column(name=self.column, unit=self.unit, factor=self.factor).checked(role)
         except ParameterError as error:
@@ -569,7 +569,7 @@ class LogSection(Section):
 
     @property
     def mapping(self) -> Mapping:
-        """The columns by role. Raises ParameterError for a unit or a factor that its role cannot have."""
+        """The columns by role. Raises ParameterError for a unit or factor that is invalid for its role."""
         columns, optional = (
             {role: column.of(role) for role, column in sections.items()} for sections in (self.channels, self.optional)
         )

@@ -1,18 +1,18 @@
-"""Planned part programs: the section [program] of a job, and a plan in files.
+"""Planned part programs: the section [program] of a job, and the files of a plan.
 
-A plan in files: setpoints as Parquet and as text for LinuxCNC's `streamer`, `plan.json`, stops beyond 1,000.
+The files of a plan:
 
 setpoints.parquet   time, set_position .. set_snap of each axis (x.set_position ...), line of the program; SI
-streamer.txt        positions in mm, of A B C in degrees, one line a sample: what LinuxCNC's `halstreamer` reads
-streamer.hal        lines that load it
-plan.json           cycle time, limits and how much of each is used, stops, what is proven
-stops.parquet       all stops, where they are more than 1,000
+streamer.txt        positions in mm, A B C in degrees, one line per sample: input of LinuxCNC's `halstreamer`
+streamer.hal        HAL commands that load it
+plan.json           cycle time, limits and their utilization, stops, proof
+stops.parquet       all stops, if there are more than 1,000
 
-The section [program] of a job: a part program, planned, as the reference of all axes that it moves.
+The section [program] of a job, whose planned part program is the reference of all axes that it moves:
 
 [program]
 file = "part.ngc"                  # beside the job, or a bundled one: circle_diamond_square.ngc
-tools = "tool.tbl"                 # optional, as offsets, tables_inch, skip_deleted of `feeddrive plan`
+tools = "tool.tbl"                 # optional; also offsets, tables_inch, skip_deleted as for `feeddrive plan`
 limits = "limits.toml"             # in place of [axis.x.limits] of the machine file
 
 or the recorded setpoints of another planner, smoothed (`path/smoothing.py`):
@@ -20,8 +20,8 @@ or the recorded setpoints of another planner, smoothed (`path/smoothing.py`):
 [program]
 recorded = "log.csv.gz"
 columns = { x = "x_mm", y = "y_mm" }
-sample_time_ms = 1                 # of a log without a column of time
-average_ms = 4                     # of each of four averages
+sample_time_ms = 1                 # of a log without a time column
+average_ms = 4                     # length of each of four moving averages
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ _PER = ("", "/s", "/s2", "/s3", "/s4")
 
 
 class SetpointWriter:
-    """Samples into files, in constant memory."""
+    """A buffered writer of setpoints and stops to files, in constant memory."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class SetpointWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Write the samples and stops that are held."""
+        """Write the buffered samples and stops."""
         if self._rows:
             self._write_samples()
         if self._stood:
@@ -137,7 +137,7 @@ class SetpointWriter:
 
 @contextlib.contextmanager
 def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, program: str) -> Generator[SetpointWriter]:
-    """Yield a writer of setpoints and stops into files of a folder; they appear at the end, or not at all."""
+    """Yield a writer of setpoint and stop files in a folder; they appear at the end, or not at all."""
     letters = [letter.lower() for letter in limits.letters]
     base = {letter.lower(): "rad" if letter in ROTARY else "m" for letter in limits.letters}
     units = {
@@ -159,7 +159,7 @@ def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, prog
 
 
 def _lines(file: Any, rows: np.ndarray) -> None:
-    """Write numbers separated by blanks, each with the fewest digits that give it back."""
+    """Write rows of numbers separated by blanks, with the fewest digits that reproduce each number exactly."""
     import pyarrow as arrow
     from pyarrow import csv
 
@@ -170,7 +170,7 @@ def _lines(file: Any, rows: np.ndarray) -> None:
 
 
 def _hal(letters: Sequence[str], sample_time: float, program: str) -> str:
-    """Return the commands of HAL that load the setpoints."""
+    """Return the HAL commands that load the setpoints."""
     pins = [f"# net {letter}-set streamer.0.pin.{i} => pid.{letter}.command" for i, letter in enumerate(letters)]
     lines = [
         f"# Setpoints of {program}: positions of {', '.join(letters)} in mm, a line every {1e3 * sample_time:.12g} ms.",
@@ -186,7 +186,7 @@ def _hal(letters: Sequence[str], sample_time: float, program: str) -> str:
 
 
 def plan_record(plan: Planned) -> dict[str, Any]:
-    """Return the content of `plan.json`; SI."""
+    """Return the content of `plan.json`, in SI units."""
     proof = plan.proof
     uses = {
         letter: {
@@ -235,7 +235,7 @@ def _stop(letters: str, stop: Standstill) -> dict[str, Any]:
 
 
 def write_plan(folder: Path, plan: Planned) -> None:
-    """Write `plan.json`, beside the setpoints if the plan is proven; remove them if it is not."""
+    """Write `plan.json`, and remove the setpoint files if the plan is not proven."""
     proven = plan.proof.count == 0
     for name in () if proven else (SETPOINTS, STREAMER, HAL, STOPS):
         (folder / name).unlink(missing_ok=True)
@@ -292,13 +292,13 @@ FILES = tuple(
 class PlannedProgram:
     """A part program as references of axes, by their names in the machine file.
 
-    description  in words, for reports
-    file     of the program; None for recorded setpoints, which have none of what follows
-    planned  what it came to
-    line     of the program by sample, shape (samples,)
-    counted  the samples that cut, or without a [process] all that are at a feed, shape (samples,)
-    cuts     what the tools do over time, by the section [process]
-    process  that section
+    description  text for reports
+    file         of the program; None for recorded setpoints, as for all following fields
+    planned      the result of the planner
+    line         line of the program by sample, shape (samples,)
+    counted      True for samples in cut, or without a [process] for all samples at feed, shape (samples,)
+    cuts         cutting conditions over time, by the section [process]
+    process      the cutting process of the section [process]
     """
 
     references: Mapping[str, Recorded]
@@ -311,7 +311,7 @@ class PlannedProgram:
     process: Process | None = None
 
     def couplings(self, substep: float) -> tuple[Coupling, ...]:
-        """Return the cuts as couplings of a machine with these substeps, s. Raise ParameterError without x and y."""
+        """Return the cuts as couplings of a machine with this substep, s. Raise ParameterError without x and y."""
         return () if self.process is None else self.process.couplings(self.cuts, tuple(self.references), substep)
 
 
@@ -320,8 +320,8 @@ def planned_program(
 ) -> PlannedProgram:
     """Plan the program of a section within the limits of the machine, prove it, and return it with its cuts.
 
-    Raises ParameterError or FileError as the files of the section are wrong, ProgramError at a line of the program,
-    NotPlannedError if it is too long or its proof does not hold.
+    Raises ParameterError or FileError for an invalid section or file, ProgramError at a line of the program,
+    NotPlannedError if it is too long or its proof fails.
     """
     if isinstance(section, RecordedSection):
         if process is not None:
@@ -392,7 +392,7 @@ def planned_program(
 
 
 def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:
-    """Return True where the tool is in the work, for each time."""
+    """Return a mask that is True at the times at which the tool is in cut."""
     begins = np.array([cut.begin for cut in cuts])
     depths = np.array([cut.axial_depth for cut in cuts])
     # rounding of k T must not put a sample before the begin of its cut
@@ -400,7 +400,7 @@ def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:
 
 
 def _reference(rows: np.ndarray, T: float) -> Recorded:
-    """Return position to snap in columns as a reference."""
+    """Return a recorded reference from the columns position to snap."""
     position, velocity, acceleration, jerk, snap = (np.ascontiguousarray(column) for column in rows.T)
     return Recorded(
         position=position, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=snap, sample_time=T
@@ -408,7 +408,7 @@ def _reference(rows: np.ndarray, T: float) -> Recorded:
 
 
 def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> PlannedProgram:
-    """Return the setpoints that another planner has recorded, of the axes that have a column."""
+    """Read and smooth the setpoints recorded from another planner, for the axes that have a column."""
     path = _path(section, place, "recorded")
     file = OpenedFile(path)
     unknown = next((name for name in section.columns if name not in machine.loops), None)
@@ -439,7 +439,7 @@ def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> Pl
 
 
 def _path(section: ProgramSection, place: Path, name: str) -> Path:
-    """Return the file that a key names: beside the job, or a bundled one."""
+    """Return the file named by a key, in the folder of the job or bundled. Raise the section's error if missing."""
     value = str(getattr(section, name))
     beside, bundled = place.parent / value, BUNDLED / "programs" / value
     if beside.exists():

@@ -1,6 +1,6 @@
-"""Reading of measured logs: the reader by the content of the file, and channels in SI on one clock.
+"""Reading of measured logs: the format is detected from the content; channels are in SI on one clock.
 
-The clock must have one sample time, no gap and no step back. Every error states its place and the remedy.
+The stamps must have one sample time, no gap and no backward step. Every error states its place and the remedy.
 """
 
 from __future__ import annotations
@@ -98,15 +98,15 @@ _OTHERS = (
 
 
 def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the columns of a log of any known format. Raise LogError for a damaged file and one of another kind."""
+    """Read the columns of a log of any supported format. Raise LogError for a damaged or unsupported file."""
     content = unpacked(name, content)
     return reader_of(name, content)(name, content, wanted)
 
 
 class OpenedFile:
-    """A measured file that several functions use: it is read and parsed once; or a log that was read.
+    """A measured file, or a log in memory, that is read and parsed once for several functions.
 
-    `read_log`, `read_arrays` and `read_frfs` take it in place of a path. The complete file is parsed.
+    `read_log`, `read_arrays` and `read_frfs` accept it in place of a path. The complete file is parsed.
     """
 
     def __init__(self, path: str | Path | Log) -> None:
@@ -135,7 +135,7 @@ class OpenedFile:
 
     @cached_property
     def unpacked(self) -> bytes:
-        """The content, unpacked if it is packed by gzip."""
+        """The content, decompressed if it is packed by gzip."""
         return unpacked(str(self), self.content)
 
     @cached_property
@@ -145,13 +145,13 @@ class OpenedFile:
 
     @cached_property
     def columns(self) -> Columns:
-        """The columns of a file of any known format. Raises LogError."""
+        """The columns of a file of any supported format. Raises LogError."""
         reader = reader_of(str(self), self.unpacked)
         return self.csv if reader is read_csv else reader(str(self), self.unpacked, None)
 
 
 def reader_of(name: str, content: bytes) -> Reader:
-    """Return the reader of a content. Raise LogError for a file of another kind."""
+    """Return the reader for the format of the content. Raise LogError for an unsupported format."""
     if content.startswith(b"MATLAB 5.0 MAT-file"):
         return read_mat
     if content.startswith(_HDF5) or content[512:].startswith(_HDF5):
@@ -169,7 +169,7 @@ def reader_of(name: str, content: bytes) -> Reader:
 
 
 def _text_reader(content: bytes) -> Reader:
-    """Return the reader of a text: that of the maker whose header it has, else that of CSV."""
+    """Return the reader of a text: that of the recorder whose header it has, else that of CSV."""
     for fits, reader in _TEXTS:
         if fits(content):
             return reader
@@ -177,7 +177,7 @@ def _text_reader(content: bytes) -> Reader:
 
 
 def refuse_others(name: str, content: bytes, readable: str) -> None:
-    """Raise LogError, with the kind, for a file of a kind that is not text."""
+    """Raise LogError, naming the kind, for a TOML file or a file that is not text."""
     for start, what, advice in _OTHERS:
         if content.startswith(start):
             raise LogError(f"{name}: is {what}, not a log that can be read ({readable}); {advice}")
@@ -188,7 +188,7 @@ def refuse_others(name: str, content: bytes, readable: str) -> None:
 
 
 def _is_toml(content: bytes) -> bool:
-    """Return True if a text is TOML: a machine file, a job, a mapping of columns. A table of numbers never is."""
+    """Return True for a TOML text such as a machine file, job or column mapping; a table of numbers is never TOML."""
     if not _PAIR.match(content[:65536]) or len(content) > _MOST_TOML:
         return False
     try:
@@ -204,7 +204,7 @@ def _expected(name: str) -> str:
 
 
 def unpacked(name: str, content: bytes) -> bytes:
-    """Return the content, unpacked if packed by gzip. Raise LogError if it is empty, damaged or too large."""
+    """Return the content, decompressed if packed by gzip. Raise LogError if it is empty, damaged or too large."""
     if content[:2] == b"\x1f\x8b":
         content = _unpacked(name, content)
     if not content:
@@ -263,14 +263,14 @@ def read_log(
     """Read a measured log: MATLAB (5 to 7.3), CSV of any kind, Parquet, numpy, EPOS Studio, halscope and halsampler;
     also packed by gzip.
 
-    mapping      role -> column, for the roles in `ROLES`; without it every column of numbers is a channel in its own
-                 unit; a column that is named like time need not be mapped
-    optional     the same for columns that may be missing
-    sample_time  s, for a file without a column of time, or whose stamps are rounded; these two a `Mapping` may state
-    name of the log in errors; default: the name in the file, else the path
+    mapping      role -> column, for the roles in `ROLES`; without it every numeric column is a channel in its own
+                 unit; a column with a usual name of time need not be mapped
+    optional     role -> column, for columns that may be missing; may be part of a `Mapping`
+    sample_time  s, for a file without a time column, or with rounded stamps; may be part of a `Mapping`
+    name         the name of the log in errors; default: the name in the file, else the path
 
-    Raises FileError (no such file, ...) or LogError (of another kind, damaged, empty, NaN, gaps, a clock that is not
-    uniform, a column that is missing or in another unit), each with file, row and what to do.
+    Raises FileError (no such file, ...) or LogError (unsupported format, damaged, empty, NaN, gaps, a non-uniform
+    clock, a column that is missing or has a wrong unit), each with file, row and remedy.
     """
     optional = optional or {}
     if isinstance(mapping, Mapping):
@@ -285,9 +285,9 @@ def read_log(
 
 
 def read_arrays(path: str | Path | OpenedFile) -> dict[str, np.ndarray]:
-    """Read the columns of numbers of a file that is no log over time: a cogging map, a friction curve.
+    """Read the numeric columns of a file that is not a log over time, such as a cogging map or a friction curve.
 
-    No time column is needed.  Values are those of the file, NaN included; a matrix of numpy gives column_1, ...
+    No time column is needed.  Values are those of the file, NaN included; a numpy matrix gives column_1, ...
     Raises FileError or LogError as `read_log`.
     """
     try:
@@ -366,7 +366,7 @@ def _read_log(
 
 
 def _column(path: str, role: str, named: Named) -> Column:
-    """Return a Column from its short forms. Raise ParameterError as `Column.checked`."""
+    """Return the Column for any of its short forms. Raise ParameterError as `Column.checked`."""
     match named:
         case Column():
             column = named
@@ -383,7 +383,7 @@ def _column(path: str, role: str, named: Named) -> Column:
 
 
 def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
-    """Return the mapped columns, time by its usual name if it is not mapped, and every other one under its own name."""
+    """Return the mapped columns, an unmapped time column by its name, and with `everything` all other columns."""
     chosen = dict(asked)
     time = next((name for name in columns.values if is_time(name)), None)
     if "time" not in chosen and time is not None:
@@ -397,7 +397,7 @@ def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bo
 def _values(
     path: str, columns: Columns, role: str, column: Column, asked: abc.Mapping[str, Column]
 ) -> tuple[np.ndarray, str]:
-    """Return the numbers of a column, all finite, and their unit: that of the role, else that of the file."""
+    """Return the values of a column, all finite, and their unit: that of the role, else that of the file."""
     numbers = columns.values.get(column.name)
     if numbers is None:
         if column.name in columns.left_out:
@@ -430,7 +430,7 @@ def _values(
 
 
 def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Convert stamps without a unit to s by a sampling rate in the same file; return also how the unit was found."""
+    """Convert stamps without a unit to s using a sampling rate in the file; return also how the unit was determined."""
     if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
         return time, ""
     rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}
@@ -448,7 +448,7 @@ def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple
 def _stamps(
     path: str, columns: Columns, channels: abc.Mapping[str, np.ndarray], sample_time: float | None
 ) -> np.ndarray:
-    """Return the stamps of a uniform clock, for a file that has none."""
+    """Return uniform stamps, s, for a file without a time column. Raise LogError without a sample time or any rows."""
     rows = max((numbers.size for numbers in channels.values()), default=0)
     left = "".join(f"; '{name[:40]}' is {why}" for name, why in list(columns.left_out.items())[:5])
     if rows == 0:
@@ -464,7 +464,7 @@ def _stamps(
 
 
 def _as_frequencies(columns: Columns) -> str:
-    """Return a hint for a table that may be a frequency response: its first column rises and is not negative."""
+    """Return a hint if the table may be a frequency response: its first column is non-negative and increasing."""
     first = next(iter(columns.values.values()), None)
     if first is None or first.size < LEAST_ROWS or first[0] < 0.0 or not np.all(np.diff(first) > 0.0):
         return ""
@@ -481,17 +481,17 @@ _SLOWEST, _FASTEST = 0.5, 1e-7  # s; a servo log outside is one in another unit
 
 @dataclass(frozen=True)
 class Clock:
-    """Sample time in s, and the largest deviation of a step from it as a share of it."""
+    """The sample time in s, and the largest deviation of a step from it as a fraction of it."""
 
     sample_time: float
     jitter: float
 
 
 def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float | None = None) -> Clock:
-    """Return the clock of stamps in s, shape (n,).
+    """Check that stamps in s, shape (n,), are uniform, and return their clock.
 
-    With a `sample_time` given, the stamps may be rounded, as long as none is off by half a sample.
-    Raises LogError that names the file, the first bad row, its stamps, and what to do.
+    With a `sample_time`, the stamps may be rounded, as long as every one is off by less than half a sample.
+    Raises LogError with the file, the first bad row, its stamps and the remedy.
     """
     if time.size < LEAST_ROWS:
         raise LogError(f"{name}: has {time.size} row{'s' * (time.size != 1)}; a log needs at least {LEAST_ROWS}")
@@ -539,7 +539,7 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
 
 
 def _grow(time: np.ndarray) -> bool:
-    """Return True if the stamps rise by a constant factor, over an octave at least, as frequencies do."""
+    """Return True if the stamps are logarithmically spaced over at least an octave, as frequencies are."""
     if time.size < 10 or not time[0] > 0.0 or time[-1] < 2.0 * time[0]:
         return False
     ratio = np.diff(np.log(time))
@@ -573,7 +573,7 @@ def _check_plausible(name: str, sample_time: float) -> None:
 
 
 def time_units(step: float) -> list[tuple[str, float]]:
-    """Return the two units, likeliest first, in which a step of stamps is one of a servo loop, and that step in s.
+    """Return up to two units, likeliest first, that make the step a plausible servo sample time, and the step in s.
 
     Near 1 ms is likely: whole milliseconds are the most common clock.
     """
@@ -583,7 +583,7 @@ def time_units(step: float) -> list[tuple[str, float]]:
 
 
 def _decimal(mean: float, time: np.ndarray) -> float:
-    """Return the shortest decimal that fits the stamps as well as their mean step: 0.001, not 0.0010000000000002."""
+    """Round the mean step to the fewest digits that fit the stamps equally well: 0.001, not 0.0010000000000002."""
     n = time.size
     scatter = max(
         float(np.max(np.abs(time[k : k + _BLOCK] - time[0] - mean * np.arange(k, min(k + _BLOCK, n)))))
@@ -598,14 +598,14 @@ def _decimal(mean: float, time: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class LogRequest:
-    """The log to read, the roles of its columns, and how many samples at its start do not count."""
+    """The log to read, the roles of its columns, and the number of samples to skip at its start."""
 
     path: Path
     mapping: Mapping
     skip_samples: int = 0
 
     def read(self) -> Log:
-        """Read the log, with those optional channels that it has.
+        """Read the log, including the optional channels that are present.
 
         Raises FileError or LogError as `read_log`, and for an injected force without a unit.
         """
@@ -623,14 +623,14 @@ class LogRequest:
         )
 
     def named(self, role: str) -> Column | None:
-        """Return the column that has a role."""
+        """Return the column of a role, mandatory or optional; None if it has none."""
         return self.mapping.get(role) or self.mapping.optional.get(role)
 
 
 def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
-    """Read the section [log] of a TOML file, of a job or as `Guess.toml` wrote it: the roles of a log's columns.
+    """Read the section [log] of a TOML file, a job or the output of `Guess.toml`: the roles of a log's columns.
 
-    `log` replaces the log's file.  Raises FileError or ParameterError with file, line, key and what to do.
+    `log` replaces the log's file.  Raises FileError or ParameterError with file, line, key and remedy.
     """
     root = read_toml(path).root()
     if root.optional("log") is None:
@@ -639,7 +639,7 @@ def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
 
 
 def log_request(section: LogSection, place: Path, log: str | Path | None) -> LogRequest:
-    """Return the log that a section of a file at `place` asks for; `log` replaces the log's file."""
+    """Return the log request of a section in a file at `place`; `log` replaces the log's file."""
     if log is None and section.file is None:
         raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
     path = Path(log) if log is not None else place.parent / str(section.file)

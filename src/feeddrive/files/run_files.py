@@ -1,7 +1,7 @@
-"""Runs and logs as files, with their provenance: Parquet with units, sample time and origin; CSV for other programs.
+"""Runs and logs as files: Parquet with units, sample time and provenance; CSV for other programs.
 
-Both keep every bit of the numbers, and the same run gives the same bytes.  Any other Parquet file with flat columns of
-numbers can be read too.  Pages carry checksums, which are verified.
+Both preserve every bit of the numbers, and the same run gives the same bytes.  Any other Parquet file with flat columns
+of numbers can be read too.  Pages carry checksums, which are verified.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ _KEY_UNITS = {_as_key(unit): unit for unit in ("m/s", "m/N", "N/m", "N/s", "N/(m
 
 
 def summary_text(figures: Mapping[str, Any], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
-    """Return figures by key as JSON; on an axis that turns, keys and sentences have its units.
+    """Return named figures as JSON; for a rotary axis, keys and sentences are in rotary units.
 
-    quoted  names and texts of the user, which stay as they are
+    quoted  user-defined names and texts, which are left unchanged
     """
     units = Units(rotary=rotary)
     return json.dumps(_in_units(figures, units, frozenset(quoted)), indent=2) + "\n"
 
 
 def _in_units(value: Any, units: Units, quoted: frozenset[str]) -> Any:
-    """Return a JSON value whose keys and sentences have the units of a reader."""
+    """Return a JSON value with its keys and sentences converted to the given units."""
     if isinstance(value, Mapping):
         return {
             key if key in quoted else figure_key(key, units): _in_units(entry, units, quoted)
@@ -60,7 +60,7 @@ def _in_units(value: Any, units: Units, quoted: frozenset[str]) -> Any:
 
 
 def figure_key(key: str, units: Units) -> str:
-    """Return the key of a figure, which ends with its SI unit: force_peak_N is force_peak_N_m on a rotary axis."""
+    """Return the key of a figure with its SI unit as suffix: force_peak_N becomes force_peak_N_m on a rotary axis."""
     suffix = next((suffix for suffix in _KEY_UNITS if key.endswith(f"_{suffix}")), None)
     if suffix is None:
         return key
@@ -68,7 +68,7 @@ def figure_key(key: str, units: Units) -> str:
 
 
 def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the columns of a Parquet file. Raise LogError if it is damaged or cut off."""
+    """Read the columns of a Parquet file. Raise LogError if it is damaged or truncated."""
     import pyarrow as arrow
     from pyarrow import parquet
 
@@ -131,7 +131,7 @@ def write_parquet(path: str | Path, columns: Mapping[str, np.ndarray], metadata:
 def parquet_stream(
     path: str | Path, names: Sequence[str], metadata: Mapping[str, Any]
 ) -> Generator[Callable[[Mapping[str, np.ndarray]], None]]:
-    """Write a Parquet file piece by piece, in constant memory; it appears at the end or not at all.
+    """Write a Parquet file in chunks, in constant memory; it appears at the end or not at all.
 
     with parquet_stream(path, ["time", "force"], metadata) as append:
         append({"time": ..., "force": ...})
@@ -189,7 +189,7 @@ def write_run_parquet(
 def run_stream(
     path: str | Path, units: Mapping[str, str], sample_time: float, metadata: Mapping[str, Any] | None = None
 ) -> Generator[Callable[[np.ndarray, Mapping[str, np.ndarray]], None]]:
-    """Write a run as Parquet piece by piece, in constant memory; the columns are those that have a unit.
+    """Write a run as Parquet in chunks, in constant memory, with one column for each entry of `units`.
 
     with run_stream(path, {"force": "N"}, T) as append:
         append(time, {"force": force})
@@ -206,9 +206,9 @@ def _described(units: Mapping[str, str], sample_time: float, metadata: Mapping[s
 def write_run_csv(
     path: str | Path, time: np.ndarray, columns: Mapping[str, np.ndarray], units: Mapping[str, str]
 ) -> None:
-    """Write signals over time (s) as CSV with the heads `name [unit]`, completely or not at all.
+    """Write signals over time (s) as CSV with headers `name [unit]`, completely or not at all.
 
-    Every number is written with the fewest digits that give it back exactly.  Raises FileError if it cannot be written.
+    Every number has the fewest digits that reproduce it exactly.  Raises FileError if it cannot be written.
     """
     import pyarrow as arrow
     from pyarrow import csv as arrow_csv
@@ -232,7 +232,7 @@ def _head(name: str, unit: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of feeddrive, Python and the libraries that compute, to repeat a run."""
+    """Return the versions of feeddrive, Python and the numerical libraries, so that a run can be reproduced."""
     import llvmlite
     import scipy
 
@@ -246,7 +246,7 @@ def versions() -> dict[str, str]:
 
 
 def file_names(rows: Iterable[Any]) -> list[str]:
-    """Return a file name for each law: its letters and digits, and a number where two would be the same."""
+    """Return a unique file name for each law: its letters and digits, with a number appended to duplicates."""
     names: list[str] = []
     for row in rows:
         plain = re.sub(r"[^a-z0-9]+", "_", row.name.lower()).strip("_") or "law"

@@ -1,7 +1,7 @@
-"""JSON Schema of a file that people write, from the declarations of its sections and blocks.
+"""JSON Schema of the user's files, generated from the declarations of sections and blocks.
 
-An editor completes and checks keys with it.  The schema admits every file that feeddrive reads.  It does not have the
-checks between parameters of a block, the bounds of a number in another unit than the declared one, or the rule that a
+Editors complete and check keys with it.  The schema accepts every file that feeddrive reads.  It does not contain
+checks between parameters of a block, bounds of a number in another unit than the declared one, or the rule that a
 parameter must not be given twice in two units.  `workflow/schemas.py` lists the kinds of files and writes the schemas.
 """
 
@@ -26,7 +26,7 @@ _NUMBERS = "numbers_by_path"
 
 
 def schema_of(section: type[Section], name: str) -> Schema:
-    """Return the schema of a file whose content is a section; `name` says what the file is."""
+    """Return the schema of a file that holds a section; `name` is the title of the kind of file."""
     definitions = _Definitions()
     content = definitions.fields(section)
     return {
@@ -38,13 +38,13 @@ def schema_of(section: type[Section], name: str) -> Schema:
 
 
 class _Definitions:
-    """The schemas of blocks and sections by name, each written once; `$ref` points at them."""
+    """The schemas of blocks and sections by name, each defined once and referenced by `$ref`."""
 
     def __init__(self) -> None:
         self.by_name: dict[str, Schema] = {}
 
     def part(self, hint: Hint) -> Schema:
-        """Return the schema of a part: one block or section that fits, by `kind` if there are several blocks."""
+        """Return the schema of a part: any matching block or section, distinguished by `kind` if there are several."""
         first = hint.classes[0]
         if issubclass(first, Section):
             fitting = [self.reference(member) for member in members(hint).values()]
@@ -117,7 +117,7 @@ class _Definitions:
         return self._with_inlined(kind, schema) if issubclass(kind, Section) and kind.inlined else schema
 
     def _of_section(self, section: type[Section]) -> list[Schema]:
-        """Return the requirements of a section beside its required fields."""
+        """Return the requirements of a section in addition to its required fields."""
         needed: list[Schema] = [{"required": ["kind"]}] if section.needs_kind else []
         if section.exactly:
             alternatives = [{"anyOf": [{"required": [name]} for name in names]} for names in section.exactly]
@@ -125,9 +125,9 @@ class _Definitions:
         return needed
 
     def _with_inlined(self, section: type[Section], own: Schema) -> Schema:
-        """Return the schema of a section that holds the keys of another one where a field of its own is absent.
+        """Return the schema of a section that holds the keys of another section if one of its own fields is absent.
 
-        A key of these may be missing here: a study writes it by a choice.
+        These keys are not required here, since a study may set them by a choice.
         """
         ((name, other),) = section.inlined.items()
         inner = self.fields(other)
@@ -174,7 +174,7 @@ class _Definitions:
                 return {"type": "array", "items": inner, **described} if hint.many else {**inner, **described}
 
     def _under_names(self, declared: Declaration, hint: Any) -> Schema:
-        """Return the schema of sections or values by their names."""
+        """Return the schema of a `named` field: sections or values by name."""
         inner = self.part(hint) if isinstance(hint, Hint) else _choice_type(hint)
         least = {"minProperties": declared.shortest} if declared.shortest else {}
         if declared.options:
@@ -191,7 +191,7 @@ class _Definitions:
 
 
 def _needed(name: str, declared: Declaration) -> Schema:
-    """Return the schema that requires a field, a number under any of its names: not all keys may be others."""
+    """Return the schema that requires a field; a number may be given under its name with any unit suffix."""
     if declared.role not in ("parameter", "table"):
         return {"required": [name]}
     return {"not": {"propertyNames": {"not": {"pattern": f"^{name}(?:{_SUFFIX})?$"}}}}
@@ -216,9 +216,7 @@ _JSON_TYPES = {int: "integer", float: "number", str: "string", bool: "boolean"}
 
 
 def _choice_type(annotation: Any) -> Schema:
-    """Return the type of a choice: `int`, `str
-    None`, `tuple[int, ...]`.
-    """
+    """Return the schema of the type of a choice, such as `int`, `str | None` or `tuple[int, ...]`."""
     options = options_of_type(annotation)
     if len(options) != 1:
         return {"anyOf": [_choice_type(option) for option in options]}
@@ -229,7 +227,7 @@ def _choice_type(annotation: Any) -> Schema:
 
 
 def _number_elsewhere(declared: Declaration) -> Schema:
-    """Return the schema of a parameter in another unit: its bounds are checked when it is read."""
+    """Return the schema of a parameter in another unit; its bounds are checked only when it is read."""
     described = {"description": f"{declared.meaning}, in the unit that the key names"}
     if declared.role == "table":
         return {"type": "array", "items": {"type": "number"}, "minItems": declared.shortest, **described}

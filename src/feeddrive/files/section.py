@@ -1,4 +1,4 @@
-"""A section: what a table of a user's file may hold, as a frozen dataclass of declared fields.
+"""Sections: the schema of a table in a user's file, as a frozen dataclass of declared fields.
 
     class LogSection(Section):
         \"\"\"A measured log, whose reference is replayed.\"\"\"
@@ -6,8 +6,8 @@
         skip_samples: int = choice("samples at the start that do not count", least=0, default=0)
         sample_time: Number | None = parameter("s", "of a log without a column of time", above=0, default=None)
 
-The reader (`from_toml.py`), the JSON Schema (`schema.py`) and the pages of the keys are made from the declarations.
-Sections have the fields of blocks (`language/block.py`): `parameter`, `choice`, `table`, `part`, and besides
+The reader (`from_toml.py`), the JSON Schema (`schema.py`) and the reference pages of the keys use the declarations.
+Sections have the fields of blocks (`language/block.py`): `parameter`, `choice`, `table`, `part`, and in addition
     text()      a free text
     file_name() the name of a file
     named()     sections or values by a name: `[axis.x]`, `[axis.y]`
@@ -44,13 +44,13 @@ ROLES_OF_SECTIONS = ("text", "file", "named", "numbers")
 
 
 def text(meaning: str, *, default: Any = MISSING, example: str = "", shortest: int = 0) -> Any:
-    """Declare a text of at least `shortest` characters; `example` says what to write."""
+    """Declare a text field of at least `shortest` characters; `example` is shown in error messages."""
     declaration = Declaration(role="text", unit="", meaning=meaning, example=example, shortest=shortest)
     return dataclasses.field(default=default, metadata={"declaration": declaration})
 
 
 def file_name(meaning: str, *, default: Any = MISSING, example: str = "") -> Any:
-    """Declare the name of a file."""
+    """Declare a field for a file name."""
     declaration = Declaration(role="file", unit="", meaning=meaning, example=example)
     return dataclasses.field(default=default, metadata={"declaration": declaration})
 
@@ -64,12 +64,12 @@ def named(
     example: str = "",
     absent: bool = False,
 ) -> Any:
-    """Declare sections or values by a name: a dict.
+    """Declare a dict of sections or values by name.
 
-    least     so many must be there, and the field is required
-    names     all names that are allowed, if they are fixed
-    pattern   regular expression of those that are allowed; `example` says what to write
-    absent    the field is None if the section is not there
+    least     smallest number of entries; if > 0, the field is required
+    names     all allowed names, if they are fixed
+    pattern   regular expression for allowed names; `example` is shown in error messages
+    absent    True if the field is None when the section is missing
     """
     declaration = Declaration(
         role="named", unit="", meaning=meaning, options=names, pattern=pattern, example=example, shortest=least
@@ -83,7 +83,7 @@ def named(
 
 
 def numbers(meaning: str, *, default: Any = MISSING, example: str = "") -> Any:
-    """Declare numbers in SI by path; `example` says what to write where another value is wanted."""
+    """Declare a dict of numbers in SI by path; `example` is the hint shown for a value of another type."""
     declaration = Declaration(role="numbers", unit="", meaning=meaning, example=example)
     return dataclasses.field(default=default, metadata={"declaration": declaration})
 
@@ -97,13 +97,13 @@ class Section(Declared):
     """Base of all sections. Subclasses become frozen, keyword-only dataclasses that check themselves.
 
     kind       name of the section in schema and documentation
-    exactly    alternatives, of which one must be there: each is a tuple of fields, one of which is enough
-    needs      the sentence for a section without one of them, or with several
-    shorthand  field that a plain text in place of the section stands for
-    wanted     what may stand in place of a section with a shorthand, for messages
-    needs_kind the key `kind` must be written, since another class of the family is taken without it
-    inlined    field in whose absence the keys of another section stand among its own
-    is_open    keys that are not declared belong to others and are passed over
+    exactly    mutually exclusive alternatives, one of which is required; each is a tuple of fields, any of which counts
+    needs      error sentence for a section with none or several of the alternatives
+    shorthand  field that is set if the section is given as a plain text
+    wanted     accepted values of a section with a shorthand, for messages
+    needs_kind True if the key `kind` is required, since another class of the family is the default
+    inlined    field, and the section whose keys appear directly in this one if the field is absent
+    is_open    True if undeclared keys belong to other readers and are ignored
     read_from  the table that it was read from
     """
 
@@ -126,7 +126,7 @@ class Section(Declared):
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """Return the class that reads a table; a family of sections overrides this. Raise ParameterError for none."""
+        """Return the class that reads a table; families of sections override it. Raise ParameterError if none fits."""
         return cls
 
     def __post_init__(self) -> None:
@@ -138,7 +138,7 @@ class Section(Declared):
 
     @classmethod
     def refused_alternatives(cls, names: Collection[str]) -> str:
-        """Return what is wrong if these fields are there and the others are not; empty if nothing is."""
+        """Return the error sentence if not exactly one alternative is among `names`; empty if the names are valid."""
         first = [next((name for name in fields if name in names), None) for fields in cls.exactly]
         there = [name for name in first if name is not None]
         if not cls.exactly or len(there) == 1:
@@ -152,7 +152,7 @@ class Section(Declared):
         return checked(self.kind, name, declaration, value)
 
     def error(self, message: str, name: str | Key = (), kind: type[FeeddriveError] = ParameterError) -> FeeddriveError:
-        """Return the error of this section or of a key in it, with file and line if it was read from one."""
+        """Return an error for this section or a key in it, with file and line if it was read from a file."""
         return kind(message) if self.read_from is None else self.read_from.error(message, name, kind)
 
     def dotted(self, name: str = "") -> str:

@@ -1,12 +1,12 @@
-"""Values of a TOML file: quoted, replaced and edited; comments, order and spaces of the rest are kept.
+"""Editing of TOML files: values and sections are replaced; all other comments, order and whitespace are kept.
 
     edit = TomlEdit(text, "machine.toml")
     edit.set(("axis", "x", "plant", "mass"), 95.2, "kg")     # finds mass, mass_kg or mass_g and keeps its unit
     edit.replace(("axis", "x", "friction_load"), section)    # another kind of block; comments in it stay
     edit.text
 
-It uses the scanner that finds the lines for error messages, so that no second TOML parser is needed: a library such as
-tomlkit would add 8000 lines for these three operations, and may accept other texts than tomllib.
+It uses the scanner that locates lines for error messages, so that no second TOML parser is needed: a library such as
+tomlkit would add 8000 lines for these three operations, and may accept texts that tomllib rejects.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from feeddrive.language.text import plain
 
 
 def quoted(text: str) -> str:
-    """Return a text as a basic string of TOML; no character of it is lost."""
+    """Return a text as a TOML basic string, with every character preserved."""
     # JSON's escapes are TOML's, but JSON leaves DEL as it is, which TOML forbids
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
 def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:
-    """Return the file with other values of some keys, as if they were written in it; lines stay.
+    """Return the file with some values replaced, as if they were written in it; line numbers are unchanged.
 
-    Raises ParameterError for a key in a section that is not there.
+    Raises ParameterError for a key in a missing section.
     """
     content: Any = deepcopy(file.content)
     for key, value in values.items():
@@ -55,9 +55,9 @@ _HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
 class TomlEdit:
-    """A TOML text that is edited; `name` is the name of the file in messages.
+    """A TOML text under edit; `name` is the name of the file in messages.
 
-    Raises FileError for a text that is not TOML, and for a change that would make it so.
+    Raises FileError for a text that is not TOML, and for a change that would make it invalid.
     """
 
     def __init__(self, text: str, name: str) -> None:
@@ -66,11 +66,11 @@ class TomlEdit:
         self._check()
 
     def set(self, key: Key, value: float | str | bool, unit: str = "", digits: int = 6) -> Key:
-        """Change the value of a key, or add the key at the end of its section; returns the key as written in the file.
+        """Change the value of a key, or add it at the end of its section, and return the key as written in the file.
 
         The key in the file may carry another unit of the same dimension (`mass_g`); the value is then converted.
         Numbers are written with `digits` significant figures.
-        Raises ParameterError if the section is not there.
+        Raises ParameterError if the section is missing.
         """
         spans = spans_of_values(self.text)
         place, factor = self._find(spans, key, unit)
@@ -84,10 +84,9 @@ class TomlEdit:
         return key if place is None else place
 
     def replace(self, key: Key, section: str) -> None:
-        """Replace [key] and all that is under it by a section with its header; add it if there is none.
+        """Replace [key] and its subtables by a section with its own header; add the section if there is none.
 
-        Comments that stand alone on a line within the old section stay, above the new one, and so does that behind the
-        old header.
+        Comment lines within the old section are kept above the new one, and so is the comment after the old header.
         """
         places = self._sections(key)
         if not places:
@@ -113,13 +112,13 @@ class TomlEdit:
         self._check()
 
     def has(self, key: Key) -> bool:
-        """Return True if there is such a key or section."""
+        """Return True if the key or section exists."""
         return key in lines_of_keys(self.text)
 
     def remove(self, key: Key) -> None:
-        """Remove the sections [key] and [[key]] and all that is under them; comments on separate lines are kept.
+        """Remove the sections [key] and [[key]] with their subtables; comments on separate lines are kept.
 
-        Raises FileError for what is written in another way, as `filters = [{ ... }]`.
+        Raises FileError if the value is written inline, as `filters = [{ ... }]`.
         """
         places = self._sections(key)
         if not places and (self.has(key) or (isinstance(key[-1], int) and self.has(key[:-1]))):
@@ -132,7 +131,7 @@ class TomlEdit:
         self._check()
 
     def silence(self, key: Key, unit: str = "") -> None:
-        """Turn the line of a key, in any unit, into a comment; without the key do nothing."""
+        """Comment out the line of a key, in any unit; do nothing if the key is absent."""
         spans = spans_of_values(self.text)
         place, _ = self._find(spans, key, unit)
         if place is not None:
@@ -141,7 +140,7 @@ class TomlEdit:
             self._check()
 
     def comment(self, key: Key, words: str) -> None:
-        """Add words to the comment after a value; older ones at its end that begin with the same word are replaced."""
+        """Append words to the comment after a value, replacing an earlier remark that starts with the same word."""
         _, end = spans_of_values(self.text)[key]
         after = self.text.find("\n", end)
         after = len(self.text) if after < 0 else after
@@ -154,7 +153,7 @@ class TomlEdit:
         self._check()
 
     def add(self, section: str) -> None:
-        """Add a section at the end."""
+        """Append a section at the end of the text."""
         self.text = f"{self.text.rstrip()}\n\n{section.strip()}\n"
         self._check()
 
@@ -165,7 +164,7 @@ class TomlEdit:
             raise FileError(f"{error} (in the changed text)") from None
 
     def _find(self, spans: dict[Key, tuple[int, int]], key: Key, unit: str) -> tuple[Key | None, float]:
-        """Return the key as written in the file, and the factor from its unit to `unit`, or to a rotary axis's unit."""
+        """Return the key as written in the file and the factor from its unit to `unit` or its rotary counterpart."""
         unit = units.turning(unit) if is_rotary(parse_toml(self.text, self.name).content, key) else unit
         if key in spans:
             return key, 1.0
@@ -202,7 +201,7 @@ class TomlEdit:
         self.text = "".join(rows)
 
     def _sections(self, key: Key) -> list[tuple[int, int]]:
-        """Return the rows, from 0, of the tables [key], [[key]] and those below, each up to the next header."""
+        """Return the line ranges, from 0, of [key], [[key]] and their subtables, each up to the next header."""
         headers = [self.text.count("\n", 0, header.start()) for header in _HEADER.finditer(self.text)]
         lines = lines_of_keys(self.text)
         own = {line - 1 for candidate, line in lines.items() if candidate[: len(key)] == key}
@@ -215,7 +214,7 @@ class TomlEdit:
         return ranges
 
     def _before_comments(self, begin: int, end: int) -> int:
-        """Return the end of a section without the comments that belong to the next header."""
+        """Return the end of a section, excluding the comments that belong to the next header."""
         rows = self.text.splitlines()
         last = min(end, len(rows))
         while last > begin + 1 and (not rows[last - 1].strip() or rows[last - 1].lstrip().startswith("#")):

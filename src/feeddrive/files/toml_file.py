@@ -41,7 +41,7 @@ def lines_of_keys(text: str) -> dict[Key, int]:
 
 
 def spans_of_values(text: str) -> dict[Key, tuple[int, int]]:
-    """Return begin and end, as positions in the text, of the value of every pair of a valid TOML text."""
+    """Return the start and end offsets of the value of every key/value pair of a valid TOML text."""
     return _Scanner(text).spans
 
 
@@ -89,7 +89,7 @@ class _Scanner:
         return path
 
     def _dotted(self) -> list[str]:
-        """Return the parts of a key up to, and not with, its `=` or `]`."""
+        """Return the parts of a dotted key, up to but excluding its `=` or `]`."""
         parts: list[str] = []
         while True:
             self._skip(_BLANK)
@@ -191,7 +191,7 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class TomlFile:
-    """The content of a TOML file, and the line of each key."""
+    """The content of a TOML file with the line number of each key."""
 
     name: str
     text: str
@@ -209,7 +209,7 @@ class TomlFile:
         return self.name
 
     def root(self) -> TomlTable:
-        """Return the whole file as one section."""
+        """Return the root table of the file."""
         return TomlTable(self, (), self.content)
 
 
@@ -220,8 +220,8 @@ Value: TypeAlias = Any
 class TomlTable:
     """A table in a TOML file, with the lines of its keys.
 
-    turning  by the begin of a key whether what stands there belongs to an axis of another file that turns, as the
-             motion of a job does; the longest begin counts
+    turning  by key prefix, True if the values below it belong to a rotary axis of another file, as the motion of a job
+             does; the longest matching prefix applies
     """
 
     file: TomlFile
@@ -231,7 +231,7 @@ class TomlTable:
 
     @property
     def rotary(self) -> bool:
-        """True if this belongs to an axis that turns, as what stands under `[axis.c]` with `rotary = true`."""
+        """True if this table belongs to a rotary axis, such as `[axis.c]` with `rotary = true`."""
         begins = (self.key[:end] for end in range(len(self.key), -1, -1))
         turning = next((self.turning[begin] for begin in begins if begin in self.turning), False)
         return turning or is_rotary(self.file.content, self.key)
@@ -268,7 +268,7 @@ class TomlTable:
         return TomlTable(self.file, (*self.key, name), value, self.turning)
 
     def named(self, name: str) -> dict[str, TomlTable]:
-        """Return the tables `[name.NAME]` by their own names. Raise ParameterError if there is none."""
+        """Return the tables `[name.NAME]` by NAME. Raise ParameterError if there is none."""
         group = self.optional(name)
         if group is None or not group.values:
             raise self.error(f"there must be at least one section [{self.dotted(name)}.NAME]")
@@ -284,7 +284,7 @@ class TomlTable:
         return tuple(TomlTable(self.file, (*self.key, name, k), item, self.turning) for k, item in enumerate(value))
 
     def refuse_unknown(self, known: Iterable[str]) -> None:
-        """Raise ParameterError at the first key that is not known, with those that are near."""
+        """Raise ParameterError at the first unknown key, suggesting similar known ones."""
         allowed = list(known)
         for name in self.values:
             if name not in allowed:
@@ -292,7 +292,7 @@ class TomlTable:
 
 
 def is_rotary(content: Mapping[str, Any], key: Key) -> bool:
-    """Return True if a key stands under an axis that turns."""
+    """Return True if a key belongs to a rotary axis."""
     axes = content.get("axis")
     axis = axes.get(key[1]) if isinstance(axes, dict) and len(key) > 1 and key[0] == "axis" else None
     return isinstance(axis, dict) and axis.get("rotary") is True
@@ -329,10 +329,10 @@ _PAIR = re.compile(r"^\s*(?:\[[^,]*\]\s*(?:#.*)?$|[\w.\"'-]+\s*=)", re.MULTILINE
 
 
 def read_toml(path: str | Path, wanted: str = "", *, quoting: bool = True) -> TomlFile:
-    """Read a TOML file. Raises FileError with file, line and what to do if it is missing, too large or not TOML.
+    """Read a TOML file. Raises FileError with file, line and remedy if it is missing, too large or not TOML.
 
-    wanted   "a machine file", "a job" or "a drive file": a file of another kind is refused, and its kind is said
-    quoting  show the line in errors; False for a file that is named only by another file
+    wanted   "a machine file", "a job" or "a drive file": a file of another kind is refused with its kind in the message
+    quoting  show the line in errors; False for a file that is only referenced by another file
     """
     name, content = str(path), read_whole(path, MOST_BYTES)
     try:

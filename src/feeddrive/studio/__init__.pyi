@@ -1,4 +1,4 @@
-"""The page on which an axis is looked at and tuned: a local server, its sessions, and what it sends to a browser."""
+"""The studio: a local web page for inspecting and tuning an axis, with its server, sessions and messages."""
 
 # written by `make stubs`
 

@@ -1,4 +1,4 @@
-"""The axis that is tuned on the page, at one or more places, measured or modelled, with today's control."""
+"""The bench: the axis tuned on the page, at one or more operating points, measured or modelled, with its control."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ _REST = ("tracking_error", "force")  # of the rope snap
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The axis that a page works on, with its controls and models.
+    """The axis tuned on a page, with its controls and models.
 
-    title    what it is, for a person
-    by_hand  its control at its operating points
-    sources  the files it came from, as the tuner takes them
-    machine  its machine file, or today's beside a measured response; None if there is none
-    axis     its name there
-    remarks  what must be known of the measured responses
-    today    today's control, where the one to begin with is another
-    file     of the machine, as it was named; empty if there is none
-    friction  over velocity, where it was measured
-    from_machine  its points are models of machine files, and not measured
+    title         description for the user
+    by_hand       the initial control with its operating points
+    sources       source files, in the form accepted by the tuner
+    machine       its machine file, or that of today's control for a measured response; None without one
+    axis          axis name in the machine file
+    remarks       remarks on the measured responses
+    today         today's control, if the initial control differs from it
+    file          machine file as named by the user; empty without one
+    friction      measured friction over velocity, if any
+    from_machine  True if the operating points are models of machine files, False if measured
     """
 
     title: str
@@ -71,21 +71,21 @@ class Bench:
         return self.today or self.by_hand
 
     def with_control(self, control: Control) -> Bench:
-        """Return the same axis with another control to start from; today's control stays the reference."""
+        """Return the same axis with another initial control; today's control remains the reference."""
         return replace(self, by_hand=ByHand(control, self.by_hand.points, self.by_hand.limits), today=self.before)
 
     @property
     def loop(self) -> Loop | None:
-        """Axis and today's control, of a machine file; None without one."""
+        """The loop of the axis with today's control, from the machine file; None without one."""
         return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
     def rotary(self) -> bool:
-        """True if the axis turns."""
+        """True for a rotary axis."""
         return self.loop is not None and self.loop.axis.rotary
 
     def needed_loop(self) -> Loop:
-        """Return the loop. Raise ParameterError, with what to do, for measured responses without a machine."""
+        """Return the loop. Raise ParameterError with a remedy for measured responses without a machine."""
         if self.loop is None:
             raise ParameterError(
                 "a measured response alone moves no axis: bring today's machine file too, or identify one from it"
@@ -94,7 +94,7 @@ class Bench:
 
     @cached_property
     def duty(self) -> Duty:
-        """The duty of a comparison of laws on this axis. Raises ParameterError without a machine."""
+        """The duty used to compare laws on this axis. Raises ParameterError without a machine."""
         return duty_of(self.needed_loop(), None, None)
 
     @cached_property
@@ -106,7 +106,7 @@ class Bench:
         return duty.move, StepForce(force=duty.force, start=begin, end=begin + pause), begin + 2.0 * pause
 
     def run(self, control: Control, name: str) -> Run:
-        """Simulate the move and the force under a control, with friction, counts and limits.
+        """Simulate the move and the force under a control, with friction, quantization and limits.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -115,8 +115,7 @@ class Bench:
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
 
     def snap(self, control: Control, name: str) -> Run:
-        """Simulate a rope that pulls the table back at rest and is cut at `duty.begin`; with friction, counts and
-        limits.
+        """Simulate a table at rest pulled by a rope that is cut at `duty.begin`; with friction, quantization, limits.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -125,24 +124,24 @@ class Bench:
         return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_REST, name=name)
 
     def linear(self, control: Control) -> StateSpace:
-        """Return the linear loop from the set position to the table. Raises ParameterError without a machine."""
+        """Return the linearized loop from the set position to the table. Raises ParameterError without a machine."""
         return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
 
     @cached_property
     def mechanics(self) -> StateSpace:
-        """The linear axis from the command to both readings, without its control. Raises ParameterError without a
+        """The linearized axis without control, from the command to both readings. Raises ParameterError without a
         machine.
         """
         return linearize(self.needed_loop(), ["cut"], READINGS)
 
     def overlays(self, place: str) -> tuple[Overlay, ...]:
-        """Return the responses of the axis to the command at one operating point: measured, of the machine, or both."""
+        """Return the responses of the axis to the command at one operating point: measured, modelled, or both."""
         if place not in self._overlays:
             self._overlays[place] = tuple(self._overlaid(next(p for p in self.by_hand.points if p.name == place)))
         return self._overlays[place]
 
     def friction_shown(self, units: Units) -> Chart | None:
-        """Return friction over velocity, of the machine and as measured; None without a machine."""
+        """Return the chart of friction versus velocity, modelled and measured; None without a machine."""
         if self.loop is None:
             return None
         if units not in self._frictions:
@@ -173,7 +172,7 @@ class Bench:
             yield Overlay(reading.replace("_", " of the "), measured, own if same else None, own)
 
     def text(self, values: Mapping[str, float]) -> str:
-        """Return the machine file with the control at some values; all else is unchanged."""
+        """Return the text of the machine file with changed control parameters; all else is unchanged."""
         self.needed_loop()
         assert self.machine is not None
         return machine_text(self.machine, self.axis, self.by_hand.control(values))
@@ -187,9 +186,9 @@ def bench_of(
 ) -> Bench:
     """Return the bench of an axis of a machine file.
 
-    at  the same axis at other positions or loads, in machine files of their own
+    at  machine files of the same axis at other positions or loads
 
-    Raises the errors of `read_machine`, ParameterError for the axis.
+    Raises the errors of `read_machine`; ParameterError for the axis.
     """
     file = read_machine(machine)
     name = file.named(axis)
@@ -219,9 +218,9 @@ def bench_of_responses(
     delay: float = 0.0,
     limits: Limits | None = None,
 ) -> Bench:
-    """Return the bench of measured responses: today's control of a machine file, or a P-PI tuned by robust margins.
+    """Return the bench of measured responses, with today's control of a machine file or a P-PI tuned by robust margins.
 
-    Raises ParameterError for what does not fit, with what to do.
+    Raises ParameterError with a remedy for inconsistent inputs.
     """
     machine = None if baseline is None else read_machine(baseline)
     name = "" if machine is None else machine.named(axis)
@@ -253,5 +252,5 @@ def bench_of_responses(
 
 
 def _named(machine: MachineLike) -> str | Path:
-    """Return a machine as commands name it."""
+    """Return the path or bundled name by which commands refer to a machine."""
     return machine.file.name if isinstance(machine, MachineFile) else machine

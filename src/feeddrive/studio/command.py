@@ -1,7 +1,7 @@
 """`feeddrive studio`: the page of an axis, opened in a browser, until Ctrl-C.
 
-The words of a command are read by every user of the machine (`ps`), and so would be a token in the address that a
-browser is started with.  A file of this user alone holds it instead, and leads the browser on.
+Every user of the machine can read command lines (`ps`), and thus a token in the address with which a browser is
+started.  The token is therefore stored in a redirect page that only this user can read.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ _OFTEN = 0.5  # s
 
 
 def write_redirect(address: str, places: Iterable[str | Path | None]) -> list[Path]:
-    """Write a page that leads to an address into a folder that no other user can read; return its path.
+    """Write a page that redirects to an address into a folder that no other user can read; return its path.
 
-    places  in which the folder is made, the first that will do; None: that of the system for temporary files
+    places  candidate parent folders, of which the first suitable one is used; None: the system's temporary folder
 
-    No path is returned where no place keeps what is private, as some network drives do not.
+    The list is empty if no candidate supports private permissions, as on some network drives.
     """
     for place in places:
         try:
@@ -65,19 +65,19 @@ def write_redirect(address: str, places: Iterable[str | Path | None]) -> list[Pa
 
 
 def remove_redirect(path: Path) -> None:
-    """Remove the page with its folder."""
+    """Remove the redirect page with its folder."""
     shutil.rmtree(path.parent, ignore_errors=True)
 
 
 def _private(path: Path) -> bool:
-    """True if only this user can read a path; Windows keeps a user's folders by other means than modes."""
+    """Return True if only this user can read a path; on Windows always, since user folders are private there."""
     return os.name != "posix" or path.stat().st_mode & 0o077 == 0
 
 
 def at_enter(act: Callable[[], None], ended: threading.Event) -> bool:
-    """Call `act` at each Enter in the terminal until the job has ended; False without a terminal.
+    """Call `act` at each Enter in the terminal until `ended` is set; return False without a terminal.
 
-    A process in the background must not read from its terminal: the system would stop it.
+    A background process does not read from its terminal, since the system would stop it.
     """
     if os.name != "posix" or not sys.stdin or not sys.stdin.isatty():
         return False
@@ -104,7 +104,7 @@ _EVERY = ("0.0.0.0", "::")  # all addresses of the machine
 
 
 def _local(host: str) -> bool:
-    """True if an address can be reached from this machine only."""
+    """Return True if an address can be reached from this machine only."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -112,7 +112,7 @@ def _local(host: str) -> bool:
 
 
 def _prepare(bench: Bench, folder: Path) -> None:
-    """Compute the first pictures once, so that imports and compilation are done before the page asks."""
+    """Compute the initial pictures once, so that imports and compilation are complete before the first request."""
     desk = Desk(folder)
     desk.put(bench)
     Tune(desk).show()
@@ -199,9 +199,9 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
 
 @contextmanager
 def writable(folder: Path) -> Generator[None]:
-    """Create the folder and direct the temporary files of readers into it.
+    """Create the folder and use it for the temporary files of readers during the block.
 
-    Raises FileError for one that cannot be written, with what to do.
+    Raises FileError with a remedy if it cannot be written.
     """
     before = os.environ.get("TMPDIR")
     try:
@@ -220,8 +220,8 @@ def writable(folder: Path) -> Generator[None]:
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """Return a socket at an address. Raises ParameterError if the port is taken or the address is
-    not of this machine.
+    """Return a socket bound to an address. Raises ParameterError if the port is in use or the address is not local to
+    this machine.
     """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -252,7 +252,7 @@ def serve_at(
     brought: tuple[Path, ...],
     progress: Progress,
 ) -> None:
-    """Serve the page at a socket until Ctrl-C, which ends the jobs of all pages too."""
+    """Serve the page at a socket until Ctrl-C, which also ends the jobs of all pages."""
     port = at.getsockname()[1]
     named = f"[{request.host}]" if ":" in request.host else request.host
     every = port if request.host in _EVERY else None
@@ -261,7 +261,7 @@ def serve_at(
     address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 
     def fresh(used: Callable[[], None] = lambda: None) -> str:
-        """Return an address that opens the page, once where no password is asked for."""
+        """Return an address that opens the page; without a password it is valid once."""
         return address if password else f"{address}?token={door.tokens.issue(used)}"
 
     redirects = list[Path]()  # what opens the browser, until it has done so

@@ -1,4 +1,4 @@
-"""What the rooms of one page share, and what a room is: what it shows and the acts that a person does in it."""
+"""The shared state of a page, and the base class of its rooms: the parts of the page with their actions."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ _MARK = "studio_act"
 class Said:
     """The answer of a room to the page.
 
-    words   what goes into the header as JSON
-    charts  by name
+    words   content of the header, as JSON
+    charts  charts by name
     """
 
     words: Mapping[str, Any] = field(default_factory=dict[str, Any])
@@ -53,14 +53,14 @@ class Asked:
         self.parameters = parameters
 
     def text(self, name: str) -> str:
-        """Return a text."""
+        """Return a text parameter."""
         value = self.parameters.get(name)
         if not isinstance(value, str):
             raise ParameterError(f"the page must send {name} as a text, not {value!r:.60}")
         return value
 
     def number(self, name: str) -> float:
-        """Return a number."""
+        """Return a number parameter."""
         entry = self.parameters.get(name)
         if isinstance(entry, bool) or not isinstance(entry, (int, float)):
             raise ParameterError(f"{name} must be a number, not {entry!r:.60}")
@@ -73,29 +73,29 @@ class Asked:
         return value
 
     def yes(self, name: str, usual: bool = False) -> bool:
-        """Return true or false."""
+        """Return a Boolean parameter; `usual` is its default."""
         value = self.parameters.get(name, usual)
         if not isinstance(value, bool):
             raise ParameterError(f"{name} must be true or false, not {value!r:.60}")
         return value
 
     def text_or_none(self, name: str) -> str | None:
-        """Return a text; None if it is missing or empty."""
+        """Return a text parameter; None if it is missing or empty."""
         return self.text(name) if self.parameters.get(name) not in (None, "") else None
 
     def number_or_none(self, name: str) -> float | None:
-        """Return a number; None if it is missing or empty."""
+        """Return a number parameter; None if it is missing or empty."""
         return self.number(name) if self.parameters.get(name) not in (None, "") else None
 
     def texts(self, name: str) -> list[str]:
-        """Return a list of texts, possibly empty."""
+        """Return a parameter that is a list of texts, possibly empty."""
         values = self.parameters.get(name, [])
         if not isinstance(values, list) or not all(isinstance(value, str) for value in cast("list[Any]", values)):
             raise ParameterError(f"{name} must be a list of texts, not {values!r:.60}")
         return cast("list[str]", values)
 
     def choice(self, name: str, among: Iterable[str]) -> str:
-        """Return one of several texts."""
+        """Return a text parameter that must be one of several."""
         value, known = self.text(name), tuple(among)
         if value not in known:
             raise ParameterError(f"{name} must be one of {', '.join(known)}, not '{value:.60}'")
@@ -103,7 +103,7 @@ class Asked:
 
 
 def tabled(table: Table | Grid, units: Units = USUAL) -> dict[str, Any]:
-    """Return a table for the page, in the units of its reader."""
+    """Convert a table to JSON data for the page, in the displayed units."""
     grid = table if isinstance(table, Grid) else table.grid(units)
     return {"title": grid.title, "heads": grid.heads, "rows": grid.rows}
 
@@ -117,7 +117,7 @@ def act(method: F) -> F:
 class Room:
     """A part of the page with its own state; state that rooms share is on the desk.
 
-    An act takes an `Asked` and gives a `Said`, or None for `show()`.
+    An action takes an `Asked` and returns a `Said`, or None for `show()`.
     """
 
     name: ClassVar[str] = ""
@@ -126,11 +126,11 @@ class Room:
         self.desk = desk
 
     def show(self) -> Said:
-        """Return state and pictures for a page that has just been opened or reloaded."""
+        """Return the state and pictures of the room, for a page that has just been opened or reloaded."""
         return Said()
 
     def begin(self) -> None:
-        """Forget the state that belonged to the previous source."""
+        """Discard the state of the previous source."""
 
     def do(self, name: str, asked: Asked) -> Said:
         """Run an action, by name. Raises ParameterError for an unknown one."""
@@ -151,7 +151,7 @@ _ANOTHER = "This result belongs to an earlier control. Run it again for the curr
 
 
 def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
-    """Return a path in a folder that is not taken, or that already has this content: name.toml, name_2.toml, ..."""
+    """Return a path in a folder that is unused or already has this content: name.toml, name_2.toml, ..."""
     path, count = folder / name, 1
     while path.exists() and (content is None or not path.is_file() or path.read_bytes() != content):
         count += 1
@@ -161,10 +161,10 @@ def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
 
 @dataclass(frozen=True)
 class Step:
-    """A completed step: a command of the workflow with its request.
+    """A completed step: a workflow command with its request.
 
-    control  that its results are of; None if they are of none
-    epoch    of the source on the desk
+    control  the control to which its results belong, if any
+    epoch    number of the source on the desk at that time
     """
 
     command: str
@@ -177,8 +177,8 @@ class Step:
 class Held:
     """A stored control, for undo, redo and comparison.
 
-    bench  with the parts of the control
-    base, written  the machine file that it is written into, and the control there
+    bench          bench with the blocks of the control
+    base, written  machine file into which it is written, and the control in that file
     """
 
     bench: Bench
@@ -188,30 +188,30 @@ class Held:
 
     @property
     def control(self) -> Control:
-        """The control."""
+        """The stored control."""
         return self.bench.by_hand.control(self.values)
 
     def same(self, other: Held) -> bool:
-        """True if parts and numbers are the same."""
+        """Return True if blocks and parameters are identical."""
         return self.bench.by_hand is other.bench.by_hand and self.values == other.values
 
 
 class Desk:
     """The state of one page. It is not shared between pages.
 
-    folder    its own: what was brought stands in `brought`, results beside it
-    bench     what is tuned; None before something was brought
-    brought   files that were named at the start of the command, and stand elsewhere
-    files     where what is shown under a name stands: that which was brought or made last
-    epoch     counts the sources
-    base      machine file that the current control is written into
-    written   the control there
-    limits    that the loop is judged by: those of the goal
-    programs  part programs that were brought, by name
-    live      what may be followed while it is recorded
-    closing   what is called at the end of the session
-    done      what was done on the page, of all sources
-    kept      files that no command of `done` writes, and what each is
+    folder    folder of the page, with uploaded files in `brought`, results beside it
+    bench     the axis being tuned; None before a source was opened
+    brought   files named on the command line, stored elsewhere
+    files     path of each file by its displayed name: the latest uploaded or computed one
+    epoch     number of sources opened so far
+    base      machine file into which the current control is written
+    written   control in that file
+    limits    limits for judging the loop, those of the goal
+    programs  uploaded part programs by name
+    live      sources that may be followed while they are recorded
+    closing   functions that are called at the end of the session
+    done      steps completed on the page, for all sources
+    kept      files that no command of `done` writes, with a description of each
     """
 
     def __init__(self, folder: Path, brought: tuple[Path, ...] = (), live: Followable | None = None) -> None:
@@ -239,7 +239,7 @@ class Desk:
         self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
 
     def put(self, bench: Bench) -> None:
-        """Work on another source: all rooms start over. Raises ParameterError while a job runs."""
+        """Switch to another source and reset all rooms. Raises ParameterError while a job runs."""
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
         self.values, self.base, self.written = bench.by_hand.values, bench.file, bench.before.start
@@ -249,13 +249,13 @@ class Desk:
 
     @property
     def needed(self) -> Bench:
-        """The bench. Raises ParameterError before a source was opened."""
+        """The bench. Raises ParameterError if no source has been opened."""
         if self.bench is None:
             raise ParameterError("there is no axis yet: bring a machine file, a log or a frequency response first")
         return self.bench
 
     def change(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:
-        """Change numbers; in a drag only the first change `begins` an undo step. Raises ParameterError for bounds."""
+        """Change parameters; only the first change of a drag `begins` an undo step. Raises ParameterError."""
         control = self.needed.by_hand.control(wanted)
         self._begins = self._begins or begins
         if dict(wanted) == self.values:
@@ -266,12 +266,12 @@ class Desk:
         self._made = self.needed.by_hand, self.values, control
 
     def exchange(self, control: Control, file: Path | None = None) -> None:
-        """Continue with a control that may have other parts, as an undo step.
+        """Continue with a control that may have different blocks, as an undo step.
 
         file  a machine file in which a command has written it
 
-        Without one it is written into the current machine file or into that of the source, if it differs from the
-        control there in filters and numbers alone, and else into a file of its own.
+        Without a file it is written into the current machine file or into that of the source, if it differs from the
+        control there only in filters and parameters, and otherwise into a new file.
         """
         bench = self.needed.with_control(control)
         self._remember()
@@ -287,15 +287,15 @@ class Desk:
         self.base, self.written = self._kept(bench), control
 
     def _kept(self, bench: Bench) -> str | Path:
-        """Return a machine file with a computed control, for the steps that follow."""
+        """Write a machine file with the computed control for the following steps, and return its path."""
         if bench.machine is None:
             return bench.file
         return self.keep("begun.toml", bench.text(self.values).encode(), _NOT_MADE)
 
     def keep(self, name: str, content: bytes, what: str) -> Path:
-        """Write a file that no command writes, and note in the recipe that it must be kept.
+        """Write a file that no command writes, and record in the recipe that it must be kept.
 
-        It has the name, or a number behind it if that is taken by another one.
+        A number is appended to the name if another file has it.
         """
         path = free_name(self.folder, name, content)
         write_whole(path, content)
@@ -308,12 +308,12 @@ class Desk:
         return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
 
     def said_of(self, held: Held, words: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the result of a control, marked by a sentence if the current control is another one."""
+        """Return the result of a control, marked by a sentence if the current control is different."""
         same = held.same(self.held())
         return {**words, "said": [*([] if same else [_ANOTHER]), *words["said"]]}
 
     def results(self) -> dict[str, str]:
-        """Return directories with results of this source, by name, latest last, with a sentence if one is of another
+        """Return the result directories of this source by name, latest last, with a sentence for those of another
         control.
         """
         directories = dict[str, str]()
@@ -371,13 +371,13 @@ class Desk:
         self._begins = True
 
     def did(self, command: str, request: Request, control: Control | None = None) -> None:
-        """Record a completed step for the recipe, with the control that its results belong to."""
+        """Record a completed step for the recipe, with the control to which its results belong."""
         self.done.append(Step(command, request, control, self.epoch))
 
     def said_again(self, known: Request, request: Request, *, also: bool) -> None:
-        """Replace the request of a completed step by one that does more, so that a repetition meets the same files.
+        """Replace the request of a completed step by an extended one, so that a repetition yields the same files.
 
-        also  beside the step, and not instead of it
+        also  add it after the step instead of replacing it
         """
         place = next(k for k, step in enumerate(self.done) if step.request is known)
         self.done[place + also : place + 1] = [replace(self.done[place], request=request)]
@@ -385,7 +385,7 @@ class Desk:
     def take(self, control: Control, file: Path | None = None) -> None:
         """Continue with a computed control, as an undo step.
 
-        file  a machine file in which a command has written it, if there is one
+        file  the machine file in which a command has written it, if any
         """
         changes = difference(self.needed.by_hand.start, control)
         if (
@@ -406,7 +406,7 @@ class Desk:
         return known[2]
 
     def adjusted(self) -> AdjustRequest | None:
-        """Return the request that writes the current control into the machine file; None if it is written already.
+        """Return the request that writes the current control into the machine file; None if it is already there.
 
         Raises ParameterError without a machine.
         """
@@ -427,7 +427,7 @@ class Desk:
         )
 
     def machine_path(self) -> str | Path:
-        """Return a machine file with the current control: the initial file, or one that is written into the folder.
+        """Return a machine file with the current control: the base file, or one written to the folder.
 
         Raises ParameterError without a machine.
         """
@@ -439,7 +439,7 @@ class Desk:
         return path
 
     def not_yet_done(self) -> AdjustRequest | None:
-        """Return the request that writes the current control, unless the last step that wrote this file did so.
+        """Return the request that writes the current control, or None if the last step that wrote the file did so.
 
         Raises ParameterError without a machine.
         """
@@ -450,9 +450,9 @@ class Desk:
         return None if writers and writers[-1] == request else request
 
     def write_machine(self) -> Path:
-        """Write the machine file with the current control into the folder.
+        """Write the machine file with the current control to the folder.
 
-        Raises ParameterError without a machine, and while a job may yet read the one that stands there.
+        Raises ParameterError without a machine, and while a job may still read the existing file.
         """
         path, text = self.folder / "machine.toml", self.needed.text(self.values)
         if not path.is_file() or path.read_bytes() != text.encode():
@@ -497,7 +497,7 @@ class Desk:
         return None if self.job is None else self.job.state
 
     def close(self) -> None:
-        """Stop all running work."""
+        """Stop the running job and all followers."""
         with suppress(Exception):
             if self.job is not None:
                 self.job.kill()

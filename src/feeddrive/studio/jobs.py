@@ -1,4 +1,4 @@
-"""Long-running jobs of the page: in their own processes, which may be canceled and may even crash."""
+"""Long-running jobs of the page, in separate processes that can be canceled and may crash safely."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _CONTEXT = multiprocessing.get_context("spawn")
 
 
 def end_all() -> None:
-    """End the jobs of all pages, also those that wait for a processor, when the server stops."""
+    """End the jobs of all pages, including queued ones, when the server stops."""
     for job in tuple(_GOING):
         job.kill()
 
 
 def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
-    """Run a command of the workflow, by name."""
+    """Run a workflow command by name."""
     from feeddrive.workflow.command import load
 
     return load(command).run(request, progress)
@@ -52,11 +52,11 @@ def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
 class JobState:
     """The progress of a job.
 
-    room, what   that began it, and what it does
+    room, what   room that started it, and description of the job
     state        waiting, running, done, failed or canceled
-    step         that is done now; `done` of `of`, if it counts them
-    remarks      that it made on its way
-    error        why it failed
+    step         current step; `done` of `of`, if steps are counted
+    remarks      remarks made so far
+    error        reason of a failure
     """
 
     room: str
@@ -86,9 +86,9 @@ class Found:
 class Job:
     """A job in its own process.
 
-    heard(state)   after each report, from a thread of the job
-    improved(value)  for each `Found`
-    ended(result)  once, if the work came to its end
+    heard(state)     called after each report, from a thread of the job
+    improved(value)  called for each `Found`
+    ended(result)    called once, if the job completes
     """
 
     def __init__(
@@ -110,25 +110,25 @@ class Job:
         self._thread = threading.Thread(target=self._follow, daemon=True)
 
     def start(self) -> None:
-        """Start as soon as a processor is free."""
+        """Start the job as soon as a processor is free."""
         _GOING.add(self)
         self._thread.start()
 
     def cancel(self) -> None:
-        """Ask the job to stop; if it does not, end its process."""
+        """Ask the job to stop, and terminate its process if it does not."""
         if not self._stop.is_set():
             self._stop.set()
             threading.Thread(target=self._end, daemon=True).start()
 
     def kill(self) -> None:
-        """End the process at once, when the server stops; a job that has not started never starts."""
+        """Terminate the process immediately, when the server stops; a queued job is never started."""
         with _BEGIN:
             self._stop.set()
             if self._process is not None:
                 self._process.kill()
 
     def join(self, seconds: float | None = None) -> None:
-        """Wait for the end of the job."""
+        """Wait until the job has ended, at most `seconds`."""
         self._thread.join(seconds)
 
     def _end(self) -> None:
@@ -193,7 +193,7 @@ class Job:
             process.join()
 
     def _take(self, kind: str, *payload: Any) -> bool:
-        """Handle one report; False after the last."""
+        """Handle one report; return False after the last one."""
         if kind == "step":
             step, done, of = payload
             self._say(step=step, done=done, of=of)
@@ -218,7 +218,7 @@ class Job:
 
 
 class _Reporting(Progress):
-    """The progress within the process: reports go to the page, steps at a limited rate."""
+    """The progress object within the process, which sends reports to the page, steps at a limited rate."""
 
     def __init__(self, pipe: Connection) -> None:
         super().__init__()
@@ -237,7 +237,7 @@ class _Reporting(Progress):
         return self._cancelled.is_set()
 
     def flush(self) -> None:
-        """Send what was held back: the best result since the last report."""
+        """Send the pending best result, if any."""
         if self._held is not None:
             self._pipe.send(("found", self._held))
             self._held = None
@@ -262,7 +262,7 @@ class _Reporting(Progress):
 
 
 def fault(error: Exception) -> str:
-    """Describe an unexpected exception in one sentence with its place."""
+    """Return a sentence that describes an unexpected exception and where it occurred."""
     last = traceback.extract_tb(error.__traceback__)[-1:]
     place = "".join(f" in {Path(frame.filename).name}, line {frame.lineno}" for frame in last)
     return str(Text(f"a fault in feeddrive, please report it: {type(error).__name__}{place}: {error}"))

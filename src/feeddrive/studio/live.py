@@ -1,4 +1,4 @@
-"""The sources that the room Scope may follow, and the thread that follows one for a page."""
+"""The live sources of the room Scope, and the thread that follows one for a page."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FILE, _DRIVE, _OF_PIPE = "table that grows", "drive, sampled and not moved", "p
 
 @dataclass(frozen=True)
 class Offered:
-    """A source that may be followed: its kind in words, and the folder that it must not leave."""
+    """A source that may be followed: its path, its kind as text, and the folder that must contain it."""
 
     path: Path
     kind: str
@@ -36,10 +36,10 @@ class Offered:
 class Followable:
     """The sources that may be followed: those named on the command line, and tables directly in the folder.
 
-    A page names one of them by its text and nothing else, so that it reaches no other file and no other bus.
+    A page can select a source only by one of these names, so that it has no access to other files or buses.
 
     named   tables and drive files, or - for the pipe
-    folder  of the pages; None: nothing but what was named
+    folder  folder of the pages; None: only the named sources
     """
 
     def __init__(self, named: tuple[Path, ...] = (), folder: Path | None = None, pipe: Pipe | None = None) -> None:
@@ -52,7 +52,7 @@ class Followable:
         return f"Others: name them with --follow when feeddrive studio is started{where}."
 
     def offered(self) -> dict[str, Offered]:
-        """Return all sources, by their text."""
+        """Return all sources by name."""
         sources = dict[str, Offered]()
         for path in self._named:
             kind = _OF_PIPE if str(path) == PIPE else _DRIVE if path.suffix.lower() == ".toml" else _FILE
@@ -65,7 +65,7 @@ class Followable:
         return sources
 
     def open(self, name: str, sample_time: float | None, time_unit: str | None) -> LiveSource:
-        """Start to follow a source. Raises ParameterError for an unknown one, and the errors of `opened`."""
+        """Open a source by name. Raises ParameterError for an unknown source, and the errors of `opened`."""
         source = self.offered().get(name)
         if source is None:
             raise ParameterError(f"{name!r:.80} may not be followed. {self.hint}")
@@ -87,7 +87,7 @@ def stop_all() -> None:
 class Following:
     """A thread that follows a source until it is stopped or no page is open.
 
-    watched()  whether a page is open
+    watched()  returns True while a page is open
     """
 
     def __init__(self, source: LiveSource, scope: Oscilloscope, watched: Callable[[], bool]) -> None:
@@ -102,7 +102,7 @@ class Following:
 
     @property
     def going(self) -> bool:
-        """True while it follows."""
+        """True while the source is being followed."""
         return self._thread.is_alive() and not self._stop.is_set()
 
     def stop(self) -> None:
@@ -111,11 +111,11 @@ class Following:
         self._thread.join(5.0)
 
     def units(self) -> Mapping[str, str]:
-        """The units of the channels, as the source states them."""
+        """Return the units of the channels, as stated by the source."""
         return self.scope.channels
 
     def state(self) -> str:
-        """Status sentence: receiving rows, waiting, or rows that were skipped."""
+        """Return a status sentence: receiving rows, waiting, or skipped rows."""
         if self.failed:
             return self.failed
         return self.source.state() if self.going else "stopped"

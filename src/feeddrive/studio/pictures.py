@@ -1,4 +1,4 @@
-"""The pictures of the page: the loop before, by hand and as it was kept."""
+"""The pictures of the page: the loop under today's, the current and stored controls."""
 
 from __future__ import annotations
 
@@ -34,9 +34,7 @@ T = TypeVar("T")
 
 
 class Parts:
-    """Simulations of a control on a bench. None where one is impossible: no machine, an unstable loop, or bounds
-    exceeded.
-    """
+    """The simulations of a control on a bench, each None if impossible: no machine, unstable loop, exceeded bounds."""
 
     def __init__(self, bench: Bench, control: Control, name: str) -> None:
         self.bench, self.control, self.name = bench, control, name
@@ -48,7 +46,7 @@ class Parts:
 
     @cached_property
     def snap(self) -> Run | None:
-        """The rope that is cut."""
+        """The response to a rope pulling on the table that is cut."""
         return self._if_there(lambda: self.bench.snap(self.control, self.name))
 
     @cached_property
@@ -75,16 +73,16 @@ _LOOP = "loop"  # loop.0, loop.1: poles of the closed loop
 
 
 class HeldPoles:
-    """The movable poles of the current control. Poles of the loop keep their names while they move."""
+    """The movable poles of the current control. Closed-loop poles keep their names while they move."""
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
         self._named: dict[str, complex] = {}
 
     def shown(self, units: Units) -> tuple[list[dict[str, Any]], str]:
-        """Return the handles, Hz across and a height in the unit of the picture, and a sentence that explains them.
+        """Return the handles, with abscissa in Hz and height in the unit of the picture, and an explanatory sentence.
 
-        Nothing without a machine.
+        Both are empty without a machine.
         """
         bench = self.desk.needed
         if bench.loop is None:
@@ -104,7 +102,7 @@ class HeldPoles:
         return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in loop_poles], sentence
 
     def moved(self, name: str, s: complex) -> Values:
-        """Return the gains that bring a pole as near as possible to a position (1/s). Raises ParameterError."""
+        """Return the gains that move a pole as close as possible to a position (1/s). Raises ParameterError."""
         if not np.isfinite(abs(s)):
             raise ParameterError("a pole must be taken to a finite place")
         if not name.startswith(f"{_LOOP}."):
@@ -126,12 +124,12 @@ class HeldPoles:
         return now
 
     def stepped(self, name: str, across: float, up: float) -> Values:
-        """Return the gains after a pole is moved by keys, in steps of 2 % of its distance from 0."""
+        """Return the gains after moving a pole by keys, in steps of 2 % of its magnitude."""
         now = self.at(name)
         return self.moved(name, now + _ACROSS * abs(now) * complex(across, up))
 
     def _gains(self) -> Sequence[str]:
-        """Return the tunables that have a logarithm."""
+        """Return the names of the positive tunables, which can be varied logarithmically."""
         control = self.desk.control
         return [name for name in own_tunables(control) if float(tree.get(control, name)) > 0.0]
 
@@ -146,7 +144,7 @@ class HeldPoles:
         return bench.mechanics, model, np.array([values[name] for name in names])
 
     def _of_loop(self) -> list[tuple[str, complex]]:
-        """Return the poles of the loop with their names: each takes that of the nearest earlier one."""
+        """Return the closed-loop poles with their names; each inherits the name of the nearest earlier pole."""
         names = self._gains()
         if not names or self.desk.needed.by_hand.model(self.desk.values, names) is None:
             return []
@@ -188,9 +186,9 @@ _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no 
 
 @dataclass(frozen=True)
 class View:
-    """The input of the pictures: looks and parts of controls by name, of one bench.
+    """The input of the pictures: evaluations and simulations of controls by name, on one bench.
 
-    A control without parts has no runs, poles or step.
+    A control without an entry in `parts` has no runs, poles or step response.
     """
 
     bench: Bench
@@ -200,16 +198,16 @@ class View:
 
     @property
     def leading(self) -> dict[str, Figures]:
-        """The worst operating point of each control: the largest Ms, or an unstable one."""
+        """The worst operating point of each control: an unstable one, or that with the largest Ms."""
         return {name: look.leading for name, look in self.looks.items()}
 
     @property
     def stable(self) -> dict[str, Figures]:
-        """The stable ones of `leading`: the others have no sensitivity and no stiffness."""
+        """The stable controls in `leading`; unstable loops have no sensitivity or stiffness."""
         return {name: figures for name, figures in self.leading.items() if figures.stable}
 
     def of_stable(self, part: Callable[[Parts], T | None]) -> dict[str, T]:
-        """Return a part of each control that is stable and has it."""
+        """Return one simulation result for each stable control for which it is available."""
         stable = {name: self.parts[name] for name, look in self.looks.items() if look.stable and name in self.parts}
         available = {name: part(value) for name, value in stable.items()}
         return {name: value for name, value in available.items() if value is not None}
@@ -269,9 +267,9 @@ def _response(view: View) -> Chart:
 
 @dataclass(frozen=True)
 class Kind:
-    """A picture that a person can choose: its title, the function that draws it, and if it is shown by default.
+    """A selectable picture: its title, its drawing function, and True if it is shown by default.
 
-    of_machine  it needs a machine
+    of_machine  True if it needs a machine
     """
 
     title: str
@@ -303,7 +301,7 @@ def charts(
     names: Iterable[str] = USUAL,
     units: Units = DRAWN,
 ) -> dict[str, Chart]:
-    """Draw the named pictures, as far as there is something to draw; nothing is computed for the others."""
+    """Draw the named pictures for which data are available; nothing is computed for the others."""
     units = replace(units, rotary=bench.rotary)
     view = View(bench, looks, parts or {}, units)
     drawn = {name: numbered(chart) for name in names if (chart := PICTURES[name].draw(view)) is not None}
@@ -311,7 +309,7 @@ def charts(
 
 
 def numbered(chart: Chart) -> Chart:
-    """Number each control by its name, so that it keeps its color whatever else is shown."""
+    """Assign a fixed number to each control by its name, so that its color does not depend on the other curves."""
     named = {curve.number: curve.name for panel in chart.panels for curve in panel.curves if curve.name in NUMBERS}
     others = {number: NUMBERS[name] for number, name in named.items() if NUMBERS[name] != number}
     if not others:
@@ -335,7 +333,7 @@ def numbered(chart: Chart) -> Chart:
 
 
 def choices(bench: Bench, chosen: Iterable[str]) -> list[dict[str, object]]:
-    """Return, for the page, each picture, if it is chosen, and why it cannot be drawn for this axis."""
+    """Return for each picture its name and title, whether it is selected, and why it is unavailable for this axis."""
     known = set(chosen)
     return [
         {

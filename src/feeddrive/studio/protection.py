@@ -1,11 +1,10 @@
-"""Who may talk to the page's server: its cookie, its origin, and the password of an open page.
+"""Access control of the page's server: host, origin, one-time tokens, cookie, password and security headers.
 
-Host      only the addresses under which the server listens: a name that a foreign page points here is refused
-(DNS rebinding)
-password  in place of the token, where others on the network may reach the server: asked for by a page of its own
-Origin    of a WebSocket and of everything that changes something: only the page itself
-token     in an address, opens the page once: it becomes a cookie that only this server gets back
-headers   a policy that loads nothing from elsewhere and runs no inline script; not to be framed, cached or sniffed
+Host      must be an address at which the server listens; a foreign name that resolves to it is refused (DNS rebinding)
+password  replaces the token if others on the network can reach the server; requested by a login page
+Origin    of WebSockets and of all state-changing requests must be the page itself
+token     in an address, opens the page once and is exchanged for a cookie that is sent to this server only
+headers   a policy without external content and inline scripts; framing, caching and MIME sniffing are disabled
 """
 
 from __future__ import annotations
@@ -36,9 +35,9 @@ _OTHERS = 0o077  # permissions of group and others
 
 
 def read_password(path: Path) -> str:
-    """Read the password: the first line of a file, or of standard input for `-`, without an echo in a terminal.
+    """Read the password from the first line of a file, or of standard input for `-`, without echo in a terminal.
 
-    Raises FileError for a file that cannot be read, ParameterError for one that others may read and for a password of
+    Raises FileError for an unreadable file, ParameterError for a file that other users may read and for a password of
     the wrong length.
     """
     if str(path) != STANDARD_INPUT:
@@ -102,7 +101,7 @@ _LONGEST_BODY = 1_000  # bytes of a password with its name
 
 
 class Tokens:
-    """The tokens that open the page, each valid once."""
+    """The one-time tokens that open the page."""
 
     def __init__(self) -> None:
         self._open, self._lock = dict[str, Callable[[], None]](), threading.Lock()
@@ -115,7 +114,7 @@ class Tokens:
         return token
 
     def redeem(self, token: str) -> bool:
-        """Redeem a token; False for one that was used or never issued."""
+        """Redeem a token; return False for one that was used or never issued."""
         with self._lock:
             equal = [other for other in self._open if hmac.compare_digest(other.encode(), token.encode())]
             called = [self._open.pop(other) for other in equal]
@@ -128,11 +127,11 @@ class Tokens:
 class Door:
     """The access control of the server.
 
-    hosts     what the Host header may be: `127.0.0.1:8765`
-    password  in place of a token in the address; empty: none
-    port      if the server listens at all addresses of the machine: every address of that port is its own, but no name
-    tokens    that open the page once, without a password
-    secret    the value of the cookie
+    hosts     accepted Host headers, such as `127.0.0.1:8765`
+    password  replaces the token in the address; empty: none
+    port      if the server listens at all addresses of the machine: any IP address with this port is accepted, no name
+    tokens    one-time tokens that open the page without a password
+    secret    value of the cookie
     """
 
     hosts: tuple[str, ...]
@@ -143,13 +142,11 @@ class Door:
 
     @property
     def cookie(self) -> str:
-        """The name of the cookie: browsers keep one set for all ports of a machine, where another
-        studio may be open.
-        """
+        """The name of the cookie, with the port, since browsers share cookies between all ports of a machine."""
         return f"feeddrive_studio_{self.hosts[0].rpartition(':')[2]}"
 
     def own(self, host: str) -> bool:
-        """True if a Host header is an address of this server."""
+        """Return True if a Host header is an address of this server."""
         if host in self.hosts:
             return True
         name, _, port = host.rpartition(":")
@@ -168,7 +165,7 @@ class Protected:
         self._trying = asyncio.Lock()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on what is allowed; refuse the rest in a line."""
+        """Pass permitted requests to the app, and refuse all others with a one-line reason."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -192,9 +189,9 @@ class Protected:
         await self._app(scope, receive, guarded)
 
     def _redeems(self, scope: Scope, headers: dict[str, str]) -> bool:
-        """True if a request holds a token that opens the page; the token is then used.
+        """Return True if a request contains a valid token, which is then consumed.
 
-        A browser that loads a page beforehand, while its address is being typed, must not use it up.
+        A browser that prefetches the page while its address is being typed does not consume the token.
         """
         ahead = "prefetch" in headers.get("sec-purpose", headers.get("purpose", ""))
         if scope["type"] != "http" or scope.get("method") != "GET" or self._door.password or ahead:
@@ -208,13 +205,13 @@ class Protected:
         return b"set-cookie", cookie.encode()
 
     async def _enter(self, send: Send) -> None:
-        """Give the cookie in place of a token, which leaves the address bar with it."""
+        """Send the cookie in exchange for the token, with a page that removes the token from the address bar."""
         headers = [(b"content-type", b"text/html; charset=utf-8"), *_HEADERS, self._cookie]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         await send({"type": "http.response.body", "body": OPENED.encode()})
 
     async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Ask for the password, or try the submitted one: one at a time, and slowly after a wrong one."""
+        """Send the password form, or check a submitted password: one at a time, with a delay after a wrong one."""
         reason = "This page is protected."
         if scope.get("method") == "POST" and scope.get("path") == "/enter":
             attempt = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
@@ -230,13 +227,13 @@ class Protected:
         await send({"type": "http.response.body", "body": ENTER.format(reason=reason).encode()})
 
     def _from_here(self, scope: Scope, headers: dict[str, str]) -> bool:
-        """True if a request comes from a page of this server, or opens one."""
+        """Return True if a request comes from a page of this server, or opens one."""
         if scope.get("method") in ("GET", "HEAD"):
             return True
         return headers.get("origin", "").partition("://")[2] == headers.get("host", "")
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str]:
-        """Return status and reason of a refusal, or status 0."""
+        """Return HTTP status and reason of a refusal; status 0 if the request is permitted."""
         host, origin = headers.get("host", ""), headers.get("origin")
         if not self._door.own(host):
             return 421, "this server answers under its own address only: use the one that feeddrive studio printed"
@@ -246,7 +243,7 @@ class Protected:
         return (0, "") if self._knows(headers) else (403, _CLOSED)
 
     def _knows(self, headers: dict[str, str]) -> bool:
-        """True if a request holds the cookie of this start."""
+        """Return True if a request has the cookie of this server run."""
         try:
             kept = SimpleCookie(headers.get("cookie", "")).get(self._door.cookie)
         except CookieError:
@@ -255,7 +252,7 @@ class Protected:
 
 
 async def _body(receive: Receive) -> bytes:
-    """Return the body of a request; empty if it is longer than a password may be."""
+    """Return the body of a request; empty if it exceeds the length limit of a password form."""
     body = b""
     while True:
         message = await receive()

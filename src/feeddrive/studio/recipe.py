@@ -1,4 +1,4 @@
-"""The steps on the page as commands, as Python and as a job, to be repeated without the page."""
+"""Export of the steps on the page as commands, Python and a job, so that they can be repeated without the page."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 class Recipe:
     """The steps on the page as commands, as a script and as a job.
 
-    commands  of the command line, one a line
-    python    a script
-    job       a job file that runs the control before and after over the move of the page; empty without a machine
+    commands  shell commands, one per line
+    python    Python script
+    job       job file that simulates today's and the current control over the move of the page; empty without a machine
     """
 
     commands: str
@@ -29,7 +29,7 @@ class Recipe:
 
 
 def recipe_of(desk: Desk) -> Recipe:
-    """Return the steps on the page, in order, and the numbers that were moved by hand."""
+    """Return the recipe of the steps on the page, in order, including parameters changed by hand."""
     steps = [(step.command, step.request) for step in desk.done]
     moved = None if desk.bench is None or desk.bench.machine is None else desk.not_yet_done()
     if moved is not None:
@@ -47,7 +47,7 @@ def recipe_of(desk: Desk) -> Recipe:
 
 
 def _job(desk: Desk) -> str:
-    """Return a job with today's and the current control over the same move and the same force."""
+    """Return a job that compares today's and the current control over the same move and force."""
     bench = desk.bench
     if bench is None or bench.machine is None:
         return ""
@@ -77,6 +77,6 @@ def _job(desk: Desk) -> str:
 
 
 def whole(machine: str | Path) -> str:
-    """Return a machine as a job anywhere can name it: a bundled name, or an absolute path."""
+    """Return a machine reference that is valid in a job anywhere: a bundled name, or an absolute path."""
     path = Path(machine)
     return str(path.resolve()) if path.exists() else str(machine)

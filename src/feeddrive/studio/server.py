@@ -46,12 +46,12 @@ _WINDOWS = 50  # parts of x that are looked at: labels come from the page
 
 
 class Session:
-    """The state of one page.
+    """The session of one page, with its rooms and state.
 
-    folder  its own directory: what it reads and writes stands there
-    bench, brought  to begin with
-    live    what may be followed
-    tour    begin with the guided tour
+    folder          directory of the page, for all files that it reads and writes
+    bench, brought  initial bench and files
+    live            sources that may be followed
+    tour            True to start with the guided tour
     """
 
     def __init__(
@@ -101,20 +101,18 @@ class Session:
         return self._message(number, name if name in self.rooms else "", Said({"error": error_text}))
 
     def listen(self, push: Push) -> Callable[[], None]:
-        """Subscribe to unsolicited messages, each with the kind that it replaces. The returned
-        function unsubscribes.
-        """
+        """Subscribe to unsolicited messages, each with its kind; return a function that unsubscribes."""
         self._windows.clear()  # a page that has just been loaded looks at all
         self._pushes.append(push)
         return lambda: self._pushes.remove(push)
 
     @property
     def heard(self) -> bool:
-        """True if a page listens."""
+        """True if a page is connected."""
         return bool(self._pushes)
 
     def push(self, name: str) -> None:
-        """Show a room again without a request."""
+        """Send the current state of a room to the page without a request."""
         with self._lock:
             try:
                 content = self._message(0, name, self.rooms[name].show())
@@ -134,7 +132,7 @@ class Session:
         self.desk.cancel()
 
     def _view(self, act: str, asked: Asked) -> str:
-        """Zoom all pictures of a room to a part of x, or to all of it; return the room."""
+        """Zoom all pictures of a room to a range of x, or to the full range; return the room name."""
         if act != "window":
             raise ParameterError(f"a view has a window, and not '{act:.60}'")
         room = asked.choice("shows", self.rooms)
@@ -229,13 +227,14 @@ def make_app(
     *,
     tour: bool = False,
 ) -> App:
-    """Return the ASGI app for pages that start with one bench, or with none, behind its access control.
+    """Return the ASGI app, with access control, for pages that start with one bench or with none.
 
-    door     who is let in
-    folder   in which each page gets a directory of its own
-    brought  files with which every page begins, as if they had been brought
-    tour     every page begins with the guided tour
-    live     what every page may follow while it is recorded
+    door     access control
+    folder   parent of the directories of the pages
+    brought  initial files of every page, as if they had been uploaded
+    tour     True if every page starts with the guided tour
+    live     sources that every page may follow while they are recorded
+
     Raises MissingExtraError without the extra `studio`.
     """
     try:
@@ -328,7 +327,7 @@ def make_app(
 
 
 class Sessions:
-    """The sessions of open pages: when there are too many, the least recently used is ended."""
+    """The sessions of all pages; if there are too many, the least recently used one without an open page is ended."""
 
     def __init__(self, make: Callable[[], Session]) -> None:
         self._make, self._lock = make, threading.Lock()
@@ -337,7 +336,7 @@ class Sessions:
     def named(self, name: str) -> Session:
         """Return the session of a page, a new one for an unknown page.
 
-        Raises ParameterError where all that are kept are open, FileError where the folder cannot be written.
+        Raises ParameterError if too many pages are open, FileError if the folder cannot be written.
         """
         with self._lock:
             session = self._held.pop(name[:_KEY], None)
@@ -356,7 +355,7 @@ class Sessions:
 
 
 class Outbox:
-    """Messages waiting for a page: every answer, and the latest of each kind of unsolicited message."""
+    """The queue of messages for a page: every answer, and the latest of each kind of unsolicited message."""
 
     def __init__(self) -> None:
         self._held, self._count = dict[int | str, bytes](), 0
@@ -370,7 +369,7 @@ class Outbox:
         self._there.set()
 
     async def take(self) -> bytes:
-        """Return the message that has waited the longest."""
+        """Wait for a message, and return the oldest one."""
         while not self._held:
             self._there.clear()
             await self._there.wait()
@@ -384,7 +383,7 @@ def _put(loop: asyncio.AbstractEventLoop, waiting: Outbox, of: str, content: byt
 
 
 def _asked(received: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the request in a WebSocket message; None if it holds none."""
+    """Return the request in a WebSocket message; None if it is invalid. Raise _LeftError if the page was closed."""
     if received["type"] == "websocket.disconnect":
         raise _LeftError
     text = received.get("text") or ""

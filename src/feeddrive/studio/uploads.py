@@ -1,6 +1,6 @@
-"""Files that the page brings: stored under harmless names, limited, and recognised.
+"""Uploaded files: stored under safe names, limited in size and number, and recognized by content.
 
-It is read in a process of its own, so that a file on which a reader fails leaves the page as it is.
+They are read in a separate process, so that a file that crashes a reader does not affect the page.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _POINTS = 400  # of a preview
 class Understood:
     """The content of a file, as far as it could be read.
 
-    name, kind  of the file
-    axes        of a machine
-    tables      what is in it
-    guess       roles of the columns of a log
-    columns     of a log: time and values of a preview, by name
-    units       of columns, as the file states them
-    wrong       what is wrong with it, and what to do
+    name, kind  name and kind of the file
+    axes        axes of a machine
+    tables      summary of the content
+    guess       guessed roles of the columns of a log
+    columns     time and values of a log's preview, by column name
+    units       units of the columns, as stated in the file
+    wrong       error with remedy
     """
 
     name: str
@@ -59,7 +59,7 @@ class Understood:
 
 
 def understand(paths: Sequence[Path], progress: Progress) -> list[Understood]:
-    """Inspect files. Raises for none of them: errors are reported with their file."""
+    """Inspect files without raising: errors are reported with their file."""
     contents = list[Understood]()
     for i, path in enumerate(paths):
         progress.step(f"reading {path.name}", i, len(paths))
@@ -140,7 +140,7 @@ _DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[\d¹²³]) *(\..*)?", re.IGNO
 
 
 def safe_name(name: str) -> str:
-    """Return a file name that stays in its folder on every system. Raises FileError for any other one."""
+    """Return the name if it is a safe file name on every operating system. Raises FileError otherwise."""
     if len(name.encode("utf-8", "surrogatepass")) > _LONGEST:
         raise FileError(f"{name!r:.80} is too long a name for a file here: {_LONGEST} bytes at most, rename it")
     if not _NAME.fullmatch(name) or ".." in name or name.endswith((".", " ")) or _DEVICES.fullmatch(name):
@@ -151,16 +151,16 @@ def safe_name(name: str) -> str:
 
 
 def stem_of(name: str) -> str:
-    """Return a name without its extension, as a part of other names: Windows drops blanks and dots at the end."""
+    """Return a name without its extension, for use in other names; strips blanks and dots, as Windows does."""
     return Path(name).stem.rstrip(" .")
 
 
 def place_of(name: str, folder: Path, promised: int | None = None) -> Path:
-    """Return the path for an uploaded file: run.csv, then 2/run.csv, ...: a reader of the first one keeps its file.
+    """Return the path for an uploaded file: run.csv, then 2/run.csv, ..., so that earlier files are not replaced.
 
-    promised  its size, bytes, if the browser said it
-    Raises FileError for its name, for a link that stands there, for more than `LARGEST` bytes, and for more than
-    `MANY` files.
+    promised  size announced by the browser, bytes, if any
+
+    Raises FileError for an unsafe name, an existing link, more than `LARGEST` bytes, and more than `MANY` files.
     """
     path = folder / safe_name(name)
     if promised is not None and promised > LARGEST:
@@ -173,13 +173,13 @@ def place_of(name: str, folder: Path, promised: int | None = None) -> Path:
 
 
 def free_place(folder: Path, name: str) -> Path:
-    """Return a free path in a folder for a file of this name."""
+    """Return an unused path in a folder for a file of this name."""
     places = chain([folder], (folder / str(i) for i in count(2)))
     return next(place / name for place in places if not (place / name).exists())
 
 
 async def keep(name: str, pieces: AsyncIterator[bytes], folder: Path, promised: int | None = None) -> Path:
-    """Write a file that arrives in pieces into the folder, whole or not at all. Raises the errors of `place_of`."""
+    """Write an uploaded file to the folder in chunks, completely or not at all. Raises the errors of `place_of`."""
     path = place_of(name, folder, promised)
     path.parent.mkdir(parents=True, exist_ok=True)
     with written_whole(path) as temporary, temporary.open("wb") as file:

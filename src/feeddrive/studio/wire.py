@@ -1,8 +1,8 @@
 """The messages to the browser: a header in JSON and the numbers of all curves as 32-bit floats, in one message.
 
 4 bytes   length of the header, little-endian, a multiple of 4 (padded with blanks)
-header    JSON; a curve in it says at which number its x begins, and how many there are; its y follow, of a band both
-numbers   float32, little-endian; what is not finite is NaN and interrupts a line
+header    JSON; a curve states the index of its first x and the number of points; its y follow, for a band low and high
+numbers   float32, little-endian; non-finite values are NaN and interrupt a line
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def message(
 ) -> bytes:
     """Encode one message: its words, and charts by name.
 
-    windows  the part of x that is looked at, by label of x: curves over it have their points there
+    windows  visible range of x, by label of x, in which curves over that x have their points
     """
     numbers, windows = list[np.ndarray](), windows or {}
     shown = {name: _chart(chart, numbers, windows.get(chart.label)) for name, chart in (charts or {}).items()}
@@ -70,7 +70,7 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
 
 
 def _mark(mark: Mark) -> dict[str, Any]:
-    """Encode a mark; the page calls its caption `said`, as it does those of panels and curves."""
+    """Encode a mark; on the page its caption is `said`, as for panels and curves."""
     return {
         **{name: getattr(mark, name) for name in ("x", "y", "number", "hollow", "name", "key")},
         "said": mark.caption,
@@ -102,7 +102,7 @@ def _curve(
 
 
 def _put(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
-    """Append rows of numbers; return the index of the first."""
+    """Append rows of numbers; return the index of the first number."""
     at = sum(block.size for block in numbers)
     for row in rows:
         with np.errstate(over="ignore"):
@@ -112,7 +112,7 @@ def _put(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
 
 
 def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
-    """Encode a band; of more points than a picture shows, the widest of each stretch."""
+    """Encode a band; more points than a picture can show are reduced to the envelope of each interval."""
     x, low, high = (np.asarray(row, np.float64) for row in (band.x, band.low, band.high))
     if x.size > POINTS and np.all(np.isfinite(x)):
         begins = np.linspace(0, x.size, POINTS, endpoint=False).astype(int)
@@ -125,9 +125,9 @@ def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
 def _thinned(
     x: np.ndarray, y: np.ndarray, chart: Chart, panel: Panel, window: Window | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a curve to the points that a picture shows: the envelope over x, or in a plane the steps of a pixel.
+    """Reduce a curve to the resolution of a picture: the envelope over x, or in a plane points one pixel apart.
 
-    What is not finite interrupts a curve; its pieces share the points by their lengths.
+    Non-finite values interrupt a curve; its pieces share the points in proportion to their lengths.
     """
     there = np.isfinite(x) & np.isfinite(y)
     if not np.all(there):
@@ -156,7 +156,7 @@ def _thinned(
 def _in_plane(
     x: np.ndarray, y: np.ndarray, left: float, right: float, low: float, high: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points of a curve that are a pixel apart, in a picture and around it; further out fewer."""
+    """Return the points of a curve that are a pixel apart within the picture, and increasingly sparse outside it."""
     wide, tall = right - left, high - low
     off = np.maximum(1.0, np.maximum(np.abs(2.0 * (x - left) / wide - 1.0), np.abs(2.0 * (y - low) / tall - 1.0)))
     steps = np.hypot(np.diff(x) / wide, np.diff(y) / tall) * POINTS / np.maximum(off[1:], off[:-1]) ** 2

@@ -1,4 +1,4 @@
-"""Long-running jobs of the page that end in words and pictures: each runs in its own process and returns little."""
+"""Long-running jobs of the page that produce texts and pictures: each runs in its own process and returns little."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ _TURN = 12.0  # degrees on both sides of a quadrant peak
 class Shown:
     """The result of a job, as the page shows it.
 
-    words     said, tables, verdict, failure, bad
-    charts    by name
-    controls  by name of a law, of a comparison
-    files     that were written
-    friction  over velocity, of an identified motion
-    result    what other charts are made from
+    words     JSON data with the keys said, tables, verdict, failure, bad
+    charts    charts by name
+    controls  controls of a comparison by name of the law
+    files     written files by name
+    friction  identified friction over velocity
+    result    data for further charts
     """
 
     words: Mapping[str, Any]
@@ -58,7 +58,7 @@ class Shown:
 
 
 def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
-    """Return sentences and tables of an outcome for the page; a failed one always has a sentence."""
+    """Return sentences and tables of an outcome for the page; a failed outcome always has a sentence."""
     sentences, tables = list[str](), list[dict[str, Any]]()
     verdict = resolve(outcome.verdict, outcome.units)
     for item in outcome.shown():
@@ -74,7 +74,7 @@ def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
 
 
 def fitted(command: str, request: Request, progress: Progress) -> Shown:
-    """Identify a model or responses from logs; of a motion, draw the model over the log."""
+    """Identify a model or frequency responses from logs, with charts of the fit."""
     outcome = perform(command, request, progress)
     charts = dict(_fit_charts(outcome.result))
     charts = _drawn(charts, outcome)
@@ -83,7 +83,7 @@ def fitted(command: str, request: Request, progress: Progress) -> Shown:
 
 
 def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:
-    """Return charts with their texts in the units of an outcome, as they are drawn."""
+    """Return charts with their texts in the drawing units of an outcome."""
     units = replace(outcome.units, typographic=True)
     return {name: chart.shown(units) for name, chart in charts.items()}
 
@@ -120,7 +120,7 @@ def toured(request: TourRequest, progress: Progress) -> list[Understood]:
 
 
 def certified(request: CertifyRequest, progress: Progress) -> Shown:
-    """Prove a certificate, and draw it over frequency and as discs in the complex plane."""
+    """Compute a stability certificate, and draw it over frequency and as discs in the complex plane."""
     from feeddrive.plot.complex_plane import certificate_chart, certificate_discs_chart
 
     outcome = perform("certify", request, progress)
@@ -131,15 +131,15 @@ def certified(request: CertifyRequest, progress: Progress) -> Shown:
 
 
 def circled(request: CircleRequest, progress: Progress) -> Shown:
-    """Run the circle test of the machine: its circles are the result, `circle_shown` draws them."""
+    """Run the circle test of the machine; `circle_shown` draws the resulting circles."""
     outcome = perform("circle", request, progress)
     return Shown(words_of(outcome), result=outcome.result.test)
 
 
 def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
-    """Draw the deviation, magnified and over the angle, and list the highest quadrant peaks.
+    """Draw the deviation of a circle test, magnified and over the angle, and list the largest quadrant peaks.
 
-    before  the same circles under another control
+    before  the same circles under another control, for comparison
     """
     from feeddrive.machining.circle_test import quadrant_peaks
     from feeddrive.plot.circle import circle_chart, unrolled_chart
@@ -156,7 +156,7 @@ def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
 
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
-    """Run a part program on the machine: contour error on the path, and the worst places."""
+    """Run a part program on the machine, and show the contour error on the path and its worst places."""
     from feeddrive.plot.part_program import contour_on_path_chart, part_zoom_chart, place_chart, place_view
 
     outcome = perform("run", request, progress)
@@ -185,7 +185,7 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:
-    """Compare laws at equal robustness: the trade-off, the table, and the control of each law."""
+    """Compare laws at equal robustness; return trade-off, table, and the control of each law."""
     from feeddrive.comparison.pictures import tradeoff_chart
 
     outcome = perform("compare", request, progress)
@@ -209,14 +209,14 @@ def compared(request: CompareRequest, progress: Progress) -> Shown:
 
 
 def exported(request: ExportRequest, progress: Progress) -> Shown:
-    """Write an export, and pack it as a ZIP archive beside its directory."""
+    """Write an export, and pack it as a ZIP archive next to its directory."""
     outcome = perform("export", request, progress)
     assert request.out is not None
     return Shown({**words_of(outcome), "archive": packed(request.out).name})
 
 
 def packed(folder: Path) -> Path:
-    """Pack a directory as a ZIP archive beside it, completely or not at all."""
+    """Pack a directory as a ZIP archive next to it, completely or not at all."""
     from feeddrive.files.atomic_io import written_whole
 
     archive = folder.with_name(f"{folder.name}.zip")

@@ -1,4 +1,4 @@
-"""A virtual drive on a CAN bus: SDO and NMT by the canopen package, process data with every SYNC."""
+"""A virtual drive on a CAN bus: SDO and NMT by the canopen package, process data on every SYNC."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def serve_canopen(
     bitrate: int | None = None,
     lose: Callable[[int], bool] = lambda _cycle: False,
 ) -> None:
-    """Serve node `station` on a bus that python-can knows until `stopped`; `lose` drops the answer of a cycle.
+    """Serve node `station` on a python-can bus until `stopped`; `lose` drops the answer of a cycle.
 
-    With a SYNC the values of the last cycle are sent, then the plant moves on by one bus cycle.  Raises BusError for a
+    On each SYNC the values of the last cycle are sent, then the plant advances by one bus cycle.  Raises BusError for a
     bus that cannot be opened, MissingExtraError without the packages.
     """
     canopen = packages()
@@ -36,7 +36,7 @@ def serve_canopen(
     objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL", station)
 
     class Node(canopen.LocalNode):
-        """Its object dictionary is that of the firmware; only the heartbeat is handled by the package."""
+        """A CANopen node with the object dictionary of the firmware; the package handles only the heartbeat."""
 
         def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
             if index == _HEARTBEAT:
@@ -110,7 +110,7 @@ def serve_canopen(
 
 
 class _MasterWatch:
-    """The heartbeat that the drive monitors (0x1016:01): once received, it must not fail."""
+    """The heartbeat consumer of the drive (0x1016:01), which times out once the first heartbeat has been received."""
 
     def __init__(self) -> None:
         self.set(0)
@@ -126,6 +126,6 @@ class _MasterWatch:
             self._last = time.monotonic()
 
     def is_silent(self) -> bool:
-        """True if the heartbeat has failed."""
+        """Return True if the heartbeat has timed out."""
         last, limit = self._last, 1e-3 * (self.entry & 0xFFFF)
         return last is not None and limit > 0.0 and time.monotonic() - last > limit

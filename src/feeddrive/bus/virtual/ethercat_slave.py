@@ -1,13 +1,11 @@
-"""A virtual drive on an Ethernet interface: EtherCAT slave controller, EEPROM, mailbox, and its cycle.
+"""A virtual EtherCAT drive on an Ethernet interface: slave controller, EEPROM, mailbox, and its cycle.
 
-A virtual EtherCAT slave controller: registers, EEPROM, FMMUs, sync managers, AL states, and how frames pass through.
+The slave controller implements registers, EEPROM, FMMUs, sync managers, AL states and frame processing, according to
+ETG.1000.4 and the register descriptions of the chip manufacturers.  Not supported, and reported so by the registers:
+distributed clocks, redundancy, sync manager events and EEPROM writing.
 
-By ETG.1000.4 and the register descriptions of the makers of such chips.  Not supported: distributed clocks,
-redundancy, sync-manager events and EEPROM writing; the registers say so.
-
-The mailbox of a virtual EtherCAT slave: CANopen over EtherCAT, SDO up and down.
-
-Segmented transfer, complete access and SDO information are refused with an abort code; masters do without them.
+The mailbox supports CANopen over EtherCAT with SDO upload and download.  Segmented transfer, complete access and SDO
+information are refused with an abort code; masters work without them.
 """
 
 from __future__ import annotations
@@ -35,14 +33,13 @@ def serve_ethercat(
     watchdog: float | None = None,
     lose: Callable[[int], bool] = lambda _cycle: False,
 ) -> None:
-    """Serve until `stopped`; several drives are the stations of a segment, in their order.
+    """Serve drives on an interface until `stopped`; several drives are the stations of a segment, in order.
 
-    watchdog  s without process data after which an enabled drive goes into fault, in real time; None: the time that a
-              master writes into the registers; as long as it writes none, the plant moves on with the frames and
-              stands still without them
-    lose      whether the answer of a cycle (of the first drive) is dropped, for tests of a client
+    watchdog  real time without process data, s, after which an enabled drive goes into fault; None: the time that a
+              master writes to the registers; until then the plant advances only with the frames
+    lose      function of the cycle number that returns True to drop the first drive's answer, for client tests
 
-    Raises ParameterError for an interface that is not there, BusError for one that is not permitted.
+    Raises ParameterError for a missing interface, BusError without access rights.
     """
     drives = [firmwares] if isinstance(firmwares, Firmware) else list(firmwares)
     stations = [SlaveController(firmware) for firmware in drives]
@@ -88,7 +85,7 @@ _WRITES = {2, 3, 5, 6, 8, 9}
 
 
 class SlaveController:
-    """A slave that answers EtherCAT frames; `cycles` bus cycles have been passed to the firmware."""
+    """A slave controller that answers EtherCAT frames; `cycles` counts the bus cycles passed to the firmware."""
 
     def __init__(self, firmware: Firmware) -> None:
         self.firmware = firmware
@@ -111,7 +108,7 @@ class SlaveController:
 
     @property
     def watchdog(self) -> float:
-        """The time without outputs after which it leaves OP, s, by its registers; 0: never."""
+        """The watchdog time set in the registers, s: without outputs for that long the slave leaves OP; 0: never."""
         (divider,) = struct.unpack_from("<H", self._memory, _DIVIDER)
         (time_,) = struct.unpack_from("<H", self._memory, _WATCHDOG_TIME)
         return 40e-9 * (divider + 2) * time_ if self._memory[_SYNC + 8 * 2 + 4] & 0x40 else 0.0
@@ -126,7 +123,7 @@ class SlaveController:
         self.firmware.lost()
 
     def passed(self, frame: bytes) -> bytes | None:
-        """Return the frame as it leaves the slave, or None for one that is not EtherCAT; then `advance` is due."""
+        """Process a frame and return it, None if it is not EtherCAT; `advance` must be called afterwards."""
         if len(frame) < 28 or frame[12:14] != b"\x88\xa4":
             return None
         returned = bytearray(frame)
@@ -136,7 +133,7 @@ class SlaveController:
         return bytes(returned)
 
     def advance(self) -> bool:
-        """Advance by one bus cycle, after the frame has been sent, if it carried process data."""
+        """Advance by one bus cycle and return True if the frame just sent carried process data."""
         if not self._due:
             return False
         self._due = False
@@ -185,8 +182,9 @@ class SlaveController:
         return station == 0
 
     def _logical(self, frame: bytearray, command: int, at: int, start: int, size: int) -> int:
-        """Serve LRD, LWR, LRW through the FMMUs; return the working counter: 1 for a read, 1 for a write, 2 for a write
-        in an LRW.
+        """Serve LRD, LWR, LRW through the FMMUs.
+
+        Returns the working counter increment: 1 for a read, 1 for a write, 2 for a write in an LRW.
         """
         (logical,) = struct.unpack_from("<I", frame, at + 2)
         if self.state not in (SAFEOP, OP):
@@ -256,7 +254,7 @@ class SlaveController:
         self._memory[_SYNC + 13] |= _FULL
 
     def _control(self, wanted: int) -> None:
-        """Handle a requested state; bit 4 acknowledges an error."""
+        """Handle an AL control request; bit 4 acknowledges an error."""
         status, state = self._memory[_AL_STATUS], wanted & 0x0F
         if status & 0x10 and not wanted & 0x10:
             return
@@ -274,7 +272,7 @@ class SlaveController:
                 self.firmware.lost()
 
     def _obstacle(self, state: int) -> int:
-        """Return why a state cannot be entered: an AL status code, 0 for none."""
+        """Return the AL status code that prevents a state from being entered; 0 for none."""
         if state == PREOP and self.state == INIT:
             return 0 if all(self._sync(k) == place for k, place in ((0, MAILBOX_OUT), (1, MAILBOX_IN))) else _NO_MAILBOX
         if state == SAFEOP and self.state == PREOP:
@@ -287,13 +285,13 @@ class SlaveController:
         return 0
 
     def _sync(self, k: int) -> tuple[int, int]:
-        """Return start and length of a sync manager."""
+        """Return start address and length of a sync manager."""
         start, length = struct.unpack_from("<HH", self._memory, _SYNC + 8 * k)
         return start, length
 
 
 def _datagrams(frame: bytearray) -> Iterator[tuple[int, int]]:
-    """Yield the start and the content length of each datagram."""
+    """Yield the start and the data length of each datagram."""
     at, more = 16, True
     while more and at + 12 <= len(frame):
         (word,) = struct.unpack_from("<H", frame, at + 6)
@@ -369,7 +367,7 @@ _COE_DETAILS = 0x0D  # SDO, PDO assignment and PDO mapping may be written
 
 
 def eeprom(vendor: int, product: int, revision: int, serial: int, name: str) -> bytes:
-    """Return the EEPROM image, a multiple of 8 bytes, by ETG.1000.6 and ETG.2010."""
+    """Return the EEPROM image, a multiple of 8 bytes, according to ETG.1000.6 and ETG.2010."""
     head = bytearray(128)
     struct.pack_into("<IIII", head, 0x10, vendor, product, revision, serial)
     struct.pack_into("<HHHHH", head, 0x30, *MAILBOX_OUT, *MAILBOX_IN, _COE_PROTOCOL)

@@ -47,7 +47,7 @@ _RECORD = ("reading_load", "reading_motor", "force", "trip")
 
 
 class Sample(NamedTuple):
-    """The last sample of a call: readings (m), the force that acts from then on (N), code of the guard."""
+    """The last sample of a call: encoder readings (m), the force applied from then on (N), trip code of the guard."""
 
     position: float
     second: float
@@ -56,9 +56,9 @@ class Sample(NamedTuple):
 
 
 class DrivenAxis:
-    """Plant and control as `simulate` runs them, in the same native code, one call at a time.
+    """A plant with its control, simulated step by step in the same native code as `simulate`.
 
-    A control without a guard gets one without limits, since a drive is switched on and off.
+    A control without a guard is given one without limits, since a drive is switched on and off.
     """
 
     def __init__(self, loop: Loop, position: float = 0.0, seed: int = 0) -> None:
@@ -91,7 +91,7 @@ class DrivenAxis:
 
     @property
     def has_velocity_loop(self) -> bool:
-        """True if the law is a cascade, whose velocity loop runs alone when its position gain is 0."""
+        """True if the law is a cascade, whose velocity loop runs alone with a position gain of 0."""
         return isinstance(self.loop.control.law, CascadePPI)
 
     @staticmethod
@@ -102,16 +102,15 @@ class DrivenAxis:
     def follow(
         self, position: np.ndarray, velocity: np.ndarray, added_force: float, enable: bool, alone: bool = False
     ) -> Sample:
-        """Run as many samples as there are set positions (m) and velocities (m/s), with a force (N)
-        behind the limit.
+        """Run one sample for each set position (m) and velocity (m/s), adding a force (N) after the limit.
 
-        With `alone` only the velocity loop runs.  Disabled, no force acts.
+        With `alone` only the velocity loop runs.  Without `enable` no force acts.
         """
         values = {"set_position": position, "set_velocity": velocity, "added_force": added_force * enable}
         return self._run(self._closed, self._velocity if alone else self._constants, values, enable, position.size, 0)
 
     def push(self, force: float, samples: int) -> Sample:
-        """Apply a force (N) to the axis directly; the control is off."""
+        """Apply a force (N) directly to the axis with the control switched off."""
         last = self._run(self._open, self._of_open, {"cut": force}, False, samples, 1)
         self.last = last._replace(force=force)
         return self.last
@@ -139,10 +138,9 @@ _FORCE = 1000.0  # N, rated, where nothing is stated
 
 
 def scaling_of(loop: Loop) -> DriveScaling:
-    """Return the scaling: one increment is one count of the position loop's encoder; rated is the motor's continuous
-    force.
+    """Return the scaling, with one increment per count of the position encoder and the continuous force as rated force.
 
-    A motor on a screw gets a whole number of counts in a turn; the rated torque is a whole number of mN m.
+    A motor on a screw gets a whole number of counts per revolution; the rated torque is a whole number of mN m.
     """
     sensor = loop.axis.encoder_load or loop.axis.encoder_motor
     resolution = sensor.resolution if isinstance(sensor, Encoder) else None
@@ -169,7 +167,7 @@ _SLOW = np.logspace(-9.0, -3.0, 25)  # m/s, among which friction is largest
 
 
 def _resistance(axis: Axis) -> float | None:
-    """Return the largest force against which an axis may stand: friction and weight, N; None if it has other forces."""
+    """Return the largest force on the axis at rest, friction plus weight, N; None if other forces act on it."""
     if not all(isinstance(force, Gravity) for force in axis.forces):
         return None
     frictions = [friction for friction in (axis.friction_motor, axis.friction_load) if friction is not None]
@@ -178,9 +176,7 @@ def _resistance(axis: Axis) -> float | None:
 
 
 def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
-    """Return a drive file for the virtual drive; its limits are those of the machine's guard and control, if it has
-    any.
-    """
+    """Return a drive file for the virtual drive, with limits from the machine's guard and control where available."""
     guard, limits = loop.control.guard, loop.control.force_limit
     velocity = None if guard is None else guard.velocity_limit
     following = None if guard is None else guard.following_error_limit
@@ -271,19 +267,19 @@ class SdoAbortError(Exception):
 
 
 class Firmware:
-    """The object dictionary, the power states and the three cyclic synchronous modes.
+    """The firmware of a drive: object dictionary, power states and the three cyclic synchronous modes.
 
-    csp  the control of the machine file, on the target position; the velocity offset is its set velocity, and the set
-         acceleration is 0: what needs it comes as torque offset, behind the limit of the control
-    csv  its velocity loop alone (a cascade with Kv = 0); other laws have none, and the mode is not supported
-    cst  the torque straight to the axis, limited by 0x6072; velocity and travel are watched by the limits of the guard
+    csp  the control of the machine file with the target position as setpoint; the velocity offset is its set velocity,
+         and the set acceleration is 0: acceleration feedforward arrives as torque offset, after the force limit
+    csv  its velocity loop alone (a cascade with Kv = 0); for laws without a velocity loop the mode is not supported
+    cst  torque applied directly to the axis, limited by 0x6072; the guard's limits of velocity and travel apply
 
-    A target position is reached on a straight line over one bus cycle.  A quick stop brakes the control's setpoint by
-    0x6085 and then switches off; a fault takes the force away at once.
+    The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint by 0x6085
+    and then switches off; a fault removes the force immediately.
     """
 
     def __init__(self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float) -> None:
-        """`cycle_time` in s. Raises ParameterError if it is no whole multiple of the sample time."""
+        """Set up the firmware; `cycle_time` in s. Raises ParameterError if not a multiple of the sample time."""
         self.axis, self.scaling = axis, scaling
         self.T = float(axis.loop.sample_time)
         self.samples = round(cycle_time / self.T)
@@ -336,7 +332,7 @@ class Firmware:
         return values
 
     def has(self, name: str) -> bool:
-        """True if this drive has the object."""
+        """Return True if the drive has the object."""
         if name == "second_position":
             return self.axis.encoders == 2
         if OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
@@ -373,18 +369,18 @@ class Firmware:
         self.values[entry.name] = value
 
     def take(self, sent: Mapping[str, int]) -> None:
-        """Take over the process data of a cycle."""
+        """Accept the process data of a cycle."""
         self.values.update(sent)
 
     def lost(self) -> None:
-        """Handle a stopped bus: an enabled drive goes into fault, unless 0x6007 = 0."""
+        """Handle a lost connection: an enabled drive goes into fault, unless 0x6007 = 0."""
         if self.values["connection_option"] == 0:
             return
         if self.state in (PowerState.ENABLED, PowerState.QUICK_STOP):
             self._fault(0x7500)
 
     def cycle(self) -> None:
-        """Run one bus cycle with the process data taken last."""
+        """Run one bus cycle with the most recent process data."""
         values = self.values
         control, before = values["controlword"], self.state
         self.state = answer(before, control, self._control_before)
@@ -419,7 +415,7 @@ class Firmware:
         return status
 
     def _rest(self) -> int:
-        """Run while switched off: friction alone brakes."""
+        """Run one cycle while switched off, with friction alone braking; return 0, no error."""
         self._target = None
         before = self.axis.last.position
         self.axis.push(0.0, self.samples)
@@ -474,7 +470,7 @@ class Firmware:
         return 0x8612 if low or (guard.travel_most is not None and here > guard.travel_most) else 0
 
     def _begin_braking(self) -> None:
-        """Start to brake from the setpoint, else from the present position and velocity."""
+        """Start the quick stop ramp at the set position, or without one at the present position."""
         velocity = self.values["velocity"] * self.scaling.metre
         at = self.axis.last.position if self._target is None else self._target
         self._braking, self._still, self._target = (at, velocity), 0.0, None
@@ -499,7 +495,7 @@ class Firmware:
     def _moved(
         self, line: np.ndarray, velocity: float | np.ndarray, added: float, *, enable: bool, alone: bool = False
     ) -> int:
-        """Run under the control; return the error code of its guard, 0 without a trip."""
+        """Run one bus cycle under control; return the error code, 0 without a trip of the guard."""
         before = self.axis.last.position
         last = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone)
         speed = (last.position - before) / self.cycle_time
@@ -535,10 +531,10 @@ INVALID = 1 << 31  # bit of a message that is switched off
 
 
 class PdoMap:
-    """The mapping lists of a drive; a write is refused unless `changeable` permits it now."""
+    """The PDO mapping lists of a drive; a write is refused unless `changeable()` is True."""
 
     def __init__(self, firmware: Firmware, changeable: Callable[[], bool], station: int = 0) -> None:
-        """`station` is the number of a CANopen node, whose messages are then those of the predefined connections."""
+        """Set up the lists; `station` is a CANopen node number, with the COB-IDs of the predefined connection set."""
         self.firmware, self._changeable = firmware, changeable
         self._lists: dict[int, list[int]] = {}
         self.messages: dict[int, int] = {}

@@ -1,1 +1,1 @@
-"""Readers of measured logs, one file a format; nothing that is read is ever executed."""
+"""Readers of measured logs, one module per format; no content of a file is ever executed."""

@@ -1,19 +1,16 @@
-"""Arrays that numpy (.npy) and MATLAB (.mat) saved.
+"""Arrays saved by numpy (.npy) and MATLAB (.mat, level 5).
 
-Arrays that numpy saved (.npy): numbers only, of one or two dimensions.
+numpy: numeric arrays of one or two dimensions.  A structured array gives a column for each field, a matrix a column
+along its longer dimension.  Objects are refused: numpy stores them as a pickle, which executes code when it is read.
 
-A structure gives a column for each of its fields, a matrix one for each of its short rows or columns.  Objects are
-refused: numpy stores them as a pickle, which executes code when it is read.
+MATLAB: level 5 (save -v5, -v6, -v7); level 7.3 is HDF5 (`readers.hdf5`).  Real numeric arrays are read, also in 1×1
+structures as `s.x`.  The layout is published by MathWorks (MAT-File Format, chapter 1): elements consist of a tag
+(type, length) and content, padded to 8 bytes; an array is an element of elements: flags, dimensions, name, numbers; an
+element may be compressed by zlib.
 
-MATLAB files: level 5 (save -v5, -v6, -v7); level 7.3 is HDF5 (`readers.hdf5`).
-
-Level 5: real numeric arrays, and those in 1×1 structures as `s.x`. The layout is that published by MathWorks
-(MathWorks, MAT-File Format, chapter 1): elements of a tag (type, length) and content, padded to 8 bytes; an array is
-an element of elements: flags, dimensions, name, numbers; an element may be packed by zlib.
-
-`scipy.io.loadmat` is not used: a damaged file can crash it (see tests/files/test_files_reasons.py), it unpacks
-without a limit on memory, and it builds objects. Here every length is checked before it is used, and objects,
-functions, cells, texts and sparse or complex arrays are left out.
+`scipy.io.loadmat` is not used: a damaged file can crash it (see tests/files/test_files_reasons.py), it decompresses
+without a memory limit, and it builds objects.  Here every length is checked before it is used, and objects, functions,
+cells, texts and sparse or complex arrays are left out.
 """
 
 from __future__ import annotations
@@ -65,7 +62,7 @@ def read_npy(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _array(name: str, content: bytes) -> np.ndarray:
-    """Return the array in a file, without a copy. Every length is checked before it is used."""
+    """Return the array of a .npy file without copying it; every length is checked before it is used."""
     file = io.BytesIO(content[: _LONGEST_HEADER + 32])
     try:
         version = npy_format.read_magic(file)
@@ -107,12 +104,12 @@ _DEEPEST = 8  # structures within structures
 
 
 class _DamagedError(Exception):
-    """The bytes do not follow the layout."""
+    """The bytes violate the file format."""
 
 
 @dataclass(frozen=True)
 class _Bytes:
-    """A piece of the file and its byte order, `<` or `>`."""
+    """A section of the file and its byte order, `<` or `>`."""
 
     content: memoryview
     order: str
@@ -123,7 +120,7 @@ class _Bytes:
         return int.from_bytes(self.content[at : at + 4], "little" if self.order == "<" else "big")
 
     def element(self, at: int) -> tuple[int, _Bytes, int]:
-        """Return type and content of the element at a place, and the place of the next one."""
+        """Return type and content of the element at an offset, and the offset of the next element."""
         kind, length = self.word(at), self.word(at + 4)
         if kind >> 16:  # the short form: length and type in the first four bytes, content in the next four
             kind, length, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
@@ -146,9 +143,9 @@ class _Bytes:
 
 
 def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the columns of a MATLAB 5 file: a matrix gives a column each, numbered from 1; one number is a constant.
+    """Read the columns of a MATLAB 5 file; matrix columns are numbered from 1, and a scalar is a constant.
 
-    Raises LogError for a file that is cut off or damaged, with the last variable before that place.
+    Raises LogError for a truncated or damaged file, naming the last complete variable.
     """
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None:
@@ -187,7 +184,7 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
-    """Unpack an element, with exactly the length of its tag. Raise LogError for more than `most` bytes."""
+    """Decompress an element to exactly the length in its tag. Raise LogError for more than `most` bytes."""
     zip_ = zlib.decompressobj()
     tag = _Bytes(memoryview(zip_.decompress(packed.content, 8)), packed.order)
     kind, length = tag.word(0), tag.word(4)
@@ -205,7 +202,7 @@ def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
 
 
 def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.ndarray | str]]:
-    """Yield dotted name and array of everything numeric in a matrix element, or why it is left out."""
+    """Yield the dotted name of each array in a matrix element, with its values or the reason why it is left out."""
     if not len(piece.content):
         return
     _, flags, at = piece.element(0)
@@ -253,7 +250,7 @@ def _keep(
     values: dict[str, np.ndarray],
     constants: dict[str, float],
 ) -> list[str]:
-    """Keep a single number as a constant, and the wanted columns of an array; returns the names of the others."""
+    """Store a scalar as a constant, or the wanted columns of an array; return the names of the unread columns."""
     if array.size == 1:
         constants[variable] = float(array.ravel()[0])
         if wanted is not None and variable in wanted:

@@ -1,6 +1,6 @@
 """Measurements and controllers in the XML of the tuning tool of SINUMERIK drives (AST).
 
-An element is named by its class, and has the name of its member as attribute `name`:
+The tag of an element is its class; the attribute `name` is its member name:
 
     <DynamicModelAxisController>
       <LinkedList name="m_SpeedPlantMeasurementList"><SpeedPlantMeasurement>
@@ -9,12 +9,12 @@ An element is named by its class, and has the name of its member as attribute `n
           <NumericArray name="m_ValueVector" elementtype="complex"><raw name="m_pNumberArray"><![CDATA[...]]></raw> ...
           <NumericArray name="m_FrequencyVector" elementtype="double"> ...
 
-Numbers are written in base 85: five characters are a word of 32 bits, the most significant first, a point is a word of
-zeros, and two words are a double of IEEE 754, big-endian; complex numbers are real and imaginary part in turn.  An
-array with format="CSV" holds numbers with commas instead.  Responses without numbers are left out.
+Numbers are encoded in base 85: five characters are a 32-bit word, the most significant first, a point is a zero word,
+and two words are a big-endian IEEE 754 double; complex numbers alternate between real and imaginary part.  An array
+with format="CSV" holds comma-separated numbers instead.  Responses without numbers are left out.
 
-Names of members differ between versions of the tool: `controllers` keeps everything that is a scalar, with its path.
-Document types and entities are refused before they are read; depth, elements and bytes are bounded.
+Member names differ between versions of the tool: `controllers` returns every scalar with its path.  Document types and
+entities are refused before they are read; depth, number of elements and bytes are bounded.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class _RefusedError(Exception):
 
 @dataclass
 class _Element:
-    """An element with its attributes and its text."""
+    """An XML element with its attributes and its text."""
 
     tag: str
     attributes: dict[str, str]
@@ -71,7 +71,7 @@ class _Element:
 
     @property
     def member(self) -> str:
-        """The name of the element as a member of its parent; an item of a list has only its class."""
+        """The member name of the element in its parent; for a list item its class."""
         return self.attributes.get("name", self.tag)
 
     def text(self) -> str:
@@ -81,7 +81,7 @@ class _Element:
         return next((child for child in self.children if child.member == name), None)
 
     def scalars(self) -> dict[str, float | str]:
-        """Return the numbers and texts that stand directly in the element."""
+        """Return the numbers and texts that are direct children of the element."""
         scalars: dict[str, float | str] = {}
         for child in self.children:
             text = child.text().strip()
@@ -94,7 +94,7 @@ class _Element:
         return scalars
 
     def walk(self, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], _Element]]:
-        """Yield the element and all in it, each with its path; depth is bounded when it is read."""
+        """Yield the element and all its descendants with their paths; the depth was bounded by the parser."""
         yield path, self
         counts: dict[str, int] = {}
         for child in self.children:
@@ -104,17 +104,17 @@ class _Element:
 
 
 def is_xml(content: bytes) -> bool:
-    """True for a text that begins as XML does."""
+    """Return True for a text that begins like XML."""
     return re.match(rb"(\xef\xbb\xbf)?\s*<(\?xml|[A-Za-z_])", content) is not None
 
 
 def is_ast(content: bytes) -> bool:
-    """True for XML that has an element of a response of the tuning tool."""
+    """Return True for XML that contains a frequency response of the tuning tool."""
     return is_xml(content) and f"<{_RESPONSE}".encode() in content
 
 
 def _parsed(name: str, content: bytes) -> _Element:
-    """Return the tree of a text, without entities. Raise LogError for anything else."""
+    """Parse a text into an element tree. Raise LogError for malformed XML, entities or exceeded bounds."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of XML that are read; export less"
@@ -156,11 +156,11 @@ def _parsed(name: str, content: bytes) -> _Element:
 
 
 def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """Yield a table of f, re, im, coherence for each response that has numbers, and its input and output.
+    """Yield for each response with numbers a table of f, re, im, coherence, and its input and output.
 
-    A response is named by the list that it stands in, its place there, and its member: `speed_plant_1_plant`.  The
-    coherence of a plant is a response with frequencies of its own: lines of the plant without one are left out; if
-    these are more than half, the coherence is left out instead.
+    A response is named by its list, its position in the list, and its member: `speed_plant_1_plant`.  The coherence of
+    a plant has its own frequency vector: lines of the plant without a coherence are left out; if these are more than
+    half, the coherence is left out instead.
     """
     names: dict[str, int] = {}
     empty = 0
@@ -190,9 +190,9 @@ def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 
 
 def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | str]], dict[str, float | str]]:
-    """Return controllers, filters and mechanical models by their path, and all other numbers and texts by theirs.
+    """Return controllers, filters and mechanical models by path, and separately all other numbers and texts.
 
-    The numbers are those of the file, which does not state units; presumably SI.
+    The numbers are unconverted; the file does not state units, which are presumably SI.
     """
     known: dict[str, dict[str, float | str]] = {}
     others: dict[str, float | str] = {}
@@ -209,7 +209,7 @@ def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | 
 
 
 def _label(path: tuple[str, ...]) -> str:
-    """`m_SpeedPlantMeasurementList`, `SpeedPlantMeasurement[2]`, `m_pPlant` -> speed_plant_2_plant."""
+    """Return the label of a path: speed_plant_2_plant for m_SpeedPlantMeasurementList, ...Measurement[2], m_pPlant."""
     words: list[str] = []
     for part in path:
         bare, bracket, count = part.rstrip("]").partition("[")
@@ -223,7 +223,7 @@ def _label(path: tuple[str, ...]) -> str:
 
 
 def _lines(name: str, response: _Element | None) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return frequencies in Hz and complex values of a response; None for a missing one or one without numbers."""
+    """Return frequencies in Hz and complex values of a response; None if it is missing or has no numbers."""
     if response is None:
         return None
     parts = [response.member_named(key) for key in ("m_FrequencyVector", "m_ValueVector")]
@@ -242,14 +242,14 @@ def _lines(name: str, response: _Element | None) -> tuple[np.ndarray, np.ndarray
 
 
 def _shared(plant: np.ndarray, coherence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places in the plant's frequencies, and in those of the coherence, at which both have a line."""
+    """Return the indices of the common frequency lines in the plant and in the coherence."""
     places = np.minimum(np.searchsorted(coherence, plant * (1.0 - 1e-9)), coherence.size - 1)
     same = np.isclose(coherence[places], plant, rtol=1e-9, atol=0.0)
     return np.flatnonzero(same), places[same]
 
 
 def _numbers(name: str, array: _Element) -> np.ndarray:
-    """Return the doubles of an array; of complex numbers real and imaginary part in turn."""
+    """Return the doubles of an array; complex numbers as alternating real and imaginary parts."""
     raw = array.member_named("m_pNumberArray")
     holders = [array] if raw is None else [raw, array]
     text = re.sub(r"\s+", "", holders[0].text())
@@ -268,7 +268,7 @@ def _numbers(name: str, array: _Element) -> np.ndarray:
 
 
 def _words(text: str) -> np.ndarray:
-    """Return the words of 32 bits in a text of base 85. Raise ValueError, with the reason, for other text."""
+    """Decode base-85 text into 32-bit words. Raise ValueError with the reason for invalid text."""
     try:
         letters = np.frombuffer(text.encode("ascii"), np.uint8)
     except UnicodeEncodeError:

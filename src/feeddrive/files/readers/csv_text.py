@@ -1,11 +1,12 @@
-"""Text with columns: CSV of any separator, decimal point or comma, with or without heads, units and a preamble.
+"""Text with columns: CSV with any separator, decimal point or comma, with or without headers, units and a preamble.
 
-The layout is found from the first lines: most of them are rows of numbers, and the lines above are heads and preamble.
-A text without heads, with one comma in each line and no other separator, is two columns and not a decimal comma.
+The layout is detected from the first lines: most of them are rows of numbers, and the lines above are headers and
+preamble.  A text without headers, with one comma in each line and no other separator, has two columns and no decimal
+comma.
 
-Comment lines (#, %, //) and empty lines are skipped; columns of text are left out; anything else that is not a row of
-numbers is an error with its line.  Up to 500 MB; store a larger log as Parquet.  The text is read in pieces:
-the memory holds the file, its numbers at 8 bytes each, and a few pieces.
+Comment lines (#, %, //) and empty lines are skipped; text columns are left out; any other line that is not a row of
+numbers is an error with its line number.  Limit: 500 MB; store a larger log as Parquet.  The text is read in chunks:
+memory holds the file, its numbers at 8 bytes each, and a few chunks.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _HEAD = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))\s*")
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """`first` counts lines from 0; `numeric` says which columns hold numbers."""
+    """The layout of a text table. `first` is its first line of numbers, from 0; `numeric` flags numeric columns."""
 
     separator: str
     decimal: str
@@ -51,12 +52,12 @@ class CsvLayout:
         return f"text, separator '{separator}', decimal '{self.decimal}'"
 
     def is_number(self, cell: str) -> bool:
-        """True for a number in this layout."""
+        """Return True if a cell is a number in this layout."""
         return _NUMBER[self.decimal].fullmatch(cell) is not None
 
 
 def split(line: str, separator: str) -> list[str]:
-    """Return the cells of a line, without quotes and spaces around them."""
+    """Split a line into cells, stripped of quotes and surrounding spaces."""
     if separator == "":
         return line.split()
     if '"' in line:
@@ -68,12 +69,12 @@ def split(line: str, separator: str) -> list[str]:
 
 
 def is_skipped(line: str) -> bool:
-    """True for an empty line or a comment."""
+    """Return True for an empty line or a comment."""
     return not line.strip() or _COMMENT.match(line) is not None
 
 
 def layout_of(text: str) -> CsvLayout | None:
-    """Return the layout of a text, or None if it holds no rows of numbers."""
+    """Detect the layout of a text; None if it contains no rows of numbers."""
     lines = [line[:_LINE] for line in text[: _SAMPLE * 2000].split("\n")[:_SAMPLE]]
     rows = [(k, line) for k, line in enumerate(lines) if not is_skipped(line)]
     candidates: list[tuple[tuple[float, bool, int], CsvLayout]] = []
@@ -98,20 +99,20 @@ def _mask(line: str, separator: str, decimal: str) -> tuple[bool, ...]:
 
 
 def _usual_mask(lines: list[str], separator: str, decimal: str) -> tuple[bool, ...]:
-    """Return which cells are numbers in most lines of the second half; at least two lines, or the only one."""
+    """Return the commonest mask of numeric cells in the second half of the lines; empty if no two of several agree."""
     half = lines[len(lines) // 2 :]
     usual, count = Counter(_mask(line, separator, decimal) for line in half).most_common(1)[0] if half else ((), 0)
     return usual if count >= min(2, len(half)) else ()
 
 
 def _has_decimal_comma(rows: list[tuple[int, str]], separator: str, mask: tuple[bool, ...]) -> bool:
-    """Return True if a number has a comma: whole numbers fit both marks, and one such number decides."""
+    """Return True if any number has a decimal comma; whole numbers match both decimal marks."""
     fitting = [split(line, separator) for _, line in rows if _mask(line, separator, ",") == mask]
     return any("," in cell for cells in fitting for cell, numeric in zip(cells, mask, strict=True) if numeric)
 
 
 def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tuple[bool, ...]) -> int:
-    """Return the line where the numbers begin: the first of two usual ones, or an unusual one with numbers above it."""
+    """Return the line where the numbers begin: the first of two regular rows, or partly numeric rows above them."""
     fits = [_mask(line, separator, decimal) == mask for _, line in rows]
     start = next((k for k, fit in enumerate(fits) if fit and (k + 1 == len(fits) or fits[k + 1])), fits.index(True, 0))
     while start > 0:
@@ -123,7 +124,7 @@ def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tupl
 
 
 def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[list[str]]:
-    """Return the one or two lines of heads that stand just above the numbers, as cells; none if there are none."""
+    """Return the cells of up to two header lines directly above the numbers."""
     heads: list[list[str]] = []
     for line in [line for line in above if line.strip()][:-3:-1]:
         cells = _cells(line, separator)
@@ -136,7 +137,7 @@ def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[l
 
 
 def _names(heads: list[list[str]], count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return names and units of the columns; the lower of two lines is one of units if all its cells are."""
+    """Return names and units of the columns; the lower of two header lines holds units if all its cells are units."""
     names, units = heads[-1] if heads else [""] * count, [""] * count
     if len(heads) == 2 and all(unit_of(cell) is not None or cell.lower() in COUNTS for cell in names):
         names, units = heads[0], [cell if cell.lower() in COUNTS else unit_of(cell) or "" for cell in names]
@@ -174,7 +175,7 @@ PIECE = 2_000_000  # bytes that are taken at once; the layout is found in the fi
 
 @dataclass(frozen=True)
 class Piece:
-    """Some whole lines of a text: the number of the first, from 0, and whether they are the last ones."""
+    """A chunk of whole lines of a text, with the number of its first line, from 0, and a flag for the last chunk."""
 
     line: int
     text: str
@@ -183,13 +184,13 @@ class Piece:
 
 @dataclass(frozen=True)
 class Text:
-    """The bytes of a text and how they are read."""
+    """The bytes of a text with their encoding."""
 
     content: bytes
     encoding: str
 
     def pieces(self, first: int = 0) -> Iterator[Piece]:
-        """Yield the text from a line of the first piece on, piece by piece."""
+        """Yield the text in chunks, starting at a line of the first chunk."""
         line, at, length = 0, 0, len(self.content)
         while True:
             end = self.content.find(b"\n", at + PIECE) + 1 or length
@@ -207,7 +208,7 @@ class Text:
 
 
 def text_of(content: bytes) -> Text:
-    """Return the text in some bytes: UTF-8, UTF-16 by its mark, else that of older Windows programs (µ, °)."""
+    """Detect the encoding of a text: UTF-8, UTF-16 by its byte order mark, else that of old Windows programs (µ, °)."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         content = content.decode("utf-16", "replace").encode("utf-8", "replace")
     if b"\n" not in content:
@@ -220,7 +221,7 @@ def text_of(content: bytes) -> Text:
 
 
 def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the columns of a text. Raise LogError that names file and line."""
+    """Read the columns of a text table. Raise LogError with file and line."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has {Quantity(len(content) / 1e6, 'MB'):,.0f} of text, more than the "
@@ -254,14 +255,14 @@ def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _rows(body: str) -> Iterator[tuple[int, str]]:
-    """Yield number, from 0, and text of the lines that are neither empty nor comments."""
+    """Yield the line number, from 0, and text of each line that is neither empty nor a comment."""
     for k, line in enumerate(io.StringIO(body)):
         if not is_skipped(line):
             yield k, line.rstrip("\n")
 
 
 def _line_of(text: Text, first: int, row: int) -> int:
-    """Return the line, from 0, of a row of numbers."""
+    """Return the line number, from 0, of a row of numbers."""
     count = 0
     for piece in text.pieces(first):
         for k, _ in _rows(piece.text):
@@ -272,11 +273,11 @@ def _line_of(text: Text, first: int, row: int) -> int:
 
 
 def _numbers(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
-    """Return the chosen columns, of shape (rows, columns): fast if the text is plain, else cell by cell.
+    """Return the chosen columns, of shape (rows, columns), using the fastest parser that accepts the text.
 
-    pyarrow reads plain text 5 times as fast as `np.loadtxt`, to the same bits; text that it does not accept (runs of
-    spaces, a plus sign) is read by `loadtxt`, and text that `loadtxt` refuses is read cell by cell, which finds the
-    wrong line.
+    pyarrow reads plain text 5 times as fast as `np.loadtxt`, with identical results; text that it does not accept (runs
+    of spaces, a plus sign) is read by `loadtxt`, and text that `loadtxt` rejects is read cell by cell, which locates
+    the faulty line.
     """
     plain = body = piece.text
     if any(mark in body for mark in "#%/") or re.match(r"\s*\n", body) or re.search(r"\n[ \t]+\n", body):
@@ -293,13 +294,13 @@ def _numbers(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> n
 
 
 def plain_numbers(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:
-    """Return the chosen columns of lines that are all rows, with decimal points and no quotes; None if one is not."""
+    """Parse text of rows only, with decimal points and no quotes, into the chosen columns; None if a row is invalid."""
     numbers = _numbers_by_arrow(plain, layout, chosen) if layout.separator else None
     return _numbers_by_loadtxt(plain, layout, chosen) if numbers is None else numbers
 
 
 def _numbers_by_arrow(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:
-    """Read a text in which every cell is a number by pyarrow; None if a cell is not, or a row is short or long."""
+    """Parse a purely numeric text with pyarrow; None if a cell is not a number or a row has a different length."""
     import pyarrow as arrow
     from pyarrow import csv as arrow_csv
 
@@ -320,7 +321,7 @@ def _numbers_by_arrow(plain: str, layout: CsvLayout, chosen: list[int]) -> np.nd
 
 
 def _numbers_by_loadtxt(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:
-    """Read the text by numpy; None if it refuses a row."""
+    """Parse the text with numpy; None if it rejects a row."""
     try:
         numbers = np.loadtxt(
             io.StringIO(plain),
@@ -335,14 +336,14 @@ def _numbers_by_loadtxt(plain: str, layout: CsvLayout, chosen: list[int]) -> np.
 
 
 def _is_complete(plain: str, layout: CsvLayout, numbers: np.ndarray) -> bool:
-    """Return True if every row has as many cells as the layout: `usecols` does not look at the rest of a row."""
+    """Return True if every row has as many cells as the layout; `usecols` does not check the rest of a row."""
     if layout.separator == "":
         return numbers.shape[1] == len(layout.names)
     return plain.count(layout.separator) == len(numbers) * (len(layout.names) - 1)
 
 
 def _numbers_one_by_one(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
-    """Read cell by cell: slow, but accepts quotes and finds the line of an error."""
+    """Parse cell by cell: slow, but accepts quotes and locates the line of an error."""
     count = len(layout.names)
     rows: list[list[float]] = []
     total = piece.text.count("\n") + 1

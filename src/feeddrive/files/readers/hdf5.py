@@ -1,9 +1,9 @@
-"""HDF5 files, as MATLAB 7.3 saves them (save -v7.3); they need h5py (the extra `matlab`).
+"""HDF5 files as saved by MATLAB 7.3 (save -v7.3); requires h5py (the extra `matlab`).
 
-Links to other files and data stored in other files are not followed.
+External links and external storage are not followed.
 
-A single damaged bit can make HDF5's C library take all memory or crash.  So a process of its own reads the file, with
-limits on memory (where the system has them) and on time, and hands back plain arrays.
+A single damaged bit can make HDF5's C library exhaust the memory or crash.  A separate process therefore reads the
+file, with limits on memory (where the system supports them) and time, and returns plain arrays.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _BASE_SECONDS, _BYTES_PER_SECOND = 60.0, 5e6  # a busy computer reads faster
 
 
 def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the columns of an HDF5 file, groups as `group.x`; a single number is a constant.
+    """Read the columns of an HDF5 file, members of groups as `group.x`; a scalar is a constant.
 
     Raises LogError for a damaged file, MissingExtraError without h5py.
     """
@@ -59,7 +59,7 @@ def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Colu
 
 
 def answer() -> None:
-    """Read the request from standard input, write the columns or the error to standard output: the other process."""
+    """Run the reader process: read the request from standard input, write columns or error to standard output."""
     head = json.loads(sys.stdin.buffer.readline())
     content = sys.stdin.buffer.read()
     _limit_memory(_BASE_BYTES + 3 * len(content) + 3 * most_unpacked(len(content)))
@@ -81,7 +81,7 @@ def answer() -> None:
 
 
 def _limit_memory(most: int) -> None:
-    """Limit the address space of this process, in bytes, on systems that have such a limit."""
+    """Limit the address space of this process, in bytes, on systems that support it."""
     try:
         import resource
     except ImportError:  # Windows: only the time is limited there
@@ -118,7 +118,7 @@ def read_here(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
 
 
 def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
-    """Dotted name and dataset of everything numeric with one dimension, or why it is left out."""
+    """Yield the dotted name of each dataset, with the numeric dataset or the reason why it is left out."""
     for key in group:
         label = f"{prefix}{key}"
         if key.startswith("#"):  # internal data of MATLAB cells and objects

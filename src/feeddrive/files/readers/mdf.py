@@ -1,7 +1,7 @@
-"""MDF4 measurement files (ASAM MDF 4.0 to 4.2): the numeric channels of the group that has most of the wanted ones.
+"""MDF4 measurement files (ASAM MDF 4.0 to 4.2): the numeric channels of the group with most of the wanted channels.
 
-Sorted files with records in rows, plain or packed by zlib, and numeric conversions.  Formulas are not executed.  Every
-head, link and length is checked before it is used: asammdf crashes on damaged files, see
+Supported are sorted files with row-wise records, plain or zlib-compressed, and numeric conversions.  Formulas are not
+executed.  Every header, link and length is checked before it is used: asammdf crashes on damaged files, see
 tests/files/test_files_reasons.py.
 """
 
@@ -26,27 +26,27 @@ _MOST_LINKS = 100_000
 
 
 class DamagedError(Exception):
-    """A block is not what a link says, or not in the file."""
+    """A linked block is of the wrong kind or not completely in the file."""
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A block: its id such as `##CN`, its links and the bytes behind them."""
+    """A block of an MDF file: its id such as `##CN`, its links and the data bytes after them."""
 
     kind: bytes
     links: tuple[int, ...]
     data: memoryview
 
     def link(self, place: int) -> int:
-        """Return a link, 0 if the block does not have so many."""
+        """Return a link by index, or 0 if the block has fewer links."""
         return self.links[place] if place < len(self.links) else 0
 
     def numbers(self, layout: str, at: int = 0) -> tuple[int, ...]:
-        """Return little-endian numbers from byte `at` on. Raise DamagedError if the block ends before."""
+        """Unpack little-endian numbers from byte `at` on. Raise DamagedError if the block is too short."""
         return self._unpacked(layout, at)
 
     def floats(self, count: int, at: int) -> tuple[float, ...]:
-        """Return `count` doubles from byte `at` on. Raise DamagedError if the block ends before."""
+        """Unpack `count` doubles from byte `at` on. Raise DamagedError if the block is too short."""
         return self._unpacked(f"{count}d", at)
 
     def _unpacked(self, layout: str, at: int) -> tuple[int, ...]:
@@ -57,7 +57,7 @@ class Block:
 
 
 class Blocks:
-    """The blocks of a file by their address."""
+    """The blocks of a file, read by address."""
 
     def __init__(self, name: str, content: bytes) -> None:
         self.name = name
@@ -65,7 +65,7 @@ class Blocks:
         self.visited = 0
 
     def at(self, address: int, *kinds: bytes) -> Block:
-        """Return the block at an address. Raise DamagedError if it is of another kind or not completely in the file."""
+        """Return the block at an address. Raise DamagedError if it is of another kind or truncated."""
         self.visited += 1
         if self.visited > _MOST_BLOCKS or address < 0 or address + _HEAD.size > len(self.content):
             raise DamagedError
@@ -77,14 +77,14 @@ class Blocks:
         return Block(kind, links, self.content[begin : address + length])
 
     def chain(self, address: int, kind: bytes) -> Iterator[Block]:
-        """Yield a block and those that its first links lead to."""
+        """Yield the blocks of a linked list; the first link of each is the next one."""
         while address:
             block = self.at(address, kind)
             yield block
             address = block.link(0)
 
     def text(self, address: int) -> str:
-        """Return a text, plain or in the TX element of a comment; empty if there is none."""
+        """Return the text of a text block or of the TX element of a metadata block; empty without one."""
         if not address:
             return ""
         block = self.at(address, b"##TX", b"##MD")
@@ -95,9 +95,9 @@ class Blocks:
         return " ".join(text.split())
 
     def records(self, address: int) -> list[memoryview]:
-        """Return the pieces of a data group's records, unpacked if they are packed.
+        """Return the record data of a data group in pieces, decompressed where necessary.
 
-        Raises LogError for packed pieces above their limit, and for kinds of storage that are not supported.
+        Raises LogError for compressed data above the size limit, and for unsupported storage formats.
         """
         if not address:
             return []
@@ -124,7 +124,7 @@ class Blocks:
         return block.data if block.kind == b"##DT" else memoryview(self._unpacked(block, before))
 
     def _check(self, size: int) -> None:
-        """Raise LogError if packed blocks exceed their limit; a list may also name one block many times."""
+        """Raise LogError if the decompressed size exceeds its limit; a list may reference one block many times."""
         if size > most_unpacked(len(self.content)):
             raise LogError(f"{self.name}: its packed blocks hold more than allowed; it is damaged or a zip bomb")
 
@@ -161,7 +161,7 @@ _FLOATS = {16: "f2", 32: "f4", 64: "f8"}
 
 @dataclass(frozen=True, eq=False)
 class _Channel:
-    """A channel's name, unit and block, and the reason if it is not read."""
+    """The name, unit and block of a channel, and the reason if it is not read."""
 
     label: str
     unit: str
@@ -176,7 +176,7 @@ class _Channel:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Channels on one clock: `rows` records of `size` bytes from `data`, `before` bytes of an id in front of each."""
+    """The channels of one clock: `rows` records of `size` bytes from `data`, each preceded by a `before`-byte id."""
 
     channels: tuple[_Channel, ...]
     data: int
@@ -191,7 +191,7 @@ class _Group:
 
 
 def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the channels of one group. Raise LogError for a damaged file or an unsupported storage of records."""
+    """Read the channels of one group. Raise LogError for a damaged file or an unsupported storage format."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has {Quantity(len(content) / 1e6, 'MB'):,.0f}, more than the "
@@ -212,7 +212,7 @@ def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _groups(blocks: Blocks) -> list[_Group]:
-    """Return all groups that hold records."""
+    """Return all groups that contain records."""
     recorded: list[_Group] = []
     finished = bytes(blocks.content[:8]) == b"MDF     "
     for data_group in blocks.chain(blocks.at(_HEADER, b"##HD").link(0), b"##DG"):
@@ -277,7 +277,7 @@ def _columns(blocks: Blocks, chosen: _Group, groups: list[_Group], wanted: froze
 
 
 def _raw(channel: Block, group: _Group, data: list[memoryview]) -> np.ndarray:
-    """Return the numbers of a channel as recorded, NaN where its flag says that they are not valid."""
+    """Return the raw values of a channel, NaN where its invalidation bit is set."""
     kind, _, form, shift, offset, bits, flags, flag_at = channel.numbers("BBBBIIII")
     if kind == _VIRTUAL_MASTER:
         return np.arange(group.rows, dtype=np.float64)
@@ -306,7 +306,7 @@ def _raw(channel: Block, group: _Group, data: list[memoryview]) -> np.ndarray:
 
 
 def _integers(data: list[memoryview], group: _Group, offset: int, width: int, big: bool) -> np.ndarray:
-    """Return `width` bytes of each record as an unsigned number."""
+    """Decode `width` bytes of each record as an unsigned integer."""
     numbers = np.zeros(group.rows, dtype=np.uint64)
     for k in range(width):
         place = offset + (width - 1 - k if big else k)
@@ -315,13 +315,13 @@ def _integers(data: list[memoryview], group: _Group, offset: int, width: int, bi
 
 
 def _strided(data: list[memoryview], group: _Group, offset: int, dtype: str) -> np.ndarray:
-    """Return one number of each record, without copying the records."""
+    """Return one field of all records as an array, through a strided view of the data."""
     at, size = group.before + offset, group.size
     return np.concatenate([np.ndarray((len(piece) // size,), dtype, piece, at, (size,)) for piece in data])
 
 
 def _whole(pieces: list[memoryview], group: _Group) -> list[memoryview]:
-    """Return pieces of whole records, joined only if a record runs over two. Raise DamagedError if some lack."""
+    """Return pieces of whole records, joined only if a record spans two. Raise DamagedError if records are missing."""
     size, length = group.size, group.rows * group.size
     if size == 0 or length > sum(len(piece) for piece in pieces):
         raise DamagedError
@@ -339,7 +339,7 @@ _TROUBLE = "converted by a formula, a table of ranges or of texts"
 
 
 def _converted(blocks: Blocks, channel: Block, raw: np.ndarray) -> np.ndarray:
-    """Return the numbers in the channel's unit."""
+    """Convert raw values to the unit of the channel."""
     if not channel.link(4):
         return raw
     block = blocks.at(channel.link(4), b"##CC")

@@ -1,7 +1,7 @@
 """Text files of recorders: maxon EPOS Studio, LinuxCNC's halscope and halsampler, TwinCAT Scope View.
 
-EPOS Studio states clock and number of rows, which are checked.  Torque is in percent of the motor's nominal torque,
-current in mA, position in counts.
+EPOS Studio states sampling period and number of rows, which are checked.  Torque is in percent of the motor's nominal
+torque, current in mA, position in counts.
 
     Date:;2020-07-08 21:13:16
     EPOS Studio Version:;3.6.1.0
@@ -11,23 +11,23 @@ current in mA, position in counts.
     ms;rpm;%
     0.000;-101;-24.1
 
-LinuxCNC has two layouts of halscope, and halsampler:
+LinuxCNC has two layouts of halscope, and one of halsampler:
 
-    # Sampling period is 1000000 ns        halscope since 2.9: names, two lines of its screen, then rows with ';'
+    # Sampling period is 1000000 ns        halscope since 2.9: names, two lines of display settings, rows with ';'
     joint.0.motor-pos-cmd;joint.0.motor-pos-fb
     # Position: 0.500000;0.500000
     # Scale: 0;0
 
-    Sampling period is 1000000 ns          halscope before: name and value alternate
+    Sampling period is 1000000 ns          halscope before 2.9: name and value alternate
     joint.0.motor-pos-cmd +0.0 joint.0.motor-pos-fb +0.0
 
-    17 0.000000 1.250000 0                 halsampler: no names, a number of the sample only with its option -t
+    17 0.000000 1.250000 0                 halsampler: no names, a sample number only with its option -t
 
 halsampler prints six decimals: positions in mm are then exact to a nanometer, small signals in SI are coarse.  It
 writes `overrun` where samples were lost.
 
-TwinCAT Scope View (3.4 and its documentation) has a head with one entry for each channel, then times and values in
-turn:
+TwinCAT Scope View (3.4 and its documentation) has a header with one entry for each channel, then alternating times and
+values:
 
     Name<tab>Scope1                            the project, its file, start and end of the export
     Name<tab>Axis 1.ActPos<tab>Name<tab>...    one row for each property, its key before each value
@@ -35,11 +35,11 @@ turn:
     Unit<tab>mm<tab>Unit<tab>...
 
     0<tab>12,5<tab>0<tab>...                   time in ms (or a FILETIME in 100 ns), value, time, value
-    EOF                                        if it was asked for
+    EOF                                        optional
 
-A time may be shared by the channels that follow it.  The channels of one clock make a log: the clock that most of the
-wanted channels have; the others are left out with their sample time.  A FILETIME as a float is exact to 3 us; the
-stated sample time makes up for that.
+A time column may be shared by the channels that follow it.  A log contains the channels of one clock, that of most of
+the wanted channels; the others are left out with their sample time.  A FILETIME as a float is exact to 3 us, which the
+stated sample time compensates.
 """
 
 from __future__ import annotations
@@ -66,12 +66,12 @@ _EPOS_ROWS = re.compile(rb"^Recorded samples:;([0-9]{1,9})\s*$", re.MULTILINE)
 
 
 def is_epos(content: bytes) -> bool:
-    """True for a recording of EPOS Studio."""
+    """Return True for a recording of EPOS Studio."""
     return _EPOS_VERSION.search(content[:_EPOS_HEAD]) is not None
 
 
 def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the channels of a recording. Raise LogError that names file and line, also for rows that are missing."""
+    """Read the channels of an EPOS Studio recording. Raise LogError with file and line, also for missing rows."""
     content, written = _without_remarks(content)
     columns = read_csv(name, content, wanted)
     rows = max((column.size for column in columns.values.values()), default=0)
@@ -92,9 +92,9 @@ def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
 
 
 def _without_remarks(content: bytes) -> tuple[bytes, int]:
-    """Return the recording without remarks after its last channel, and the number of rows with such a remark.
+    """Strip remarks after the last channel; return the recording and the number of rows with such a remark.
 
-    A table program writes all lines as long as the longest one (`-24.1,,`), with a remark in some of them.
+    Spreadsheet programs pad all lines to the longest one (`-24.1,,`), with a remark in some of them.
     """
     rows = list(_EPOS_ROW.finditer(content))
     if not any(row[3] for row in rows):
@@ -111,7 +111,7 @@ def _without_remarks(content: bytes) -> tuple[bytes, int]:
 
 
 def _to_width(line: bytes, width: int) -> bytes:
-    """Return a line of heads, cut to its first cells; the last one ends at a comma."""
+    """Cut a header line to its first cells; the last one ends at a comma."""
     cells = line.rstrip(b"\r").split(b";")[: width + 1]
     return b";".join([*cells[:-1], cells[-1].split(b",")[0]])
 
@@ -124,17 +124,17 @@ COUNTER = "sample"
 
 
 def is_halscope(content: bytes) -> bool:
-    """True for a log that halscope wrote."""
+    """Return True for a halscope log."""
     return _HALSCOPE_PERIOD.match(content) is not None
 
 
 def is_halsampler(content: bytes) -> bool:
-    """True for a log that halsampler wrote: numbers with six decimals or none, a space after each of them."""
+    """Return True for a halsampler log: numbers with six decimals or none, each followed by a space."""
     return _HALSAMPLER.match(content) is not None
 
 
 def read_halscope(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the channels of a halscope log, with its sample time. Raise LogError that names file and line."""
+    """Read the channels of a halscope log, with its sample time. Raise LogError with file and line."""
     head = _HALSCOPE_PERIOD.match(content)
     assert head is not None
     period = int(head[1])
@@ -162,7 +162,7 @@ def read_halscope(name: str, content: bytes, wanted: frozenset[str] | None) -> C
 
 
 def _names_between(name: str, body: bytes) -> list[str]:
-    """Return the names in the first line of an old log, each once."""
+    """Return the names in the first line of a log written before 2.9. Raise LogError for a repeated name."""
     line = next((line for line in body.split(b"\n", 100) if line.strip()), b"")
     names = line.decode("utf-8", "replace").split()[::2]
     if len(set(names)) != len(names):
@@ -171,9 +171,9 @@ def _names_between(name: str, body: bytes) -> list[str]:
 
 
 def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the pins of a halsampler log as column_1, column_2, ...; a number of the sample is its clock.
+    """Read the pins of a halsampler log as column_1, column_2, ...; sample numbers, if present, are the clock.
 
-    `overrun` before the first line means no loss within the log; elsewhere it is an error that names the line.
+    `overrun` before the first line means no loss within the log; elsewhere it is an error with its line.
     """
     late = _HALSAMPLER_OVERRUNS.match(content)
     lines = 0 if late is None else late[0].count(b"\n")
@@ -193,7 +193,7 @@ def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) ->
 
 
 def counts_samples(numbers: np.ndarray) -> bool:
-    """True for whole numbers that rise, mostly by one: the numbers of samples."""
+    """Return True for sample numbers: increasing whole numbers, most of them by one."""
     steps = np.diff(numbers)
     return bool(
         steps.size >= 2 and np.all(numbers == np.floor(numbers)) and np.all(steps >= 1) and np.median(steps) == 1.0
@@ -208,14 +208,14 @@ _UNITLESS = ("(None)", "None", "")
 
 
 def is_twincat(content: bytes) -> bool:
-    """True for an export of TwinCAT Scope View, by its head."""
+    """Return True for an export of TwinCAT Scope View, judged by its header."""
     begin = content[:_TWINCAT_HEAD_BYTES]
     return _TWINCAT_HEAD.match(begin) is not None and b"SampleTime[ms]" in begin
 
 
 @dataclass
 class _TwincatChannel:
-    """A channel: the columns of its time and its values, and its properties."""
+    """A channel of a TwinCAT export: the indices of its time and value columns, and its properties."""
 
     time: int
     place: int
@@ -224,7 +224,7 @@ class _TwincatChannel:
 
 
 def read_twincat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the channels of one clock, with that clock. Raise LogError that names file and line."""
+    """Read the channels of one clock of a TwinCAT export, with that clock. Raise LogError with file and line."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of text that are read; export a part"
@@ -262,7 +262,7 @@ def read_twincat(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 
 
 def _twincat_channels(name: str, begin: str, separator: str) -> tuple[list[_TwincatChannel], int]:
-    """Return the channels that the head lists, and the line at which the numbers begin."""
+    """Return the channels listed in the header, and the line at which the numbers begin."""
     rows = [[cell.strip().strip('"') for cell in line.split(separator)] for line in begin.split("\n")[:200]]
     heads = [k for k, row in enumerate(rows) if row[0] == "Name" and k > 0]
     start = next((k for k in heads if _follows(rows, k)), heads[0] if heads else 0)
@@ -288,7 +288,7 @@ def _twincat_channels(name: str, begin: str, separator: str) -> tuple[list[_Twin
 
 
 def _follows(rows: list[list[str]], k: int) -> bool:
-    """True if properties of channels follow a row of names."""
+    """Return True if rows of channel properties follow row `k`."""
     return any(row[0] in _TWINCAT_KEYS for row in rows[k + 1 : k + 4])
 
 
@@ -297,14 +297,14 @@ def _is_number(cell: str) -> bool:
 
 
 def _has_comma(text: Text, first: int) -> bool:
-    """True if the first numbers have a decimal comma."""
+    """Return True if the first numbers have a decimal comma."""
     return any("," in line for line in next(text.pieces(first)).text.split("\n")[:2000])
 
 
 def _one_clock(
     channels: list[_TwincatChannel], wanted: frozenset[str] | None
 ) -> tuple[list[_TwincatChannel], dict[str, str]]:
-    """Return the channels of the clock that most wanted channels have, and why the others are left out."""
+    """Return the channels on the clock of most wanted channels, and the reason for each omitted channel."""
 
     def clock(channel: _TwincatChannel) -> str:
         return channel.properties.get("SampleTime[ms]", "")
@@ -324,7 +324,7 @@ def _one_clock(
 def _twincat_numbers(
     name: str, text: Text, first: int, separator: str, decimal: str, places: list[int], width: int
 ) -> tuple[Mapping[int, np.ndarray], np.ndarray]:
-    """Return the columns at some places, and the line of each row; rows end where the first of them is empty."""
+    """Return the columns at some places, and the line number of each row; rows without a value there are skipped."""
     columns: list[list[float]] = [[] for _ in places]
     lines: list[int] = []
     blocks: list[np.ndarray] = []

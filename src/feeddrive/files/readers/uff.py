@@ -1,8 +1,8 @@
 """Universal files (UFF, UNV), dataset 58, text or binary: functions at nodal degrees of freedom.
 
 Time responses become channels, frequency responses become FRFs, each with the coherence of the same degrees of freedom.
-Needs pyuff (the extra `uff`). Units are those of the axis labels, else the SI units of the kinds of data.
-Up to 50 MB.
+Requires pyuff (the extra `uff`).  Units are those of the axis labels, else the SI units of the data types.  Limit:
+50 MB.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _UNITS = {8: "m", 9: "N", 11: "m/s", 12: "m/s2", 13: "N", 17: "s", 18: "Hz"}  # 
 
 
 def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
-    """Return the datasets 58 of a universal file. Raise LogError if it is damaged, MissingExtraError without pyuff."""
+    """Return all datasets 58 of a universal file. Raise LogError if damaged, MissingExtraError without pyuff."""
     try:
         import pyuff
     except ImportError:
@@ -57,7 +57,7 @@ def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
 
 
 def read_uff(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the time responses of a universal file as channels over one time. Raise LogError."""
+    """Read the time responses of a universal file as channels on a common time axis. Raise LogError."""
     values: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     left_out: dict[str, str] = {}
@@ -82,7 +82,7 @@ def read_uff(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """Yield a table of f, re, im, coherence for each frequency response, and its input and output."""
+    """Yield for each frequency response a table of f, re, im, coherence, and its input and output."""
     sets = sets_of(name, content)
     responses = [dataset for dataset in sets if dataset["func_type"] == _FRF]
     if not responses:
@@ -110,7 +110,7 @@ def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 
 
 def _end(dataset: Mapping[str, Any], end: str) -> str:
-    """Return node and direction of one end, as 12+Z."""
+    """Return node and direction of the input or output of a dataset, as 12+Z."""
     direction = int(dataset.get(f"{end}_dir", 0))
     sign = "-" if direction < 0 else "+"
     return f"{int(dataset.get(f'{end}_node', 0))}{sign}{'SXYZUVW'[min(abs(direction), 6)]}".replace("+S", "")
@@ -122,7 +122,7 @@ def _label(dataset: Mapping[str, Any]) -> str:
 
 
 def _unit(dataset: Mapping[str, Any], axis: str) -> str:
-    """Return the unit of an axis by its label, else by its kind of data, in SI."""
+    """Return the unit of an axis from its label, else the SI unit of its data type."""
     stated = str(dataset.get(f"{axis}_axis_units_lab", "")).strip()
     known = unit_of(stated) if stated not in ("", "NONE") else None
     return known or _UNITS.get(int(dataset.get(f"{axis}_spec_data_type", 0)), "")

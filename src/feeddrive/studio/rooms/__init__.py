@@ -1,4 +1,4 @@
-"""The rooms of the page, in the order of the work."""
+"""The rooms of the page, in the order of the workflow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The import of files: the kind of each, the roles of its columns, and the model that is made of it."""
+"""The room Bring: import of files, assignment of column roles, and identification of models from them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ROLES, _CHOSEN = "roles of columns, as the page had them", "responses that were
 
 
 class Bring(Room):
-    """The room where a source is opened: machines, logs, responses and part programs."""
+    """The room for the import of machines, logs, responses and part programs."""
 
     name = "bring"
 
@@ -43,7 +43,7 @@ class Bring(Room):
         self._began = False
 
     def show(self) -> Said:
-        """Show bundled machines, the files, and the columns of the open file."""
+        """Return the bundled machines, the files, and the columns of the open file."""
         if self.desk.brought and not self._began:
             self._began = True
             self._read([name.name for name in self.desk.brought])
@@ -76,12 +76,12 @@ class Bring(Room):
 
     @act
     def pick(self, asked: Asked) -> None:
-        """Show a file."""
+        """Open a file in the room."""
         self.open = self._known(asked).name
 
     @act
     def drop(self, asked: Asked) -> None:
-        """Remove a file."""
+        """Remove a file from the list."""
         file = self._known(asked)
         del self.files[file.name]
         self.desk.files.pop(file.name, None)
@@ -90,12 +90,12 @@ class Bring(Room):
 
     @act
     def bundled(self, asked: Asked) -> Said:
-        """Work on a bundled machine."""
+        """Open a bundled machine for tuning."""
         return self._put(asked.choice("name", _bundled()), asked)
 
     @act
     def tour(self, _: Asked) -> None:
-        """Simulate the log of the tour and open it; the machine file to start from is that of its control."""
+        """Simulate and open the log of the tour; the identification starts from the machine file of its control."""
         out = self.desk.folder / "tour"
         request = TourRequest(out=out)
 
@@ -109,7 +109,7 @@ class Bring(Room):
 
     @act
     def axis(self, asked: Asked) -> Said:
-        """Work on an axis of an uploaded machine file; `at`: the same axis at other positions."""
+        """Open an axis of an uploaded machine file; `at` lists files of the same axis at other positions."""
         file = self._known(asked)
         if file.kind != MACHINE:
             raise ParameterError(f"{file.name} is no machine file but: {file.kind}")
@@ -170,7 +170,7 @@ class Bring(Room):
 
     @act
     def responses(self, asked: Asked) -> Said:
-        """Work on measured responses, without a machine or beside today's control."""
+        """Open measured responses, with or without a machine file for today's control."""
         file = self._known(asked)
         if file.kind != RESPONSES:
             raise ParameterError(f"{file.name} holds no frequency responses")
@@ -189,7 +189,7 @@ class Bring(Room):
 
     @act
     def take(self, _: Asked) -> Said:
-        """Work on the machine file that the identification wrote."""
+        """Open the machine file written by the identification."""
         if self.machine is None:
             raise ParameterError("no machine file was identified yet")
         friction = None if self.identified is None else self.identified.friction
@@ -206,7 +206,7 @@ class Bring(Room):
         return self._on("tune")
 
     def _chosen(self, file: Understood, asked: Asked) -> Path:
-        """Return the file, or one with the chosen responses of a file with several."""
+        """Return the path of the file, or of a new file with the responses selected from it."""
         path, load = self._path(file.name), asked.text_or_none("load")
         if load is None:
             return path
@@ -220,7 +220,7 @@ class Bring(Room):
         return kept
 
     def _machine(self, asked: Asked) -> str | Path | None:
-        """Return the named machine: an uploaded or a bundled one."""
+        """Return the requested machine, uploaded or bundled; None if none is named."""
         name = asked.text_or_none("machine")
         if name is None:
             return None
@@ -258,14 +258,14 @@ class Bring(Room):
             self._show(content, path.parent.name + path.suffix, path)
 
     def _show(self, content: Understood, name: str, path: Path) -> None:
-        """Show a file under a name, in place of an earlier one of that name."""
+        """Open a file under a name, replacing an earlier one of that name."""
         self.files[name], self.desk.files[name], self.open = replace(content, name=name), path, name
         self.desk.programs.pop(name, None)
         if content.kind == PROGRAM:
             self.desk.programs[name] = path
 
     def _free(self, name: str) -> Path:
-        """Return a free path for a result: earlier files are never replaced, since an undo may return to them."""
+        """Return an unused path for a result; earlier files are never replaced, since an undo may return to them."""
         return free_name(self.desk.folder, name)
 
     def _known(self, asked: Asked) -> Understood:
@@ -275,7 +275,7 @@ class Bring(Room):
         return self.files[name]
 
     def _path(self, name: str) -> Path:
-        """Return the path of a file that was uploaded, computed or named at the start."""
+        """Return the path of a file that was uploaded, computed or named on the command line."""
         path = self.desk.files.get(safe_name(name))
         if path is None or not path.is_file() or path.is_symlink():
             raise ParameterError(f"no file {name!r:.80} was brought")
@@ -289,11 +289,11 @@ class Bring(Room):
 
     @staticmethod
     def _column(asked: Asked, name: str) -> Column:
-        """Return a column with the unit and the factor that were typed."""
+        """Return a column with the unit and the factor entered by the user."""
         return Column(name=name, unit=asked.text_or_none("unit") or "", factor=asked.number_or_none("factor"))
 
     def _columns(self, content: Understood) -> list[dict[str, Any]]:
-        """Return each column with its role, unit and reason; then the columns that need a factor."""
+        """Return each column with its role, unit and reason; assigned columns first, then those that need a factor."""
         assert content.guess is not None
         roles = {assigned.name: (role, assigned) for role, assigned in content.guess.mapping.items()}
         needs = {name: (role, what) for role, (name, what) in content.guess.needs.items()}

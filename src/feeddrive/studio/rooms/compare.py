@@ -1,4 +1,4 @@
-"""Laws on this axis at equal robustness: the trade-off, and a law that is chosen to be tuned on."""
+"""The room Compare: laws on this axis at equal robustness, their trade-off, and the selection of a law to tune."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from feeddrive.workflow.compare import TAKEN, CompareRequest, taken
 
 
 class Compare(Room):
-    """The room where laws are compared."""
+    """The room for the comparison of laws."""
 
     name = "compare"
 
@@ -29,7 +29,7 @@ class Compare(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Forget the comparison of another axis."""
+        """Discard the comparison of the previous axis."""
         self.shown: Shown | None = None
         self._asked: CompareRequest | None = None
         self._machine: MachineFile | None = None  # that was compared on
@@ -37,7 +37,7 @@ class Compare(Room):
         self._laws: tuple[tuple[Candidate, ...], tuple[Refusal, ...]] | None = None
 
     def show(self) -> Said:
-        """Show the available laws, the selected ones, and the result of the comparison."""
+        """Return the available laws, the selected ones, and the result of the comparison."""
         bench = self.desk.bench
         if bench is None or bench.machine is None:
             return Said({"ready": False, "found": None})
@@ -69,7 +69,7 @@ class Compare(Room):
 
     @act
     def start(self, asked: Asked) -> None:
-        """Tune and judge the selected laws; finished ones are kept for the next comparison."""
+        """Tune and evaluate the selected laws; completed ones are reused in the next comparison."""
         bench = self.desk.needed
         bench.needed_loop()
         names = [candidate.name for candidate in self._candidates()[0]]
@@ -104,7 +104,7 @@ class Compare(Room):
         return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _written(self, name: str, control: Control, asked: CompareRequest, machine: MachineFile) -> Path:
-        """Return the machine file with this law that the comparison writes, and record that request as done."""
+        """Write the machine file with this law, as the comparison would, and record the request as done."""
         law = re.sub(r"\W+", "_", name).strip("_").lower() or "law"
         out = free_name(self.desk.folder / "compared", law)  # one that was taken before stays what it was
         axis = machine.named(asked.axis)
@@ -117,7 +117,7 @@ class Compare(Room):
         return out / TAKEN
 
     def _candidates(self) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-        """Return the laws that can control the axis, and the refused ones."""
+        """Return the laws that can control the axis, and the refused ones with reasons."""
         if self._laws is None:
             self._laws = candidates(self.desk.needed.needed_loop())
         return self._laws

@@ -1,4 +1,4 @@
-"""Tuning by goal: a goal and limits are set, also in the pictures, and the tuner searches while a person watches."""
+"""The room Goal: automatic tuning for a goal and limits, which can also be set in the pictures, with live progress."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SHOWN = ("goal", *_LIMITS, "reading_noise", "band", "filters", "law", "starts")
 
 
 def _option(figure: Figure) -> str:
-    """Return the field of the limit of a figure."""
+    """Return the name of the field that limits a figure."""
     assert figure.limit is not None
     return figure.limit.option
 
@@ -62,7 +62,7 @@ class Goal(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Forget the result for another source; goal and limits stay."""
+        """Discard the result of the previous source; goal and limits are kept."""
         self.costs = list[float]()
         self.best: Control | None = None
         self.result: Outcome[Tuned] | None = None
@@ -70,7 +70,7 @@ class Goal(Room):
         self._integral: tuple[Control, bool] | None = None  # of the current control
 
     def show(self) -> Said:
-        """Show the goal with its limits, the progress of the search, and the loop before and after it."""
+        """Return the goal with its limits, the progress of the search, and the loop before and after it."""
         words: dict[str, Any] = {"fields": [self._field(FIELDS[name]) for name in _SHOWN], "ready": False}
         if self.desk.bench is None:
             return Said(words)
@@ -86,7 +86,7 @@ class Goal(Room):
 
     @act
     def set(self, asked: Asked) -> None:
-        """Set a field from the text that a person typed; empty: the default value."""
+        """Set a field from the text typed by the user; empty: the default value."""
         field = FIELDS[asked.choice("field", FIELDS)]
         text = asked.text("value").strip()
         settings = {key: value for key, value in self.settings.items() if key != field.name}
@@ -96,7 +96,7 @@ class Goal(Room):
 
     @act
     def level(self, asked: Asked) -> None:
-        """Set a limit from a height in a picture: of the sensitivity in dB, or of the dynamic stiffness."""
+        """Set a limit from a height in a picture: sensitivity in dB, or dynamic stiffness."""
         height = asked.number("value")
         name = asked.choice("field", (_PEAK, _SOFT))
         if name == _PEAK:
@@ -130,7 +130,7 @@ class Goal(Room):
 
     @act
     def accept(self, _: Asked) -> Said:
-        """Continue with the result, or with the best so far of a search that was stopped."""
+        """Continue with the result, or with the best control found by a canceled search."""
         if self.best is None:
             raise ParameterError("nothing was found yet: press Tune first")
         self.desk.take(self._best() or self.best, self._written())
@@ -139,12 +139,12 @@ class Goal(Room):
         return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _best(self) -> Control | None:
-        """Return the result as it stands in the machine file, if one was written."""
+        """Return the best control, as rounded in the machine file if one was written."""
         written = self._written()
         return self.best if written is None else read_machine(written).loop(self.desk.needed.axis).control
 
     def _written(self) -> Path | None:
-        """Return the machine file with the result, rounded as it was proven; None for a search that was stopped."""
+        """Return the machine file with the result, rounded as proven; None for a canceled search."""
         place = None if self.result is None else self.result.files.get("Machine")
         return None if place is None else Path(place)
 
@@ -157,7 +157,7 @@ class Goal(Room):
         self.begin()
 
     def _take(self, settings: dict[str, Any]) -> None:
-        """Adopt goal and limits; the limits also apply to tuning by hand."""
+        """Adopt goal and limits; the limits also apply to manual tuning."""
         self.desk.limits = TuneRequest("ball_screw", **settings).limits()  # refuses what it cannot be
         self.settings = settings
 
@@ -180,7 +180,7 @@ class Goal(Room):
         )
 
     def _begins(self) -> str:
-        """Return what a person should know before the search; empty if there is nothing."""
+        """Return a remark to be shown before the search; empty if none applies."""
         bench = self.desk.needed
         if bench.loop is None:
             return _BY_RULE
@@ -223,7 +223,7 @@ class Goal(Room):
         }
 
     def _levels(self, drawn: Mapping[str, Chart]) -> list[dict[str, Any]]:
-        """Return the limits that can be dragged in a picture: the field, and the height."""
+        """Return the limits that can be dragged in the pictures, each with its field and height."""
         levels = list[dict[str, Any]]()
         peak = self.settings.get(_PEAK, FIELDS[_PEAK].default)
         if "sensitivity" in drawn:
@@ -237,7 +237,7 @@ class Goal(Room):
         return levels
 
     def _up_to_limit(self, chart: Chart) -> Chart:
-        """Scale the sensitivity in dB so that the limit can be seen and dragged; not one far above all curves."""
+        """Extend the sensitivity axis to include the limit, unless it is far above all curves, so it can be dragged."""
         first, *others = chart.panels
         limit = self._peak_limit()
         top = max(float(np.nanmax(curve.y)) for curve in first.curves)

@@ -1,4 +1,4 @@
-"""The proofs of the current control: a certificate, the circle test, and a part program on the machine."""
+"""The room Prove: stability certificate, circle test and part program for the current control."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class Prove(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Forget the results of another axis."""
+        """Discard the results of the previous axis."""
         self.shown: dict[str, tuple[Held, Shown]] = {}
         self.circles: tuple[tuple[Held, Shown], ...] = ()  # that of another control before, and the latest
 
     def show(self) -> Said:
-        """Show the available proofs and the results."""
+        """Return the available proofs and the results."""
         bench = self.desk.bench
         axes = [] if bench is None or bench.machine is None else list(bench.machine.loops)
         programs = [*_bundled(), *self.desk.programs]
@@ -49,7 +49,7 @@ class Prove(Room):
 
     @act
     def certify(self, _: Asked) -> None:
-        """Prove the loop stable for plants around the model."""
+        """Prove robust stability of the loop for plants around the model."""
         bench = self.desk.needed
         bench.needed_loop()
         request = CertifyRequest(self.desk.machine_path(), axis=bench.axis, out=self.desk.folder / "certificate")
@@ -83,7 +83,7 @@ class Prove(Room):
 
     @act
     def program(self, asked: Asked) -> None:
-        """Run a part program on the machine: an uploaded or a bundled one."""
+        """Run an uploaded or bundled part program on the machine."""
         bench = self.desk.needed
         bench.needed_loop()
         name = asked.choice("name", [*_bundled(), *self.desk.programs])
@@ -112,13 +112,13 @@ class Prove(Room):
         self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
 
     def _put(self, name: str, held: Held, result: Shown) -> None:
-        """Store a result behind the earlier ones."""
+        """Store a result after the earlier ones."""
         self.shown.pop(name, None)
         self.shown[name] = held, result
 
 
 def _alike(one: Shown, other: Shown) -> bool:
-    """True if two circle tests have the same radius and plane, so that one may be drawn over the other."""
+    """Return True if two circle tests have the same radius and plane, so that they can be overlaid."""
     first, second = one.result, other.result
     return first.radius == second.radius and first.circles[0].axes == second.circles[0].axes
 

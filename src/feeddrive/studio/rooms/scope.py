@@ -1,4 +1,4 @@
-"""The oscilloscope: signals are followed while they are recorded; trigger, cursors, and the window kept as a log."""
+"""The room Scope: an oscilloscope for live signals, with trigger, cursors, and export of the window as a log."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _UNITS = (
 
 
 class Scope(Room):
-    """The oscilloscope: a source that is followed, and the view of it."""
+    """The room for the oscilloscope: a live source and its display."""
 
     name = "scope"
 
@@ -93,7 +93,7 @@ class Scope(Room):
         desk.closing.append(self._stop)
 
     def show(self) -> Said:
-        """Show the sources, the settings, the channels, and the current window."""
+        """Return the sources, the settings, the channels, and the current window."""
         frame = self._frame()
         channels = self._units()
         return Said(
@@ -115,12 +115,12 @@ class Scope(Room):
 
     @act
     def frame(self, _: Asked) -> Said:
-        """Return the current window and the readings of the cursors; requested as often as the page can draw."""
+        """Return the current window and the cursor readings; requested at the drawing rate of the page."""
         return self._frame()
 
     @act
     def follow(self, asked: Asked) -> None:
-        """Follow a source."""
+        """Start to follow a source."""
         name = asked.text("name")
         request = self._request(self.settings)
         source = self.desk.live.open(name, request.sample_time, request.time_unit)
@@ -137,12 +137,12 @@ class Scope(Room):
 
     @act
     def stop(self, _: Asked) -> None:
-        """Release the source; what was recorded stays."""
+        """Release the source; the recorded data are kept."""
         self._stop()
 
     @act
     def set(self, asked: Asked) -> None:
-        """Set a field from the text that a person typed; empty: the default value."""
+        """Set a field from the text typed by the user; empty: the default value."""
         name = asked.choice("field", _SHOWN)
         text = asked.text("value").strip()
         another = name in _OF_CLOCK and self._counted != "s"
@@ -157,7 +157,7 @@ class Scope(Room):
 
     @act
     def look(self, asked: Asked) -> None:
-        """Set the mode, and the channel of the trigger; empty: none."""
+        """Set the mode and the trigger channel; empty: none."""
         mode, channel = asked.choice("mode", MODES), asked.text("channel")
         known = self._units()
         if channel and channel not in known:
@@ -206,7 +206,7 @@ class Scope(Room):
 
     @act
     def move(self, asked: Asked) -> Said:
-        """Set a cursor to a time of the picture; without a time remove both."""
+        """Set a cursor to a time in the picture; without a time remove both cursors."""
         place = asked.number_or_none("x")
         if place is None:
             self.cursors = None
@@ -266,7 +266,7 @@ class Scope(Room):
         self.settings, self.mode = dict(settings), mode
 
     def _fit_clock(self) -> None:
-        """Drop a window that was set for another clock; without a user's setting it has `_SAMPLES` samples."""
+        """Discard window settings made for another clock; the default on a sample clock is `_SAMPLES` samples."""
         clock, channels = self.scope.clock, self.scope.channels
         if not channels:
             return
@@ -281,7 +281,7 @@ class Scope(Room):
             self._set(settings, self.mode)
 
     def _units(self, of: Mapping[str, str] | None = None) -> dict[str, str]:
-        """Return the units of the current channels, or of those of a window, as the source or a person states them."""
+        """Return the units of the current channels, or of those in `of`, as stated by the source or the user."""
         of = self.scope.channels if of is None else of
         return {name: unit or self.stated.get(name, "") for name, unit in of.items()}
 
@@ -290,7 +290,7 @@ class Scope(Room):
         return [name for k, name in enumerate(of) if self.drawn.get(name, k < _FEW)]
 
     def _factor(self, name: str, of: Mapping[str, str] | None = None) -> tuple[str, float]:
-        """Return the displayed unit of a channel, and the factor to it from the unit of the source."""
+        """Return the displayed unit of a channel, and the conversion factor from the source's unit to it."""
         unit = self._units(of).get(name, "")
         chosen = self.in_unit.get(name)
         if not chosen or chosen not in _choices(unit):  # it may be of a channel of the same name before
@@ -309,7 +309,7 @@ class Scope(Room):
         return units.scaled(number, factor)
 
     def _middle(self, channel: str) -> float | None:
-        """Return the middle between least and largest value in view: a level that the signal crosses."""
+        """Return the mean of minimum and maximum in view, a level that the signal crosses; None without data."""
         shown = self._shown()
         if shown is None or shown.channels.get(channel) != self.scope.channels[channel]:
             return None
@@ -416,7 +416,7 @@ class Scope(Room):
 
 
 def _choices(unit: str) -> list[str]:
-    """Return usual units of the same dimension, and the unit itself."""
+    """Return the usual units of the same dimension, including the unit itself."""
     if not unit:
         return []
     same_dimension = []
@@ -430,7 +430,7 @@ def _choices(unit: str) -> list[str]:
 
 
 def _readout_rows(read: Readout, drawn: list[Channel], clock: str) -> list[list[str]]:
-    """Return the rows of the cursor table: time, then each channel, at 1, at 2, and their difference."""
+    """Return the rows of the cursor table: time and each channel at cursors 1 and 2, and their difference."""
     rate = "" if read.step == 0.0 else f"; 1/Δt {number(abs(read.rate), 6)} {'Hz' if clock == 's' else 'per sample'}"
     rows = [[f"time ({clock})", number(read.a, 6), number(read.b, 6), f"{number(read.step, 6)}{rate}"]]
     for channel in drawn:

@@ -1,4 +1,4 @@
-"""The export: machine file, report, code, and all steps as commands, Python and a job."""
+"""The room Take: export of machine file, report, code, and all steps as commands, Python and a job."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _BOUNDS = ("following_error_limit", "velocity_limit", "travel_least", "travel_mo
 
 
 class Take(Room):
-    """The room for export: files of what was tuned and proven."""
+    """The room for the export of tuned and proven results."""
 
     name = "take"
 
@@ -34,12 +34,12 @@ class Take(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Forget the exports of another control."""
+        """Discard the exports of the previous control."""
         self.exports: dict[str, tuple[Held, Shown]] = {}
         self.verified: dict[str, dict[str, Any]] = {}
 
     def show(self) -> Said:
-        """Show the available exports and the recipe."""
+        """Return the available exports and the recipe."""
         bench = self.desk.bench
         recipe = recipe_of(self.desk)
         words = {
@@ -62,12 +62,12 @@ class Take(Room):
 
     @act
     def result(self, asked: Asked) -> Said:
-        """Export the directory of a result, packed, with its report."""
+        """Export the directory of a result, with its report, as an archive."""
         return self._give(packed(self.desk.folder / asked.choice("name", self.desk.results())))
 
     @act
     def recipe(self, asked: Asked) -> Said:
-        """Export commands, Python or job as a file."""
+        """Export the recipe as a file: commands, Python or job."""
         steps = recipe_of(self.desk)
         texts = {
             "commands": ("commands.sh", steps.commands),
@@ -83,7 +83,7 @@ class Take(Room):
 
     @act
     def guard(self, asked: Asked) -> None:
-        """Set the bounds beyond which the loop trips, from the texts typed into the fields of `_bounds`."""
+        """Set the guard's trip limits from the texts entered in the fields of `_bounds`."""
         bench = self.desk.needed
         bench.needed_loop()
         self.desk.check_free()
@@ -102,7 +102,7 @@ class Take(Room):
         self.desk.exchange(result.loop(bench.axis).control, path)
 
     def _bounds(self) -> list[dict[str, Any]]:
-        """Return the fields of a guard, for a control that has none: every export but that of parameters needs one."""
+        """Return the fields of a guard for a control without one; every export except that of parameters needs it."""
         bench = self.desk.bench
         if bench is None or bench.loop is None or self.desk.control.guard is not None:
             return []
@@ -132,7 +132,7 @@ class Take(Room):
 
     @act
     def verify(self, asked: Asked) -> None:
-        """Run the equality proof of an export with this machine's compiler."""
+        """Run the equality proof of an export again, with this machine's compiler."""
         target = asked.choice("target", self.exports)
         request = VerifyRequest(self.desk.folder / f"export_{target}")
 

@@ -1,4 +1,4 @@
-"""The guided tour: at each step what to look at and which button is next, until a control is exported."""
+"""The guided tour: step-by-step instructions from a log to an exported control."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ TITLE = "Tour: your axis in ten minutes"
 class Step:
     """A step of the tour.
 
-    title, text  what to look at, and which button is next, in two sentences
-    room         in which it happens
-    marked       elements of the page to look at and to press, by their ids, in this order
-    act          that ends the step, as the page asks for it; or
-    command      of the workflow, whose end ends it; without either the button Next does
+    title, text  title, and two sentences: what to look at, and which button to press next
+    room         room in which the step takes place
+    marked       ids of the page elements to look at and to press, in this order
+    act          action of the page that completes the step, or
+    command      workflow command whose completion does; without either the button Next does
     """
 
     title: str
@@ -117,7 +117,7 @@ STEPS = (
 
 
 class Tour(Room):
-    """The guided tour. It has no tab: its panel stands above all rooms."""
+    """The guided tour. It has no tab: its panel is shown above all rooms."""
 
     name = "tour"
 
@@ -128,7 +128,7 @@ class Tour(Room):
 
     @property
     def words(self) -> dict[str, Any] | None:
-        """Return the step for the page; None without a tour."""
+        """The current step for the page; None without a tour."""
         self._follow()
         if self.at is None:
             return None
@@ -153,7 +153,7 @@ class Tour(Room):
 
     @act
     def next(self, _: Asked) -> None:
-        """Go to the next step, even if the present one was not done; after the last one the tour ends."""
+        """Go to the next step, even if the present one is not completed; after the last one the tour ends."""
         if self.at is not None:
             self._go(self.at + 1)
 
@@ -165,11 +165,11 @@ class Tour(Room):
 
     @act
     def leave(self, _: Asked) -> None:
-        """End the tour; the results stay."""
+        """End the tour; the results are kept."""
         self.at = None
 
     def show(self) -> Said:
-        """Return an empty answer: the step is part of every message."""
+        """Return an empty answer, since the step is part of every message."""
         return Said()
 
     def _go(self, at: int) -> None:
@@ -177,7 +177,7 @@ class Tour(Room):
         self._before = self._done()
 
     def _done(self) -> int:
-        """Count how often the command of the step was done."""
+        """Count the completed runs of the current step's command."""
         wanted = "" if self.at is None else STEPS[self.at].command
         return sum(1 for step in self.desk.done if step.command == wanted)
 

@@ -1,4 +1,4 @@
-"""The room Tune: numbers that are moved, pictures and verdicts that follow, and what was kept to compare."""
+"""The room Tune: manual tuning of parameters with live pictures and verdicts, and stored controls for comparison."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from feeddrive.tuning.scaling import quickened, speed_powers, speed_range
 
 
 def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, Any]]:
-    """Return each limit in a sentence, the most exhausted first, and if it is kept."""
+    """Return a sentence for each limit, the most critical first, with True if it is satisfied."""
     several, sentences = len(look.figures) > 1, list[dict[str, Any]]()
     for verdict in look.judged:
         where = f" ({verdict.point})" if several else ""
@@ -45,7 +45,7 @@ def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, An
 
 
 def figure_words(look: Look, units: Units) -> str:
-    """Return crossover, margins and the least stiffness of the leading operating point, with their frequencies."""
+    """Return crossover, margins and minimum stiffness of the worst operating point, with their frequencies."""
     leading, parts = look.leading, list[str]()
     margins = leading.margins
     if margins.crossover is not None:
@@ -64,7 +64,7 @@ def figure_words(look: Look, units: Units) -> str:
 
 
 def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units: Units) -> dict[str, Chart]:
-    """Add the limits of Ms and stiffness as lines to the pictures, and mark exceeded limits."""
+    """Add the limits of Ms and stiffness to the pictures as lines, and mark violations."""
     charts, lines = dict(drawn), dict[str, Level]()
     if (peak := limits.limit(SENSITIVITY_PEAK)) is not None:
         lines["sensitivity"] = Level(_gain(units, peak.bound), peak.text.shown(units), dashed=True)
@@ -93,7 +93,7 @@ def _gain(units: Units, ratio: float) -> float:
 
 
 def _place(verdict: Verdict, units: Units) -> tuple[str, float, float] | None:
-    """Return the picture that shows a figure, and the position in its first panel."""
+    """Return the picture that shows the figure of a verdict, and its position in the first panel; None without one."""
     value = verdict.judged.value
     if value is None or verdict.frequency is None:
         return None
@@ -114,7 +114,7 @@ _BESIDE = ThreadPoolExecutor(thread_name_prefix="run")  # the run is simulated w
 
 
 class _Seen(NamedTuple):
-    """A look and its simulations, cached until parts, numbers or limits change."""
+    """An evaluation of a control with its simulations, cached until blocks, parameters or limits change."""
 
     by_hand: ByHand
     values: Values
@@ -124,7 +124,7 @@ class _Seen(NamedTuple):
 
 
 class Tune(Room):
-    """The room for tuning by hand: the parameters of the control."""
+    """The room for manual tuning of the control's parameters."""
 
     name = "tune"
 
@@ -134,7 +134,7 @@ class Tune(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Drop the cache of the previous source."""
+        """Clear the cache of the previous source."""
         self.snapshots: dict[str, Held] = {}
         self._seen: dict[str, _Seen] = {}
         self._poles = HeldPoles(self.desk)
@@ -142,7 +142,7 @@ class Tune(Room):
         self._told: ByHand | None = None  # whose numbers the page knows
 
     def show(self) -> Said:
-        """Show the parameters with their declarations, and the pictures."""
+        """Return the parameters with their declarations, and the pictures."""
         if self.desk.bench is None:
             return Said({"knobs": []})
         self._told = None
@@ -181,7 +181,7 @@ class Tune(Room):
 
     @act
     def move(self, asked: Asked) -> Said:
-        """Set one number; `first` starts a drag, which is undone as a whole."""
+        """Set one parameter; `first` starts a drag, which is undone as a whole."""
         name = asked.text("name")
         if name not in self.desk.values:
             raise ParameterError(f"the control has no number '{name:.60}'")
@@ -202,7 +202,7 @@ class Tune(Room):
 
     @act
     def reset(self, _: Asked) -> Said:
-        """Return to today's control."""
+        """Restore today's control."""
         self.desk.take(self.desk.needed.before.start)
         return self._pictures()
 
@@ -228,7 +228,7 @@ class Tune(Room):
 
     @act
     def drag(self, asked: Asked) -> Said:
-        """Drag a filter in the open-loop picture: to Hz and, unless only its frequency is moved, dB."""
+        """Drag a filter in the open-loop picture to a frequency in Hz and, unless only that changes, a gain in dB."""
         name, y = asked.text("name"), asked.number_or_none("y")
         y = None if y is None else self.units.to_decibel(y)
         loop = self._now.leading.margins
@@ -238,7 +238,7 @@ class Tune(Room):
 
     @act
     def step(self, asked: Asked) -> Said:
-        """Move a filter by keys: steps across and upwards."""
+        """Move a filter by keys, in horizontal and vertical steps."""
         loop, steps = self._now.leading.margins, (asked.number("across"), asked.number("up"))
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a filter is moved by at most {_STEPS} steps at once")
@@ -248,7 +248,7 @@ class Tune(Room):
 
     @act
     def pole(self, asked: Asked) -> Said:
-        """Drag a pole in the pole map: Hz across and, unless it stays, the height in the unit shown."""
+        """Drag a pole in the pole map: abscissa in Hz and, unless unchanged, height in the displayed unit."""
         _, factor = self.units.of("Hz")
         name, up = asked.text("name"), asked.number_or_none("y")
         height = self._poles.at(name).imag if up is None else 2.0 * np.pi * up / factor
@@ -258,7 +258,7 @@ class Tune(Room):
 
     @act
     def pole_step(self, asked: Asked) -> Said:
-        """Move a pole by keys: steps across and upwards."""
+        """Move a pole by keys, in horizontal and vertical steps."""
         steps = asked.number("across"), asked.number("up")
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a pole is moved by at most {_STEPS} steps at once")
@@ -268,7 +268,7 @@ class Tune(Room):
 
     @act
     def speed(self, asked: Asked) -> Said:
-        """Scale the speed of the whole loop, by the crossover in Hz that it would have on a free mass."""
+        """Scale the bandwidth of the whole loop, given as the crossover in Hz that it would have on a free mass."""
         wanted, first = asked.number("value"), asked.yes("first", True)
         if not wanted > 0.0:
             raise ParameterError(f"the crossover must be > 0 Hz, not {Quantity(wanted, 'Hz'):6}")
@@ -292,7 +292,7 @@ class Tune(Room):
 
     @act
     def take(self, asked: Asked) -> Said:
-        """Return to a stored control."""
+        """Restore a stored control."""
         letter = asked.choice("letter", SNAPSHOTS)
         if letter not in self.snapshots:
             raise ParameterError(f"nothing was kept as {letter} yet")
@@ -307,7 +307,7 @@ class Tune(Room):
 
     @act
     def file(self, _: Asked) -> Said:
-        """Export the machine file with the current numbers."""
+        """Export the machine file with the current parameters."""
         bench = self.desk.needed
         return Said(
             {"file": bench.text(self.desk.values), "file_name": bench.machine.file.name if bench.machine else ""}
@@ -370,12 +370,12 @@ class Tune(Room):
         return known
 
     def _grips(self, loop: Margins) -> list[dict[str, Any]]:
-        """Return the handles of filters: Hz, and a height in the picture."""
+        """Return the handles of the filters: frequency in Hz, and height in the picture."""
         grips = filter_grips(self.desk.control, loop, self._sample_time)
         return [{**asdict(grip), "y": float(self.units.from_decibel(grip.y))} for grip in grips]
 
     def _units(self) -> list[dict[str, Any]]:
-        """Return, for each kind of quantity, the units that a person can choose."""
+        """Return the selectable units for each kind of quantity."""
         rotary = self.desk.needed.rotary
         return [
             {
@@ -391,7 +391,7 @@ class Tune(Room):
         return self.desk.needed.by_hand.points[0].sample_time
 
     def _faster(self) -> dict[str, Any]:
-        """Return the slider of the whole loop: its range in Hz of the crossover, and the parameters that it scales."""
+        """Return the bandwidth slider of the loop: its range of crossover, Hz, and the parameters that it scales."""
         today = self.desk.needed.before
         names = list(speed_powers(self.desk.control))
         crossover = self._look(TODAY, today, today.values).look.leading.margins.crossover
@@ -403,7 +403,7 @@ class Tune(Room):
         return {"low": crossover / _REACH, "high": crossover * _REACH, "meaning": meaning}
 
     def _knobs(self) -> list[dict[str, Any]]:
-        """Return the page's data of each parameter, in usual units."""
+        """Return the data of each parameter for the page, in the displayed units."""
         bench, rows = self.desk.needed, list[dict[str, Any]]()
         units = replace(self.units, rotary=bench.rotary)
         for knob in bench.by_hand.knobs:
