@@ -428,7 +428,7 @@ def _check(
 
 
 def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
-    """Return low-crest phases of all realizations, starting from Schroeder's phases for the first, else random ones."""
+    """Return low-crest phases of each realization, from Schroeder's phases for the first and random ones after."""
     rng = np.random.default_rng(seed)
     starts = [schroeder_phases(lines, sizes)]
     starts += [2.0 * np.pi * rng.random(lines.size) for _ in range(count - 1)]

@@ -92,8 +92,8 @@ def averaged(
 
     In a closed loop h1, h2 and hv are biased: noise is fed back through the control C, and they tend to -1/C where the
     noise is large.  The coherence is that of input and output; for indirect and joint the smaller one of reference to
-    input and reference to output. When not: for short records and resonances narrower than the line spacing; use
-    `local_polynomial`.
+    input and reference to output.
+    When not: for short records and resonances narrower than the line spacing; use `local_polynomial`.
     Source: Bendat & Piersol 2010, chapter 9; Pintelon & Schoukens 2012, sections 2.6 and 2.7.
     """
     if method not in METHODS:

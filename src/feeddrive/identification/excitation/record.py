@@ -24,9 +24,8 @@ RISK = 0.01  # probability that a steady record loses its first period by chance
 class Record:
     """A measurement: `input` and `output` of shape (n,), sampled every `sample_time` s.
 
-    references  external signals, shape (n,) each: the setpoint, or the force added to the command. In a closed loop
-    only
-                they separate the effect of noise from that of the excitation
+    references  external signals, shape (n,) each: the setpoint, or the force added to the command. Only they
+                separate, in a closed loop, the effect of noise from that of the excitation
     Raises LogError for channels of different length, too short or constant channels, NaN, and an output that equals the
     input.
     """
