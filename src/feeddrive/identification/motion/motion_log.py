@@ -127,7 +127,7 @@ class MotionLog:
             )
 
     def _check_spikes(self) -> None:
-        """Raise NotIdentifiableError for force spikes: single samples that no drive commands, from a faulty line or recorder."""
+        """Raise NotIdentifiableError for force spikes: single samples from a faulty line or recorder."""
         size = np.abs(self.force)
         most = float(np.quantile(size, _USUAL_SHARE))
         beyond = size > _SPIKE * most
