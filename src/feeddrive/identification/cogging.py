@@ -297,7 +297,7 @@ class CoggingRun:
     """A run in one direction: position in turns (or in periods of the cogging) and motor force, shape (n,).
 
     direction is +1 for a run towards larger positions, else -1; by default it follows from the positions.
-    Single samples of the force far from their neighbors (`regression.strays`) are left out; `remarks` says which.
+    Outliers of the force (`regression.strays`) are left out; `remarks` lists them.
     """
 
     turns: np.ndarray

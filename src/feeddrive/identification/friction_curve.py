@@ -379,7 +379,7 @@ def _cut(v: np.ndarray, least: int) -> int | None:
 
 
 def _is_held(part: np.ndarray, whole: np.ndarray) -> bool:
-    """True if a part moves at a constant speed."""
+    """Return True if a part has a constant speed other than 0."""
     mean = abs(float(np.mean(part)))
     error = float(np.std(part)) / np.sqrt(part.size)
     if mean <= 4.0 * error or mean < 1e-3 * float(np.max(np.abs(whole))):

@@ -277,7 +277,7 @@ class Spike(NamedTuple):
 
     axis, feed  feed in m/s
     angle       since the reversal, rad, shape (n,)
-    height      outward, the mean of its reversals, m, shape (n,); from 0.2° after the reversal on
+    height      outward deviation, mean over the reversals, m, shape (n,); starting 0.2° after the reversal
     """
 
     axis: str

@@ -359,7 +359,7 @@ def estimate_frf(
              PRBS, noise), "h1", "h2", "hv", "indirect", "joint" (averaged spectra); "auto": periodic if the excitation
              is periodic in the record, impact if the input consists of short pulses from rest, else local polynomials
     band     lowest and highest frequency, Hz
-    period   samples; default: found in the reference, or in the input if there is none
+    period   samples; default: detected in the reference, or in the input if there is none
     skip     periods dropped at the start; default: by a test
     segment  samples per segment of averaged spectra, and `overlap` the share common to two of them
     lines    maximum number of lines of local polynomials; default: 2000
@@ -423,7 +423,7 @@ def _struck(records: Sequence[Record]) -> bool:
 
 
 def _steady(record: Record, period: int) -> Record:
-    """Return the part of the record with a periodic reference; the whole record without a reference."""
+    """Return the part with a periodic reference, at least two periods; without a reference the whole record."""
     if not record.references:
         return record
     begin, end = repeating(record.references[0], period)

@@ -288,7 +288,7 @@ def design_excitation(
     grid             pattern of excited lines, see `grid_lines`
     flat             for a setpoint: order of the derivative with equal amplitudes of all lines
     offset_velocity  m/s of the underlying motion, so that friction does not stick; default: 1.5 times the peak speed of
-                     the linear model, or three Stribeck velocities more; 0: none.  Every second realization moves back
+                     the linear model, or three Stribeck velocities more; 0: none.  Every second realization reverses it
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the control and the motor
     seed             random seed of grid, phases and the noise of the encoders
 
@@ -428,7 +428,7 @@ def _check(
 
 
 def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
-    """Return low-crest phases of each realization, from Schroeder's phases for the first and random ones after."""
+    """Return low-crest phases of each realization, from Schroeder's phases for the first, else random ones."""
     rng = np.random.default_rng(seed)
     starts = [schroeder_phases(lines, sizes)]
     starts += [2.0 * np.pi * rng.random(lines.size) for _ in range(count - 1)]

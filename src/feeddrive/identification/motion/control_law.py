@@ -381,7 +381,7 @@ class _Fit(NamedTuple):
     def of(
         cls, rows: _Rows, control: Control, names: tuple[str, ...], plain: np.ndarray, raw: np.ndarray, delay: int
     ) -> _Fit:
-        """Fit by Gauss-Newton steps: limits and dead bands make the force of a law nonlinear in its gains."""
+        """Fit the gains by Gauss-Newton steps, since limits and dead bands make the force nonlinear in them."""
         force = rows.reduced(rows.log.force)
         y = force - rows.reduced(plain, delay)
         for _ in range(_STEPS):

@@ -215,7 +215,7 @@ _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at r
 
 
 def count_of(position: np.ndarray) -> float:
-    """Return the count (resolution) of readings, of which all differences are multiples; 0 if there is none."""
+    """Return the resolution of readings in m, of which all their differences are multiples; 0 if there is none."""
     levels = np.unique(position)
     steps = np.diff(levels)
     steps = steps[steps > 1e-12 * (levels[-1] - levels[0])]
@@ -332,7 +332,7 @@ class Preparation:
 
     cutoff       Hz, of the Butterworth low pass on the position
     decimation   decimation factor in samples; None: one row per 10 ms
-    delay        samples from a logged force to the acceleration that it causes: 1/2 for the hold, and the dead time
+    delay        samples from a logged force to the resulting acceleration: 1/2 for the hold, plus the dead time
     acceleration "second": (x(k+1) - 2 x(k) + x(k-1)) / T², which a held force fits exactly;
                  "twice": the central difference of the central difference
     skip         samples left out at each end, where the filters lack the continuation of the motion;

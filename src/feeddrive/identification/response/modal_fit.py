@@ -200,7 +200,7 @@ class Poles:
 def begun(
     model: ModalResponse, responses: Sequence[np.ndarray], chosen: np.ndarray, dead_time: float | None
 ) -> tuple[float, np.ndarray]:
-    """Return initial parameters for given mode poles: residues by least squares of relative errors.
+    """Return initial parameters for given mode poles: linear ones by least squares of relative errors.
 
     The first value is the sum of squared errors.  Dead time and corner are found by a coarse search.
     """
