@@ -196,7 +196,7 @@ class Margins(Result):
 
     @cached_property
     def sensitivity_peak(self) -> float:
-        """Ms = max |1/(1 + L)| = 1/modulus_margin; infinite if L goes through -1."""
+        """The sensitivity peak Ms = max |1/(1 + L)| = 1/modulus_margin; infinite if L passes through -1."""
         return 1.0 / self.modulus_margin if self.modulus_margin > 0.0 else float("inf")
 
     def numbers(self) -> dict[str, float | None]:
@@ -372,7 +372,7 @@ class Smoother:
     weights: csr_array
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Smooth values of shape (..., n)."""
+        """Return the smoothed values, shape (..., n)."""
         columns = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)
         smooth = self.weights @ np.real(columns) + 1j * (self.weights @ np.imag(columns))
         return np.moveaxis(smooth.reshape(np.moveaxis(values, -1, 0).shape), 0, -1)

@@ -89,7 +89,7 @@ def commanded(
 
 
 def _ran(compiled: Native, system: OnLog, prepared: Any, begun: Any, rows: np.ndarray) -> np.ndarray:
-    """Run all rows in machine code."""
+    """Run all rows in machine code and return the commanded force."""
     steps, held = compiled.plan, dict(tree.leaves(begun))
     values = {**dict(tree.leaves(system)), **dict(numbers(prepared, "prepared")), "seed": 0.0}
     states = [np.float64(held[state.name]) for state in steps.states]

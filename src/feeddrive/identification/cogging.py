@@ -226,7 +226,7 @@ def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
 
 
 def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int) -> CoggingOrder:
-    """Return the amplitudes of an order by direction, and its significance."""
+    """Return a harmonic: its amplitudes by direction and its significance."""
     from scipy.special import fdtrc
 
     pairs = {sign: side.pairs[place] for sign, side in sides.items()}

@@ -55,7 +55,7 @@ class Limit:
         return self.most is None or self.got <= self.most
 
     def cells(self) -> list[Cell]:
-        """Return name, value, limit and verdict."""
+        """Return the table row: name, value, limit and verdict."""
         limit = "not stated" if self.most is None else readable(self.most, self.unit)
         verdict = "–" if self.most is None else "holds" if self.holds else "BROKEN"
         return [self.what, readable(self.got, self.unit), limit, verdict]

@@ -122,7 +122,7 @@ class ModalResponse:
 
     @property
     def common(self) -> int:
-        """The number of parameters that all outputs share."""
+        """The number of parameters common to all outputs."""
         return 2 * self.modes + 2
 
     @property
