@@ -1,4 +1,4 @@
-"""Computational cost of a loop: operations per sample, and the number of substeps that its axis needs."""
+"""Computational cost of a loop: operations per sample, and the number of substeps required by its axis."""
 
 from __future__ import annotations
 

@@ -44,8 +44,8 @@ def friction_map(
     window  s over which position is smoothed; a longer one blurs reversals, a shorter one passes quantization noise
     bins    number of velocities in each direction
 
-    The force is averaged over the same window.  Samples whose window holds a reversal or a change of acceleration are
-    left out.  Gravity and other constant forces are not removed: they appear as an offset of both directions.
+    The force is averaged over the same window.  Samples whose window contains a reversal or a change of acceleration
+    are left out.  Gravity and other constant forces are not removed: they appear as an offset of both directions.
     Raises ParameterError if the motion is shorter than three windows.
     """
     half = max(2, round(0.5 * window / sample_time))

@@ -196,7 +196,7 @@ class Margins(Result):
 
     @cached_property
     def sensitivity_peak(self) -> float:
-        """Ms = max |1/(1 + L)| = 1/modulus_margin; infinite if L goes through -1."""
+        """The sensitivity peak Ms = max |1/(1 + L)| = 1/modulus_margin; infinite if L passes through -1."""
         return 1.0 / self.modulus_margin if self.modulus_margin > 0.0 else float("inf")
 
     def numbers(self) -> dict[str, float | None]:
@@ -372,7 +372,7 @@ class Smoother:
     weights: csr_array
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Smooth values of shape (..., n)."""
+        """Return the smoothed values, shape (..., n)."""
         columns = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)
         smooth = self.weights @ np.real(columns) + 1j * (self.weights @ np.imag(columns))
         return np.moveaxis(smooth.reshape(np.moveaxis(values, -1, 0).shape), 0, -1)
@@ -383,8 +383,8 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
 
     Windows grow from 5 to 97 lines and stop at the first that fails: χ² of the residuals is beyond its 99.9 % point.
     Where the first one fails, the line stays as it is. A window that just passes has a bias as large as the remaining
-    noise. So the curve itself is taken from windows one step narrower. Its spread, which must cover the rest of that
-    bias, is taken from windows two steps narrower.
+    noise. So the curve itself uses windows one step narrower. Its spread, which must cover the rest of that bias, uses
+    windows two steps narrower.
     Raises ParameterError for an FRF without variance.
     Source: Goldenshluger & Nemirovski 1997 (windows as wide as the noise allows); Schoukens et al. 2009 (local
     polynomials of frequency responses).
@@ -514,7 +514,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     Where a resonance just reaches |L| = 1, for example, the delay margin jumps between two crossings. The interval then
     also holds the middle 95 % of the draws.
 
-    Raises ParameterError for an L without variance.  Nonlinear distortion counts only if the variance holds it.
+    Raises ParameterError for an L without variance.  Nonlinear distortion counts only if the variance includes it.
     When not: for resonances narrower than five lines, which no window spans; their interval is that of the unsmoothed
     lines.
     """
@@ -562,7 +562,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 
 
 def _settled(drawn: np.ndarray) -> bool:
-    """True if nearly all draws lie around one value: no gap between them exceeds the deviations on both sides."""
+    """Return True if nearly all draws lie around one value: no gap exceeds the deviations on both sides."""
     ordered = np.sort(drawn)
     beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # fewer draws than this are outliers
     place = beyond + int(np.argmax(np.diff(ordered)[beyond - 1 : ordered.size - beyond]))

@@ -100,7 +100,7 @@ def measured_loop(
                   accepts
     sample_time   s; None for a response C that is not sampled
     load, motor   X2/u and X1/u, from the commanded force to the readings; with one encoder leave `motor` out
-    disturbance   X2/d and X1/d, from a force on the table to the readings (a hammer's), for the compliance
+    disturbance   X2/d and X1/d, from a force on the table (a hammer's) to the readings, for the compliance
     delay         s, of computation, if the responses were measured from the acting force instead of its command
     frequency     Hz, for responses that are arrays or models of python-control
 

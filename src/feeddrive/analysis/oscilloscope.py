@@ -131,7 +131,7 @@ class LiveSource(Protocol):
         ...
 
     def state(self) -> str:
-        """The status as a sentence: receiving rows, waiting for something, or rows that were skipped."""
+        """Return the status as a sentence: receiving rows, waiting for something, or rows that were skipped."""
         ...
 
     def close(self) -> None:

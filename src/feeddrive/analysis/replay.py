@@ -60,7 +60,7 @@ def commanded(
     """Return the force in N that a control commands at each row of a log, shape (n,).
 
     set_position   m, shape (n,), one row a sample of the control
-    reading        m, shape (n,): what the encoder of the load read, and that of the motor if `reading_motor` is None
+    reading        m, shape (n,): reading of the load encoder, also used for the motor if `reading_motor` is None
     force          N, shape (n,), as it was commanded at each row
 
     No plant model is involved: for the control that produced the log it is the logged force, apart from rounding and
@@ -89,7 +89,7 @@ def commanded(
 
 
 def _ran(compiled: Native, system: OnLog, prepared: Any, begun: Any, rows: np.ndarray) -> np.ndarray:
-    """Run all rows in machine code."""
+    """Run all rows in machine code and return the commanded force."""
     steps, held = compiled.plan, dict(tree.leaves(begun))
     values = {**dict(tree.leaves(system)), **dict(numbers(prepared, "prepared")), "seed": 0.0}
     states = [np.float64(held[state.name]) for state in steps.states]
@@ -165,7 +165,8 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
               added at the drive, behind the limit); all of shape (n,), one row a sample of the loop
     skip      samples at the start that do not count
 
-    A drive may log its command before or after such a force is added: the nearer one to the model's force is taken.
+    A drive may log its command before or after such a force is added; the log is interpreted as the one nearer to the
+    model's force.
 
     Raises LogError for a log too short to estimate its start.
     """
@@ -217,7 +218,7 @@ def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) 
 def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay) -> tuple[np.ndarray, Replay] | None:
     """Return the part of `added_force` that passes the force limit F if it was added before it, and the replay with it.
 
-        a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F,   u what the control requests
+        a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F,   u the request of the control
 
     The requests of a run give the a' of the next, until a' converges, at most 20 times.  None if the limit is never
     active.  The law receives its own command, without the injected part.  `limited` is the replay with the force added

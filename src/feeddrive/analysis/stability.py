@@ -196,7 +196,7 @@ class Encirclement(Result):
 
     @property
     def certain(self) -> bool:
-        """True if there is no doubt."""
+        """True if there is no doubt about the count."""
         return not self.doubts
 
     def sentence(self) -> str:
@@ -312,7 +312,7 @@ def encirclement(
 
 
 def _turned(curve: np.ndarray) -> float:
-    """Return the angle by which a curve turns around zero, rad."""
+    """Return the total angle of a curve around the origin, rad."""
     return float(np.sum(np.angle(curve[1:] / curve[:-1])))
 
 

@@ -226,7 +226,7 @@ def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
 
 
 def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int) -> CoggingOrder:
-    """Return the amplitudes of an order by direction, and its significance."""
+    """Return a harmonic: its amplitudes by direction and its significance."""
     from scipy.special import fdtrc
 
     pairs = {sign: side.pairs[place] for sign, side in sides.items()}
@@ -297,7 +297,7 @@ class CoggingRun:
     """A run in one direction: position in turns (or in periods of the cogging) and motor force, shape (n,).
 
     direction is +1 for a run towards larger positions, else -1; by default it follows from the positions.
-    Single samples of the force far from their neighbors (`regression.strays`) are left out; `remarks` says which.
+    Outliers of the force (`regression.strays`) are left out; `remarks` lists them.
     """
 
     turns: np.ndarray

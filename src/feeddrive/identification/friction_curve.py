@@ -72,7 +72,7 @@ class LearnedStops(Result):
         raise ParameterError(f"there is no '{parameter}'; there are {', '.join(e.name for e in self.estimates)}")
 
     def table(self) -> Table:
-        """Return the estimates with both standard errors; the note states the number of stops and their residual."""
+        """Return a table of the estimates with both standard errors; its title states number and residual of stops."""
         title = Text(
             f"{self.name}: {len(self.stops.width)} stops leave {Quantity(self.left[0], 'N'):3} RMS, "
             f"{Quantity(self.left[1], 'N'):3} of rows not used; Coulomb and viscous friction "
@@ -379,7 +379,7 @@ def _cut(v: np.ndarray, least: int) -> int | None:
 
 
 def _is_held(part: np.ndarray, whole: np.ndarray) -> bool:
-    """True if a part moves at a constant speed."""
+    """Return True if a part has a constant speed other than 0."""
     mean = abs(float(np.mean(part)))
     error = float(np.std(part)) / np.sqrt(part.size)
     if mean <= 4.0 * error or mean < 1e-3 * float(np.max(np.abs(whole))):
@@ -455,7 +455,7 @@ class Candidate:
 
 
 def _with_stribeck(exponent: int) -> tuple[Friction, Friction]:
-    """Return a symmetric and a direction-dependent block."""
+    """Return a symmetric and a direction-dependent Stribeck block with this exponent."""
     levels = {f"{name}_{side}": 1.0 for name in ("coulomb", "breakaway") for side in ("positive", "negative")}
     return (
         Stribeck(coulomb=1.0, breakaway=1.0, stribeck_velocity=1.0, exponent=exponent),
@@ -519,7 +519,7 @@ class FrictionCurve(Result):
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameter values by name."""
+        """The parameter values by name."""
         return {estimate.name: estimate.value for estimate in self.estimates}
 
     @property

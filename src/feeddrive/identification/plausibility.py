@@ -165,7 +165,7 @@ def out_of_range(wrong: Sequence[Range], magnitudes: Mapping[str, float]) -> Tex
 
 
 def remedy(wrong: Sequence[Range]) -> str:
-    """Return the advice which channel's unit to check: the one on which the worst quantity depends."""
+    """Return advice on which unit to check: that of the channel on which the worst quantity depends."""
     worst = wrong[0]
     both = worst.position != 0 and worst.force != 0
     return (

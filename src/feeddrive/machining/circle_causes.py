@@ -202,11 +202,11 @@ class Solved:
         return self._inverse @ middle @ self._inverse * (n / max(n - k, 1))
 
     def value(self, name: str) -> float:
-        """Return the fitted value of a column, 0 where it was dropped."""
+        """Return the fitted value of a column, 0 if it was dropped."""
         return float(self.solution[self.labels.index(name)])
 
     def error(self, name: str) -> float:
-        """Return the standard error of a column; inf where it cannot be separated."""
+        """Return the standard error of a column; inf if it cannot be separated."""
         i = self.labels.index(name)
         if i in self.unseparable or i not in self.kept:
             return float("inf")
@@ -228,7 +228,7 @@ def _held(since: np.ndarray, R: float, gap: float) -> np.ndarray:
 
 
 def distinct_feeds(data: list[Rows]) -> list[float]:
-    """Return the feeds of all circles, merging those that differ by 2 % at most."""
+    """Return the distinct feeds of all circles; feeds within 2 % count as equal."""
     feeds: list[float] = []
     for rows in data:
         if not any(abs(rows.V - feed) <= 0.02 * feed for feed in feeds):
@@ -277,7 +277,7 @@ class Spike(NamedTuple):
 
     axis, feed  feed in m/s
     angle       since the reversal, rad, shape (n,)
-    height      outward, the mean of its reversals, m, shape (n,); from 0.2° after the reversal on
+    height      outward deviation, mean over the reversals, m, shape (n,); starting 0.2° after the reversal
     """
 
     axis: str
@@ -287,12 +287,12 @@ class Spike(NamedTuple):
 
     @property
     def peak(self) -> float:
-        """The largest deviation, m, signed."""
+        """The deviation of the largest magnitude, m, signed."""
         return float(self.height[int(np.argmax(np.abs(self.height)))])
 
     @property
     def peak_angle(self) -> float:
-        """The angle of the peak, rad since the reversal."""
+        """The angle of the peak after the reversal, rad."""
         return float(self.angle[int(np.argmax(np.abs(self.height)))])
 
 

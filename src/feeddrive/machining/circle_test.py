@@ -67,7 +67,7 @@ class Zone(NamedTuple):
 
     @property
     def width(self) -> float:
-        """The radial gap, m."""
+        """The radial width of the zone, m."""
         return self.most - self.least
 
 
@@ -237,7 +237,7 @@ def circle_path(
 
 
 def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray, name: str) -> tuple[int, int]:
-    """Return first row and end of the longest stretch in which the angle changes at a constant rate."""
+    """Return first row and end of the longest range of rows with constant angular velocity."""
     angle = np.unwrap(np.arctan2(y - middle[1], x - middle[0]))
     whole = abs(float(angle[-1] - angle[0]))
     if whole < 2.0 * np.pi:

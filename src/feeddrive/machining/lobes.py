@@ -315,7 +315,7 @@ class CutStability(Result):
 
     @property
     def stable(self) -> bool:
-        """True if vibrations decay."""
+        """True if all vibrations decay."""
         return self.growth < 1.0
 
     @property

@@ -76,7 +76,7 @@ class ToolPoint(Result):
         return ToolPoint(self.A, self.B @ turn.T, turn @ self.C, self.missed)
 
     def response(self, frequency: np.ndarray) -> np.ndarray:
-        """Return C (jω - A)⁻¹ B in m/N at frequencies in Hz, shape (n, 2, 2)."""
+        """Return the compliance C (jω - A)⁻¹ B in m/N at frequencies in Hz, shape (n, 2, 2)."""
         s = 2j * np.pi * np.atleast_1d(np.asarray(frequency, float))
         poles, shapes = np.linalg.eig(self.A)
         if np.linalg.cond(shapes) < _DISTINCT:

@@ -1,4 +1,4 @@
-"""Frequency responses from records: from periods of a multisine, or by the estimator of another excitation."""
+"""Estimation of frequency responses from records of a multisine or of any other excitation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ROUGH = 1.5  # scatter over noise, as median, from which a single draw of phase
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """Means over periods, shape (lines,), with the (co)variances E|.|² of these means."""
+    """The means of input and output over periods, shape (lines,), with the (co)variances E|.|² of these means."""
 
     frequency: np.ndarray
     input: np.ndarray
@@ -39,16 +39,15 @@ class Averaged:
     excited: np.ndarray  # bool
 
     def noise(self, response: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Return E|v|² of v = y - G u on some lines, with the response G there."""
+        """Return the noise power E|v|² of v = y - G u on some lines, with the response G on them."""
         cross = np.real(np.conj(response) * self.yu[lines])
         return np.maximum(self.yy[lines] + np.abs(response) ** 2 * self.uu[lines] - 2.0 * cross, 0.0)
 
 
 def excited_lines(cause: np.ndarray) -> np.ndarray:
-    """Return the lines that carry excitation: those above the widest gap in the sizes of all lines; cause of shape
-    (lines,).
+    """Return True for excited lines: those above the widest gap in the sorted magnitudes; cause of shape (lines,).
 
-    Even in a spectrum that falls by decades over the band, the gap to the empty lines is the widest.
+    The gap to the empty lines is the widest even if the spectrum falls by decades over the band.
     """
     size = np.maximum(np.abs(cause) / np.max(np.abs(cause)), _ROUNDING)
     ordered = np.sort(size)[::-1]
@@ -65,9 +64,9 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
         D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean over 5 lines of a kind of (|D|² - noise)
 
     Ĝ is the response on the neighboring excited lines, interpolated: in a closed loop the input is not empty there.
-    The level of a kind is 0 in the band if a test of all its lines together finds only noise, at a risk of 1 %.
-    Outside the band no response is known, and D is the whole output, the effect of distortion at the input included.
-    `response` on the excited lines.  Only lines up to three times the band are used.
+    The level of a kind is 0 in the band if a joint test of all its lines finds only noise, at a significance of 1 %.
+    Outside the band the response is unknown, and D is the whole output, including the effect of distortion at the
+    input.  `response` is given on the excited lines.  Only lines up to three times the band are used.
     """
     lines = np.flatnonzero(mean.excited)
     first, last = int(lines[0]), int(lines[-1])
@@ -95,9 +94,9 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
 
 
 def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
-    """True if lines hold more than noise: the sum of |D|²/noise, each F(2, 2ν), against its quantile.
+    """Return True if lines contain more than noise: the sum of |D|²/noise, each F(2, 2ν), exceeds its quantile.
 
-    The sum counts as one F whose degrees of freedom add up, which holds for noise of any color.
+    The degrees of freedom of the lines are added, which is valid for noise of any color.
     """
     from scipy.special import fdtri
 
@@ -109,20 +108,19 @@ def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
 
 
 def smoothed(values: np.ndarray) -> np.ndarray:
-    """Return the running mean over neighbors, shorter at the ends."""
+    """Return the moving average over neighboring lines, shorter at the ends."""
     width = min(_NEIGHBORS, values.size)
     ones = np.ones(width)
     return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
 
 
 def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) -> np.ndarray | None:  # noqa: A002
-    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,); None
-    if there are fewer.
+    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,); None if there are fewer.
 
         Ȳ(i) = (g₀ + g₁ x + g₂ x²) fᵖ Ū(i) + V(i),   x from -1 to 1 over the lines, p the slope of |Ȳ/Ū| on log scales
 
-    It holds noise and everything nonlinear, also on a full grid.  At a sharp resonance it would include the curvature
-    of the response, too. The result is therefore the share |V|²/|Ȳ|², as the median over 31 lines, times |Ȳ|².
+    It contains noise and nonlinear distortion, also on a full grid.  At a sharp resonance it would include the
+    curvature of the response, too. Therefore the result is the median of |V|²/|Ȳ|² over 31 lines, times |Ȳ|².
     Source: Pintelon et al. 2010; in steady state there is no transient to estimate.
     """
     n = frequency.size
@@ -151,7 +149,7 @@ def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) 
 
 @dataclass(frozen=True, eq=False)
 class _Realisation:
-    """Means over periods and covariances of these means, shape (lines,); noise powers of y and u and y u*."""
+    """One realization: means over periods and their covariances (noise of y, of u, and y u*), shape (lines,)."""
 
     input: np.ndarray
     output: np.ndarray
@@ -170,21 +168,20 @@ def periodic(
     band: tuple[float, float] | None = None,
     skip: int | None = None,
 ) -> FrequencyEstimate:
-    """Estimate the response on the excited lines, from P periods of each of M realizations
-    (records) in steady state.
+    """Estimate the response on the excited lines from P periods of each of M realizations (records) in steady state.
 
         G = Ȳ/Ū,   var = (σ_y² + |G|² σ_u² - 2 Re(conj(G) σ_yu²))/|Ū|²
 
-    σ² are (co)variances of the means: over the periods for the noise; over realisations with other phases for noise and
-    nonlinear distortion together (`total`).  With a reference Y and U are turned by its phase and averaged over the
-    realisations before they are divided, so that noise at the input leaves no bias; it holds in a closed loop.
-    With one realization the distortion on the excited lines is taken from the odd empty lines between them, if there
-    are any. On a full grid it is the scatter around a smooth response, if that clearly exceeds the noise. Otherwise the
-    variance is that of noise only.
+    σ² are (co)variances of the means: over the periods for the noise; over realisations with different phases for noise
+    and nonlinear distortion together (`total`).  With a reference, Y and U are rotated by its phase and averaged over
+    the realisations before the division, so that noise at the input causes no bias; this is valid in a closed loop.
+    With one realization the distortion on the excited lines is estimated from the odd empty lines between them, if any.
+    On a full grid it is the scatter around a smooth response, if that clearly exceeds the noise. Otherwise the variance
+    is that of noise only.
 
     period  samples
     band    Hz; default: all excited lines
-    skip    periods dropped at the start; default: those that a test finds not in steady state, at most half
+    skip    periods dropped at the start; default: those not in steady state by a test, at most half
 
     Raises LogError if fewer than two periods are left.
     Source: Pintelon & Schoukens 2012, sections 2.5 and 4.3.
@@ -261,9 +258,7 @@ def _realisation(
 
 
 def _turned(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return inputs and outputs of all realizations, rotated so that the excitation has the same phase; shape (M,
-    lines).
-    """
+    """Return inputs and outputs of all realizations, rotated to a common phase of the excitation; shape (M, lines)."""
     turns = [
         np.exp(-1j * np.angle((realisation.input if realisation.reference is None else realisation.reference)[lines]))
         for realisation in drawn
@@ -274,7 +269,7 @@ def _turned(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarra
 
 
 def _response(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the response, its variance by noise, and the degrees of freedom of that variance."""
+    """Return the response, its variance due to noise, and the degrees of freedom of that variance."""
     u, y = _turned(drawn, lines)
     mean_u, mean_y = u.mean(axis=0), y.mean(axis=0)
     response = mean_y / mean_u
@@ -289,7 +284,7 @@ def _response(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndar
 
 
 def _levels(first: _Realisation, frequency: np.ndarray, excited: np.ndarray) -> dict[str, Level]:
-    """Return the levels of the first realization, on all of its lines."""
+    """Return the noise and distortion levels of the first realization."""
     lines = np.flatnonzero(excited)
     response = first.output[lines] / first.input[lines]
     freedom = first.periods - 1
@@ -314,7 +309,7 @@ def _total(
     freedom: np.ndarray,
     levels: dict[str, Level],
 ) -> tuple[np.ndarray, bool, np.ndarray, str]:
-    """Return the variance, true if it includes nonlinear distortion, its degrees of freedom, and the rule used."""
+    """Return the variance, True if it includes nonlinear distortion, its degrees of freedom, and the method."""
     m = len(drawn)
     if m > 1:
         u, y = _turned(drawn, lines)
@@ -361,17 +356,17 @@ def estimate_frf(
     """Estimate a frequency response from records of the same channels, with coherence and variance on each line.
 
     method   "periodic" (multisines in steady state), "impact" (blows of a hammer), "local_polynomial" (chirp, step,
-             PRBS, noise), "h1", "h2", "hv", "indirect", "joint" (averaged spectra); "auto": periodic if what excites
-             repeats itself in the record, impact if the input is short pulses from rest, else local polynomials
+             PRBS, noise), "h1", "h2", "hv", "indirect", "joint" (averaged spectra); "auto": periodic if the excitation
+             is periodic in the record, impact if the input consists of short pulses from rest, else local polynomials
     band     lowest and highest frequency, Hz
-    period   samples; default: found in the reference, or in the input if there is none
+    period   samples; default: detected in the reference, or in the input if there is none
     skip     periods dropped at the start; default: by a test
-    segment  samples of a stretch of averaged spectra, and `overlap` the share that two have in common
-    lines    at most so many lines of the local polynomials; default: 2000
+    segment  samples per segment of averaged spectra, and `overlap` the share common to two of them
+    lines    maximum number of lines of local polynomials; default: 2000
 
-    In a closed loop give the reference, whatever the method: without it, noise that is fed back through the control
+    In a closed loop give the reference with every method: without it, noise that is fed back through the control
     counts as excitation.  Periodic records are the exception: noise averages out from period to period.
-    Raises ParameterError for a method that is not known and for records that do not match each other, LogError for
+    Raises ParameterError for an unknown method and for records that do not match each other, LogError for
     records that are too short.
     """
     measurements = [records] if isinstance(records, Record) else list(records)
@@ -423,12 +418,12 @@ def _period(records: Sequence[Record]) -> int | None:
 
 
 def _struck(records: Sequence[Record]) -> bool:
-    """True if the input is hammer blows in every record."""
+    """Return True if the input of every record consists of hammer blows."""
     return not any(record.references for record in records) and all(find_blows(record.input) for record in records)
 
 
 def _steady(record: Record, period: int) -> Record:
-    """Return the stretch in which the reference repeats, at least two periods; the whole record without a reference."""
+    """Return the part with a periodic reference, at least two periods; without a reference the whole record."""
     if not record.references:
         return record
     begin, end = repeating(record.references[0], period)
@@ -457,7 +452,7 @@ def _check_band(record: Record, band: tuple[float, float]) -> None:
 
 
 def within(estimate: FrequencyEstimate, band: tuple[float, float] | None) -> FrequencyEstimate:
-    """Keep only the lines of a band. Raises ParameterError if there are none."""
+    """Return the estimate on the lines of a band. Raises ParameterError if there are none."""
     if band is None:
         return estimate
     f = estimate.frf

@@ -1,4 +1,4 @@
-"""Excitations: the signal for the drive with the simulated response of the axis, and the design of a multisine."""
+"""Design of a multisine excitation for a drive, with the simulated response of the axis."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _HOPELESS = 100.0  # times the limit: an amplitude that keeps such a limit is to
 
 
 def readable(value: float, unit: str) -> Quantity:
-    """Return a figure in its usual unit: lengths from 1 mm on in mm, angles in urad."""
+    """Return a figure in a convenient unit: lengths in um or, from 1 mm, in mm; angles in urad."""
     shown = {"m": "mm" if abs(value) >= 1e-3 else "um", "rad": "urad", "rad/s": "mrad/s"}.get(unit, "")
     return Quantity(value, unit, form=shown)
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit and the peak in the simulation; `most` is None if no limit was stated."""
+    """A limit and the peak value in the simulation; `most` is None if no limit was stated."""
 
     what: str
     got: float
@@ -51,11 +51,11 @@ class Limit:
 
     @property
     def holds(self) -> bool:
-        """True if the limit is kept, or if none was stated."""
+        """True if the limit is not exceeded, or if none was stated."""
         return self.most is None or self.got <= self.most
 
     def cells(self) -> list[Cell]:
-        """Return name, value, limit and verdict."""
+        """Return the table row: name, value, limit and verdict."""
         limit = "not stated" if self.most is None else readable(self.most, self.unit)
         verdict = "–" if self.most is None else "holds" if self.holds else "BROKEN"
         return [self.what, readable(self.got, self.unit), limit, verdict]
@@ -63,10 +63,10 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A realization: the excitation to send, and the signals of its simulation, all of shape (n,).
+    """A realization: the excitation signal, and the signals of its simulation, all of shape (n,).
 
     excitation    N or m, added to the force command or to the set position
-    set_position  m, of the motion underneath, without excitation
+    set_position  m, underlying motion without excitation
     signals       `set_position`, `force` (excitation and command together), readings and velocities, as simulated
     """
 
@@ -78,15 +78,15 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Excitation(Result):
-    """A multisine for a measurement, drawn once or with several phases, and the limits that were checked.
+    """A multisine for a measurement, in one or several realizations, and the limits that were checked.
 
     where            "force" (added to the command, N) or "setpoint" (added to the set position, m)
-    period           samples; `periods` of them in steady state, `fade` samples before and after in which it fades in
-                     and out
+    period           samples per period; `periods` of them in steady state, with `fade` samples of fade-in and fade-out
+                     before and after
     first            sample at which the first whole period begins
-    offset_velocity  m/s under the excitation, so that the axis slides throughout
-    turns            the axis turns: torques in N m, angles in rad
-    least_velocity   m/s, smallest speed towards the offset during the periods; below 0 the axis reversed
+    offset_velocity  m/s, velocity of the underlying motion, so that the axis always slides
+    turns            True for a rotary axis: torques in N m, angles in rad
+    least_velocity   m/s, smallest velocity in the direction of the offset; if negative, the axis reversed
     """
 
     name: str
@@ -109,7 +109,7 @@ class Excitation(Result):
 
     @property
     def rotary(self) -> bool:
-        """True if the axis turns."""
+        """True for a rotary axis."""
         return self.turns
 
     @property
@@ -124,9 +124,7 @@ class Excitation(Result):
         return turning(unit) if self.turns else unit
 
     def records(self, output: str = "reading_load") -> list[Record]:
-        """Return the simulated measurements, cut to whole periods: `estimate_frf` of them predicts
-        the measured result.
-        """
+        """Return the simulated records, cut to whole periods, from which `estimate_frf` predicts the result."""
         if output not in OUTPUTS:
             raise ParameterError(f"output = {output!r} must be one of {', '.join(OUTPUTS)}")
         kept = slice(self.first, self.first + self.periods * self.period)
@@ -145,7 +143,7 @@ class Excitation(Result):
         ]
 
     def table(self) -> Table:
-        """Return the limits and the peaks in the simulation."""
+        """Return a table of the limits and the peak values in the simulation."""
         title = Text(
             f"{self.name}: {self.lines.size} lines {Quantity(self.frequency[0], 'Hz', bare=True)} .. "
             f"{Quantity(self.frequency[-1], 'Hz')} on {self.where}, peak {readable(self.amplitude, self.unit)}, crest "
@@ -181,14 +179,14 @@ def limits(
 
 
 def _worst(excitation: Excitation) -> tuple[Limit, float]:
-    """Return the limit that is exceeded most, and the factor."""
+    """Return the limit exceeded most, and the factor."""
     shares = {limit: limit.got / limit.most if limit.most else np.inf for limit in excitation.limits if not limit.holds}
     worst = max(shares, key=lambda limit: shares[limit])
     return worst, shares[worst]
 
 
 def broken(excitation: Excitation) -> str:
-    """Name the limit that is exceeded most, as the beginning of a sentence."""
+    """Return the beginning of a sentence that names the limit exceeded most."""
     worst, share = _worst(excitation)
     assert worst.most is not None
     got, may = readable(worst.got, worst.unit), readable(worst.most, worst.unit)
@@ -203,7 +201,7 @@ def broken(excitation: Excitation) -> str:
 
 
 def advice(excitation: Excitation, drawn: Callable[[float], Excitation]) -> str:
-    """Return an amplitude that was simulated and keeps all limits, or what else to change."""
+    """Return advice: an amplitude that satisfies all limits in a simulation, or what else to change."""
     other = ""
     worst, share = _worst(excitation)
     if worst.what == "travel" and excitation.offset_velocity:
@@ -238,7 +236,7 @@ _OVERSAMPLING = 4  # grid points per sample of the highest line, for peaks betwe
 
 
 class _Timeline(NamedTuple):
-    """Lengths in samples: run-up of the motion, fade-in of the excitation, whole periods; then the same backwards."""
+    """The phases of an excitation in samples: run-up, fade-in, whole periods, fade-out and stop."""
 
     ramp: int
     fade: int
@@ -276,25 +274,25 @@ def design_excitation(
     seed: int = 0,
     name: str = "excitation",
 ) -> Excitation:
-    """Design a multisine that keeps travel, speed and force within their limits in a simulation of the whole loop.
+    """Design a multisine with travel, speed and force within limits, by a simulation of the whole loop.
 
         x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ clipped from Schroeder's or random phases
 
-    band             Hz, within which lines lie at multiples of the resolution
+    band             Hz; lines are multiples of the resolution within it
     amplitude        peak, N (force) or m (setpoint)
-    where            "force": added to the command behind the control's limit; "setpoint": to the set position
-    resolution       Hz; one period lasts its inverse, rounded to whole samples
-    periods          in steady state; in addition the excitation fades in and out, at most 0.25 s on each side
-    realisations     number of realizations, each with other phases: two or more separate nonlinear distortion from
+    where            "force": added to the command after the control's limit; "setpoint": to the set position
+    resolution       Hz, inverse of the period, which is rounded to whole samples
+    periods          number of periods in steady state, in addition to fade-in and fade-out of at most 0.25 s each
+    realisations     number of realizations with different phases: two or more separate nonlinear distortion from
                      noise on every line
-    grid             which lines are left empty, see `grid_lines`
-    flat             for a setpoint: the derivative in which all lines are equal
+    grid             pattern of excited lines, see `grid_lines`
+    flat             for a setpoint: order of the derivative with equal amplitudes of all lines
     offset_velocity  m/s of the underlying motion, so that friction does not stick; default: 1.5 times the peak speed of
-                     the linear model, or three Stribeck velocities more; 0: none.  Every second realization moves back
+                     the linear model, or three Stribeck velocities more; 0: none.  Every second realization reverses it
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the control and the motor
-    seed             of grid, phases and the noise of the encoders
+    seed             random seed of grid, phases and the noise of the encoders
 
-    Raises ParameterError for a limit that is exceeded, with the amplitude or the number of periods that keeps it, for a
+    Raises ParameterError for a limit that is exceeded, with an admissible amplitude or number of periods, for a
     band beyond Nyquist, for periods of more than four million samples in all, and for a loop that trips or diverges;
     UnstableError for a loop that is unstable without excitation.
     """
@@ -430,7 +428,7 @@ def _check(
 
 
 def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
-    """Start from Schroeder's phases, then from random ones: realizations must not resemble each other."""
+    """Return low-crest phases of each realization, from Schroeder's phases for the first, else random ones."""
     rng = np.random.default_rng(seed)
     starts = [schroeder_phases(lines, sizes)]
     starts += [2.0 * np.pi * rng.random(lines.size) for _ in range(count - 1)]
@@ -438,7 +436,7 @@ def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list
 
 
 def _scaled(lines: np.ndarray, sizes: np.ndarray, phases: np.ndarray, amplitude: float) -> float:
-    """Return the factor that scales the sum to that peak, on a grid of 16 points per shortest wave."""
+    """Return the factor that scales the sum to the peak `amplitude`, evaluated at 16 points per shortest wave."""
     count = int(2 ** np.ceil(np.log2(16 * (lines[-1] + 1))))
     return amplitude / float(np.max(np.abs(summed(lines, sizes, phases, count))))
 
@@ -452,9 +450,7 @@ def _offset(
     waves: list[float],
     period: int,
 ) -> float:
-    """Return the speed at which the excited motion, by the linear model, does not reverse and stays above the Stribeck
-    range.
-    """
+    """Return an offset speed at which the excited linear model does not reverse and stays above the Stribeck range."""
     source = "added_force" if where == "force" else "set_position"
     model = linearize(loop, [source], ["velocity_load", "velocity_motor"])
     frequency = lines / (period * float(loop.sample_time))
@@ -535,7 +531,7 @@ def _underneath(times: _Timeline, offset: float, T: float) -> Reference:
 
 
 def _least(drawings: list[Drawing], kept: slice) -> float:
-    """Return the smallest speed in the direction of the underlying motion."""
+    """Return the smallest velocity in the direction of the underlying motion."""
     least = np.inf
     for drawn in drawings:
         way = np.sign(drawn.set_position[-1] - drawn.set_position[0])
@@ -545,14 +541,14 @@ def _least(drawings: list[Drawing], kept: slice) -> float:
 
 
 def grid_lines(lowest: float, highest: float, period: float, grid: str = "random_odd", seed: int = 0) -> np.ndarray:
-    """Return the numbers k of the lines k/period in the band that carry excitation.
+    """Return the indices k of the excited lines k/period in the band.
 
-        full        all: most power, no empty lines in the band
-        odd         1, 3, 5 ...: even distortion shows on the even lines
-        odd_odd     1, 5, 9 ...: odd distortion shows on 3, 7, 11 ..., too
-        random_odd  odd, and a random one of each four stays empty (default): both distortions show, most lines remain
+        full        all lines: largest power, no empty lines in the band
+        odd         1, 3, 5 ...: even distortion is detected on the even lines
+        odd_odd     1, 5, 9 ...: odd distortion is also detected, on 3, 7, 11 ...
+        random_odd  odd, with a random one of each four left empty (default): detects both kinds with most lines excited
 
-    Raises ParameterError for a grid that is not known and a band without a line.
+    Raises ParameterError for an unknown grid and a band without a line.
     Source: Pintelon & Schoukens 2012, section 4.3.1; Schoukens, Lataire, Pintelon & Vandersteen 2008.
     """
     if grid not in GRIDS:
@@ -579,10 +575,10 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
 
 
 def schroeder_phases(lines: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
-    """Return φₖ = -2π Σ over the lines i below of (k - i) pᵢ / d, with shares of power p (Schroeder 1970).
+    """Return Schroeder's phases φₖ = -2π Σ over lines i < k of (k - i) pᵢ / d, with relative powers p (Schroeder 1970).
 
-    d is the usual distance of two lines: the sum of every d-th line repeats itself d times in a period, except for a
-    phase, and the sweep of Schroeder's phases must fit into one such part.
+    d is the median spacing of lines: the sum of every d-th line repeats d times per period, except for a phase, and the
+    sweep of Schroeder's phases must fit into one such part.
     """
     steps = lines / (np.median(np.diff(lines)) if lines.size > 1 else 1.0)
     shares = amplitudes**2 / np.sum(amplitudes**2)
@@ -592,15 +588,15 @@ def schroeder_phases(lines: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
 
 
 def crest_factor(values: np.ndarray) -> float:
-    """Return peak over RMS."""
+    """Return the crest factor, peak over RMS."""
     return float(np.max(np.abs(values)) / np.sqrt(np.mean(values**2)))
 
 
 def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray) -> np.ndarray:
-    """Return phases with a lower peak: clip the sum, keep its phases, restore its amplitudes, and repeat.
+    """Return phases with a lower peak, by iterative clipping of the sum with its amplitudes restored.
 
-    The clipping level rises from 75 to 99 % of the peak over 300 rounds; the best phases on the way are returned. The
-    crest factor is about 1.45 for hundreds of lines, where Schroeder's phases give 1.7 and random ones 3 to 4.
+    The clipping level rises from 75 to 99 % of the peak over 300 rounds; the best phases of all rounds are returned.
+    The crest factor is about 1.45 for hundreds of lines, where Schroeder's phases give 1.7 and random ones 3 to 4.
     Source: Van der Ouderaa, Schoukens & Renneboog 1988.
     """
     count = int(2 ** np.ceil(np.log2(2 * _OVERSAMPLING * (lines[-1] + 1))))
@@ -616,9 +612,7 @@ def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarr
 
 
 def summed(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray, count: int, order: int = 0) -> np.ndarray:
-    """Return one period of Σ aₖ cos(2π k t/period + φₖ) at `count` points; `order` 1, 2, ...: derivatives over
-    t/period.
-    """
+    """Return one period of Σ aₖ cos(2π k t/period + φₖ) at `count` points, or its derivative of `order` by t/period."""
     spectrum = np.zeros(count // 2 + 1, dtype=complex)
     spectrum[lines] = 0.5 * count * amplitudes * np.exp(1j * phases) * (2j * np.pi * lines) ** order
     return np.fft.irfft(spectrum, count)

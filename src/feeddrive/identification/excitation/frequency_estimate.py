@@ -17,11 +17,11 @@ _DOUBT = 0.1  # relative variance of the input; a line above it is left out
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Amplitude of noise or distortion in the output, RMS over neighboring lines.
+    """The amplitude of noise or distortion in the output, RMS over neighboring lines.
 
     frequency  Hz, shape (m,)
     output     amplitude at the output, in its unit
-    response   the same over the input that excites there, in the unit of the frequency response; NaN outside the band
+    response   amplitude over the exciting input, in the unit of the frequency response; NaN outside the band
     """
 
     frequency: np.ndarray
@@ -34,11 +34,11 @@ class FrequencyEstimate(Result):
     """An FRF with coherence and variance, the estimator used, and the degrees of freedom of the variance.
 
     frf      `frf.variance` is E|dG|² of the response: noise, and nonlinear distortion if `total` is true
-    method   the rule, as a sentence
+    method   description of the estimator
     freedom  complex degrees of freedom of the variance on each line, shape (n,)
-    noise    E|dG|² by noise alone, shape (n,)
-    total    whether `frf.variance` includes nonlinear distortion besides noise
-    levels   "odd", "even", "nonlinear", "noise": levels over frequency, as far as the excitation shows them
+    noise    E|dG|² due to noise only, shape (n,)
+    total    True if `frf.variance` includes nonlinear distortion besides noise
+    levels   "odd", "even", "nonlinear", "noise": levels over frequency, as far as the excitation reveals them
     counts   averages, periods, realisations, ... by name
     remarks  remarks on the validity of the estimate
     """
@@ -58,7 +58,7 @@ class FrequencyEstimate(Result):
         return self.frf.frequency
 
     def lines(self, kept: np.ndarray, *remarks: str) -> FrequencyEstimate:
-        """Return the lines where `kept` (bool, shape (n,)) is true, with further remarks."""
+        """Return the estimate on the lines where `kept` (bool, shape (n,)) is True, with further remarks."""
         f = self.frf
 
         def of(values: np.ndarray | None) -> np.ndarray | None:
@@ -76,9 +76,9 @@ class FrequencyEstimate(Result):
         )
 
     def where_told(self, doubt: np.ndarray) -> FrequencyEstimate:
-        """Drop the lines on which the excitation hardly moved the input: `doubt`, its relative variance, > 0.1.
+        """Return the estimate on lines with sufficient excitation: `doubt`, the relative variance of the input, <= 0.1.
 
-        The variance of a quotient is not defined if the denominator may be 0.  Raises LogError if no line is left.
+        The variance of a quotient is undefined if the denominator may be 0.  Raises LogError if no line is left.
         """
         kept = doubt <= _DOUBT
         if np.all(kept):
@@ -100,7 +100,7 @@ class FrequencyEstimate(Result):
         )
 
     def radius(self, confidence: float = 0.95) -> np.ndarray:
-        """Return the radius of the disc around each response that contains the true one with this confidence.
+        """Return the radius of the confidence disc around each response.
 
             r² = ν ((1 - p)^(-1/ν) - 1) · variance
 
@@ -112,7 +112,7 @@ class FrequencyEstimate(Result):
         return np.sqrt(fisher(confidence, self.freedom) * self.frf.variance)
 
     def table(self) -> Table:
-        """Return response, deviation, noise and coherence at up to twelve lines."""
+        """Return a table of response, standard deviation, noise and coherence at up to twelve lines."""
         frf = self.frf
         assert frf.variance is not None
         assert frf.coherence is not None

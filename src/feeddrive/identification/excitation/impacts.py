@@ -1,4 +1,4 @@
-"""Frequency responses from hammer blows: force window, exponential window with its correction, average over blows."""
+"""Frequency responses from impact tests: force window, exponential window with correction, average over blows."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ class _Blow:
 
 
 def find_blows(force: np.ndarray) -> list[_Blow]:
-    """Find the blows in a force; empty for any other force, such as noise, a chirp, steps, or periods.
+    """Find the hammer blows in a force; empty for any other force, such as noise, a chirp, steps, or a periodic force.
 
-    A blow is a short pulse from rest and back to it in one direction.
+    A blow is a short unipolar pulse that starts and ends at rest.
     """
     u = force - np.median(force)
     if np.max(u) < -np.min(u):
@@ -73,7 +73,7 @@ def find_blows(force: np.ndarray) -> list[_Blow]:
 
 
 def _rest(u: np.ndarray) -> float:
-    """Return the standard deviation of the force at rest, from its median deviation."""
+    """Return the standard deviation of the force at rest, from its median absolute value."""
     return 1.4826 * float(np.median(np.abs(u)))
 
 
@@ -94,13 +94,13 @@ def _after(quiet: np.ndarray, end: int) -> int:
 
 
 def _wide(begin: int, end: int, size: int) -> tuple[int, int]:
-    """Extend a pulse by half of its length on each side: its ends are below the noise."""
+    """Extend a pulse by half its length on each side, since its ends are below the noise."""
     more = (end - begin + 1) // 2
     return max(0, begin - more), min(size, end + more)
 
 
 def _bounces_joined(u: np.ndarray, pulses: Sequence[Sequence[int]]) -> list[_Blow]:
-    """Join pulses to blows; a pulse that follows another much sooner than the next blow is its bounce."""
+    """Join pulses to blows; a pulse that follows another one after much less than the blow interval is a bounce."""
     begins = np.array([begin for begin, _ in pulses])
     gaps = np.diff(begins)
     usual = float(np.max(gaps)) if gaps.size else np.inf
@@ -116,28 +116,28 @@ def _bounces_joined(u: np.ndarray, pulses: Sequence[Sequence[int]]) -> list[_Blo
 
 
 def impacts(records: Sequence[Record]) -> FrequencyEstimate:
-    """Estimate a frequency response from hammer blows, one or several in each record, each from rest.
+    """Estimate a frequency response from hammer blows, one or several per record, each from rest.
 
         G(s) = Σ Y(s) U*(s) / Σ |U(s)|²   over the blows,   s = jω + σ
 
     Each blow is followed by a segment; all segments have equal length. The force counts during contact of the hammer
-    and is 0 elsewhere (force window).  A response that has not decayed to 2 % at the end of its stretch is multiplied,
-    and the force with it, by exp(-σt), so that 1 % is left (exponential window). This gives the transform at s = jω +
+    and is 0 elsewhere (force window).  If a response has not decayed to 2 % at the end of its segment, response
+    and force are multiplied by exp(-σt), so that 1 % remains (exponential window). This gives the transform at s = jω +
     σ, in which the decay rate of every mode appears larger by σ. It is corrected: around each line a function with one
     resonance in s,
 
         G(s) (1 + b x) = a₀ + a₁ x + a₂ x²,   x = s - s₀,
 
-    is fitted to 9 lines and evaluated at jω.  The variance is from the scatter of the blows,
+    is fitted to 9 lines and evaluated at jω.  The variance follows from the scatter of the blows,
 
         var(G) = |G|² (1 - γ²)/(γ² (n - 1)),
 
-    and holds noise, different places and directions of the blows, and nonlinearity.  A single blow has no scatter and
-    no coherence: its noise is that of the output before the blow or the residual of the local function, whichever is
-    larger. The coherence is the one of averages with this variance.
+    and includes noise, different points and directions of the blows, and nonlinearity.  A single blow has no scatter
+    and no coherence: its noise is that of the output before the blow or the residual of the local function, whichever
+    is larger. The coherence is that of averages with this variance.
 
     Lines on which the force does not exceed its noise are left out.
-    Raises LogError if there is no blow, or none with a segment that is long enough.
+    Raises LogError if there is no blow, or none with a sufficiently long segment.
     Source: Halvorsen & Brown 1977, Sound and Vibration 11(11) (windows); McKelvey & Guérin 2012 (local function).
     """
     first = records[0]
@@ -217,14 +217,14 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
 
 def _correlation(decay: float, length: int) -> np.ndarray:
-    """Return the correlation of white noise on lines 0, 1, ... apart, under a window exp(-decay · sample)."""
+    """Return the correlation of white noise between lines at distances 0, 1, ..., for a window exp(-decay · sample)."""
     window = np.exp(-2.0 * decay * np.arange(length))
     spectrum = np.fft.fft(window)[: 2 * _HALF + 1]
     return spectrum / spectrum[0]
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:
-    """Return the running mean over the lines from which a local function is fitted, shorter at the ends."""
+    """Return the moving average over the lines of a local fit, shorter at the ends."""
     ones = np.ones(2 * _HALF + 1)
     return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
 
@@ -278,10 +278,10 @@ def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _needed_damping(answers: np.ndarray, step: float) -> float:
-    """Return σ in 1/s of the exponential window that leaves 1 % at the end; 0 if the responses decay before the end.
+    """Return σ in 1/s of the exponential window that leaves 1 % at the end; 0 if the responses have decayed by then.
 
-    The last quarter of the stretches is compared with the first, octave by octave, since a slow mode may hide below a
-    fast one.  A signal that does not fall from the third quarter to the last is noise, not vibration.
+    The last quarter of the segments is compared with the first, octave by octave, since a fast mode may mask a slow
+    one.  A signal that does not decay from the third quarter to the last is noise, not vibration.
     """
     quarter = answers.shape[1] // 4
     window = np.hanning(quarter)
@@ -303,9 +303,7 @@ def _needed_damping(answers: np.ndarray, step: float) -> float:
 def _noise_of_one(
     records: Sequence[Record], stretch: tuple[Record, _Blow], sigma: float, length: int
 ) -> np.ndarray | float:
-    """Return the power of the output's noise on a line of a single blow, from the samples before it; 0 if they are too
-    few.
-    """
+    """Return the power of the output noise per line for a single blow, from the samples before it; 0 if too few."""
     record, blow = stretch
     before = record.output[: _start(blow)]
     if before.size < FEWEST:
@@ -315,12 +313,12 @@ def _noise_of_one(
 
 
 def _force_noise(record: Record, blow: _Blow) -> float:
-    """Return the power of the force's noise on a line, from the samples that the force window passes."""
+    """Return the power of the force noise per line, within the force window."""
     return _rest(record.input - np.median(record.input)) ** 2 * (blow.end - blow.begin)
 
 
 def _saturation(stretches: Sequence[tuple[Record, _Blow]]) -> list[str]:
-    """Report saturated outputs and forces clipped at the top; the constant force at rest does not count."""
+    """Return remarks on saturated outputs and on blows clipped at the top."""
     remarks: list[str] = []
     for record in dict.fromkeys(record for record, _ in stretches):
         remarks += saturation(record.output_name, record.output)
@@ -331,7 +329,7 @@ def _saturation(stretches: Sequence[tuple[Record, _Blow]]) -> list[str]:
 
 
 def _clipped(pulse: np.ndarray) -> bool:
-    """True for a pulse with three samples or more at exactly its largest value."""
+    """Return True for a pulse with three or more samples at exactly its largest value."""
     away = np.abs(pulse)
     return int(np.count_nonzero(away == np.max(away))) >= 3
 

@@ -20,10 +20,10 @@ AVERAGES = 16  # half-overlapping stretches that a record is cut into if no leng
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Fourier transforms of windowed segments: references (n, r), input and output (n,), for each of `lines`.
+    """The Fourier transforms of windowed segments of input, output and references.
 
-    All of shape (stretches, lines) or (stretches, references, lines); `averages` is how many independent stretches
-    would give the same spread, fewer than there are where they overlap.
+    Shapes are (segments, lines), for references (segments, references, lines); `averages` is the equivalent number of
+    independent segments, which is lower than the actual number if they overlap.
     """
 
     frequency: np.ndarray
@@ -34,11 +34,11 @@ class Spectra:
 
 
 def spectra(records: Sequence[Record], segment: int | None = None, overlap: float = 0.5) -> Spectra:
-    """Transform overlapping segments of `segment` samples under a Hann window, with straight lines removed.
+    """Return the spectra of overlapping, detrended segments of `segment` samples with a Hann window.
 
-    The spread of averages over overlapping stretches follows from the window alone (Welch 1967):
+    The variance of averages over overlapping segments follows from the window (Welch 1967):
         1/averages = (1 + 2 Σⱼ (1 - j/n) ρⱼ²)/n,   ρⱼ = Σ w(t) w(t + jD)/Σ w²
-    Raises LogError for records that are shorter than two stretches, ParameterError for an overlap outside 0..0.75.
+    Raises LogError for records shorter than two segments, ParameterError for an overlap outside 0..0.75.
     """
     if not 0.0 <= overlap <= 0.75:
         raise ParameterError(f"overlap = {Quantity(overlap):6} must be >= 0 and <= 0.75 of a stretch")
@@ -72,7 +72,7 @@ def spectra(records: Sequence[Record], segment: int | None = None, overlap: floa
 
 
 def _level(pieces: np.ndarray) -> np.ndarray:
-    """Remove mean and straight line, since a drift would leak over all lines."""
+    """Remove mean and linear trend, since a drift would leak over all lines."""
     t = np.arange(pieces.shape[-1]) - 0.5 * (pieces.shape[-1] - 1)
     slope = (pieces @ t) / np.sum(t * t)
     return pieces - pieces.mean(axis=-1, keepdims=True) - slope[..., None] * t
@@ -84,16 +84,16 @@ def averaged(
     """Estimate a frequency response by Welch's averages, with ν = averages - 1 degrees of freedom.
 
         h1        S_yu/S_uu               noise at the output only               var = |G|² (1 - γ²)/(γ² ν)
-        h2        S_yy/S_uy               noise at the input only                the same
+        h2        S_yy/S_uy               noise at the input only                as h1
         hv        √(S_yy/S_uu), phase of S_yu: equal shares of noise at both     var = |G|² (1 + γ⁻²)(1 - γ²)/(2ν)
         indirect  S_yr/S_ur               closed loop, one reference
         joint     Sₐy/Sₐa, a = U projected on all references: closed loop, any number of them
                                           var = S_vv/(ν' Sₐa), v = y - G u, with ν' = averages - references
 
-    h1, h2 and hv of a closed loop are biased: noise is fed back through the control, and they tend to -1/C where it is
-    large.  The coherence is that of input and output; for indirect and joint the smaller one of reference to input and
-    reference to output.
-    When not: short records and resonances narrower than a line of the stretches; take `local_polynomial`.
+    In a closed loop h1, h2 and hv are biased: noise is fed back through the control C, and they tend to -1/C where the
+    noise is large.  The coherence is that of input and output; for indirect and joint the smaller one of reference to
+    input and reference to output.
+    When not: for short records and resonances narrower than the line spacing; use `local_polynomial`.
     Source: Bendat & Piersol 2010, chapter 9; Pintelon & Schoukens 2012, sections 2.6 and 2.7.
     """
     if method not in METHODS:
@@ -145,9 +145,7 @@ def averaged(
 def _closed(
     u: np.ndarray, y: np.ndarray, r: np.ndarray, averages: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
-    """Return response, variance, coherence, degrees of freedom and doubt, from the part of the input due to the
-    references.
-    """
+    """Return response, variance, coherence, degrees of freedom and doubt, using the input due to the references."""
     lines = r.transpose(2, 0, 1)  # (lines, stretches, references)
     nu = averages - lines.shape[2]
     if nu < 1.0:
@@ -179,12 +177,12 @@ def local_polynomial(
 
     The response and the transient of the record (its leakage) are smooth over a few lines. The residual is noise, and
     its variance, with ν degrees of freedom, gives that of the response.  The coherence is that of averages with this
-    variance: where response and transient cannot be told apart, it is low.  With one reference both Y/R and U/R are
+    variance: it is low where response and transient cannot be separated.  With one reference both Y/R and U/R are
     estimated in this way, with their covariance; their quotient is valid in a closed loop. Several records are averaged
     with the weights for equal noise in all of them.
 
     band     Hz; default: all lines
-    lines    at most so many, spread logarithmically over the band; default: all
+    lines    maximum number of lines, spaced logarithmically over the band; default: all
     freedom  ν: a larger value gives a smoother response with less variance, but flattens resonances
 
     Responses of neighboring lines share data, so that their errors are correlated over 2n lines.
@@ -233,7 +231,7 @@ def local_polynomial(
 
 
 def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: int | None) -> np.ndarray:
-    """Return the lines that are far enough from 0 Hz and Nyquist to have all neighbors."""
+    """Return the chosen lines of a band, at least `half` lines away from 0 Hz and Nyquist."""
     n = len(record)
     resolution = 1.0 / (n * record.sample_time)
     low, high = band or (0.0, record.nyquist)
@@ -252,7 +250,7 @@ def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: 
 
 
 def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...]:
-    """Return response, variance by unit noise, noise power and relative variance of U/R of one record."""
+    """Return response, variance due to unit noise, noise power and relative variance of U/R of one record."""
     spectrum = {
         name: np.fft.rfft(values - values.mean()) for name, values in (("u", record.input), ("y", record.output))
     }
@@ -265,7 +263,7 @@ def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...
 
 
 def _solved(cause: np.ndarray, u: np.ndarray, y: np.ndarray, half: int, closed: bool) -> tuple[np.ndarray, ...]:
-    """Solve the small systems of many lines at once: regressors (lines, 2n + 1, 6), outputs (lines, 2n + 1, 1 or 2)."""
+    """Solve the local systems of many lines: regressors (lines, 2n + 1, 6), outputs (lines, 2n + 1, 1 or 2)."""
     powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(ORDER + 1)
     # the powers of the input side are scaled to 1, so that the systems are well conditioned
     size = np.sqrt(np.mean(np.abs(cause) ** 2, axis=1, keepdims=True))[:, :, None]
@@ -308,15 +306,16 @@ def local_rational(
     at: complex = 0.0,
     correlation: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a function with one resonance around some lines, by index: value and variance at x +
-    `at`, and the residuals.
+    """Fit a function with one resonance around `lines` (indices); return value, variance and residuals.
+
+    Value and variance are those at x + `at`, which may be complex (analytic continuation).
 
         y (1 + b u) = a0 + a1 u + a2 u²,   u = x - x(line),   complex a, b
 
-    Least squares over `width` lines, weighted with the variance `spread` of y; solved twice, the second time with the
-    weights that follow from the first b.  The residuals are the weighted sum of their squares, twice: χ² with 2 (width
-    - 4) degrees of freedom, if the function fits.  `at` may be complex: an analytic continuation. `correlation`, shape
-    (width,), of the noise of lines 0, 1, ... apart; default: none, lines are independent.
+    The least squares over `width` lines are weighted with the variance `spread` of y and solved twice, the second time
+    with weights from the first b.  The residuals are twice the weighted sum of squares: χ² with 2 (width - 4) degrees
+    of freedom if the function fits.  `correlation`, shape (width,), is that of the noise of lines at distances 0, 1,
+    ...; default: independent lines.
     Source: McKelvey & Guérin 2012; Sanathanan & Koerner 1963.
     """
     begin = np.clip(lines - width // 2, 0, x.size - width)

@@ -24,9 +24,9 @@ RISK = 0.01  # probability that a steady record loses its first period by chance
 class Record:
     """A measurement: `input` and `output` of shape (n,), sampled every `sample_time` s.
 
-    references  the signals added from outside, shape (n,) each: the setpoint, or the force added to the command. In a
-                closed loop only they separate the effect of noise from that of the excitation
-    Raises LogError for channels of different length, too short ones, constant ones, NaN, and an output that is the
+    references  external signals, shape (n,) each: the setpoint, or the force added to the command. Only they
+                separate, in a closed loop, the effect of noise from that of the excitation
+    Raises LogError for channels of different length, too short or constant channels, NaN, and an output that equals the
     input.
     """
 
@@ -77,7 +77,7 @@ class Record:
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks on possible faults of the channels: saturation."""
+        """Remarks on saturated channels."""
         return tuple(remark for name, values in self._channels()[:2] for remark in saturation(name, values))
 
     @property
@@ -87,7 +87,7 @@ class Record:
 
 
 def saturation(name: str, values: np.ndarray) -> list[str]:
-    """Return a sentence for each end of its range at which a channel is saturated."""
+    """Return a remark for each end of its range at which a channel is saturated."""
     remarks: list[str] = []
     for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         share = float(np.mean(values == end))
@@ -104,10 +104,9 @@ def saturation(name: str, values: np.ndarray) -> list[str]:
 
 
 def find_period(values: np.ndarray) -> int | None:
-    """Return the samples after which a signal repeats, at least twice in the record; None if it does not.
+    """Return the period of a signal in samples, at most half of the record; None if it is not periodic.
 
-    The least shift beyond the first zero of the autocorrelation at which the autocorrelation returns to its largest
-    value.
+    It is the smallest shift after the first zero of the autocorrelation at which it returns to its largest value.
     """
     x = np.asarray(values, float) - np.mean(values)
     n = x.size
@@ -135,9 +134,9 @@ def find_period(values: np.ndarray) -> int | None:
 
 
 def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
-    """Return first sample and end of the longest stretch over which a signal repeats, apart from a straight line.
+    """Return first sample and end of the longest part over which a signal is periodic, apart from a linear trend.
 
-    A reference fades in and out, and the axis stands still before and after it; these parts are not periodic, or empty.
+    Fade-in and fade-out of a reference are not periodic, and the axis stands still before and after them.
     """
     x = np.asarray(values, float)
     change = x[period:] - x[:-period]
@@ -154,10 +153,11 @@ def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
 
 
 def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Transform input, output and references by period: (p, lines), (p, lines), (r, p, lines), 1/period .. Nyquist.
+    """Return the spectra of input, output and references per period: (p, lines), (p, lines), (r, p, lines).
 
-    A sine of amplitude a on a line has the size a.  A constant drift, as of an axis that moves on with a bias velocity,
-    is removed: its slope is the mean increase per period over the second half, if that exceeds five standard errors.
+    Lines are 1/period .. Nyquist; a sine of amplitude a on a line has the magnitude a.  A constant drift, due to a bias
+    velocity of the axis, is removed: its slope is the mean increase per period over the second half, if that exceeds
+    five standard errors.
     Raises LogError for less than two periods.
     """
     count = len(record) // period
@@ -179,15 +179,15 @@ def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def transient_periods(periods: np.ndarray) -> int:
-    """Count the first periods that are not yet in steady state; `periods` of shape (p, lines), at most half of them.
+    """Count the initial periods that are not yet in steady state, at most half; `periods` of shape (p, lines).
 
-    One period after the other is compared with the m of the second half, band by band of neighboring lines,
+    Each period in turn is compared with the m periods of the second half, in bands of neighboring lines,
 
         Q = Σ |Z - Z̄|² / ((1 + 1/m) Σ s²),   s² the variance among the m,
 
-    which is F-distributed with 2L and 2L(m - 1) degrees of freedom for L lines of even noise, fewer for uneven noise.
-    A period that lies beyond the quantile for a risk of 1 % over all bands is dropped, and the first one that does not
-    ends the test: a transient only decays.
+    which is F-distributed with 2L and 2L(m - 1) degrees of freedom for L lines of equal noise, fewer for unequal noise.
+    A period beyond the quantile for a risk of 1 % over all bands is dropped; the first one within it ends the test,
+    since a transient only decays.
     """
     from scipy.special import fdtri  # not scipy.stats, which takes a second to import
 
@@ -210,6 +210,6 @@ def transient_periods(periods: np.ndarray) -> int:
 
 
 def _freedom(spread: np.ndarray, m: int) -> tuple[float, float]:
-    """Return the degrees of freedom above and below, for noise that is not flat over the band (Satterthwaite)."""
+    """Return the degrees of freedom of numerator and denominator, for noise that is not flat (Satterthwaite)."""
     even = float(np.sum(spread) ** 2 / max(np.sum(spread**2), 1e-300))
     return 2.0 * even, 2.0 * even * (m - 1)

@@ -1,4 +1,4 @@
-"""The control law of a log: gains of a P-PI cascade, and a check if a law can have produced the logged force."""
+"""Control law of a log: identification of P-PI cascade gains, and a check of a stated law against the logged force."""
 
 from __future__ import annotations
 
@@ -47,10 +47,9 @@ _PLAIN = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ControlFit(Result):
-    """A cascade that explains the logged force: Kv (1/s), Kp, velocity feedforward (1), and how
-    they were determined.
+    """The P-PI cascade fitted to the logged force: Kv (1/s), Kp and velocity feedforward (1).
 
-    delay      samples between the reading that the law used and the command
+    delay      samples between the reading used by the law and the command
     residual   share of the force that the law does not explain
     tried      (velocity samples, delay) -> residual
     """
@@ -66,7 +65,7 @@ class ControlFit(Result):
         return next(estimate for estimate in self.estimates if estimate.name == parameter)
 
     def table(self) -> Table:
-        """Return the gains with their errors."""
+        """Return a table of the gains with their errors."""
         title = Text(
             f"{self.name}: P-PI cascade, velocity over {self.velocity_samples} samples, {self.delay} samples of delay; "
             f"{Quantity(self.residual, 'share'):3} of the force is left"
@@ -74,7 +73,7 @@ class ControlFit(Result):
         return estimates_table(title, self.estimates)
 
     def law(self) -> CascadePPI:
-        """Return the cascade as a block; a feedforward that is 0 or 1 within its error is rounded to that."""
+        """Return the cascade as a block; a feedforward of 0 or 1 within its error is rounded to that value."""
         share = self["velocity_feedforward"]
         near = next((whole for whole in (0.0, 1.0) if abs(share.value - whole) < max(0.01, NORMAL * share.error)), None)
         return CascadePPI(
@@ -86,14 +85,15 @@ class ControlFit(Result):
 
 
 def identify_control(log: MotionLog) -> ControlFit:
-    """Identify the gains of the loop that produced a log, by least squares on the law of the cascade.
+    """Identify the gains of the loop that produced a log, by least squares on the cascade's control law.
 
         force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all d samples old
 
-    It is the step of `CascadePPI`, traced; its slopes to the gains are the columns.  n from 1 to 8 and d from 0 to 3
-    are tried; the pair with the least residual is taken. Samples at the force limit are left
-    out.  Raises NotIdentifiableError if every such cascade leaves 5 % or more. Then the loop has an integral part,
-          filters or another law, whose parameters the user must state.
+    This is the traced step of `CascadePPI`; its derivatives with respect to the gains are the columns.  All n from 1 to
+    8 and d from 0 to 3 are tried, and the pair with the smallest residual is selected. Samples at the force limit are
+    left out.
+    Raises NotIdentifiableError if every such cascade leaves 5 % or more: the loop then has an integral part, filters or
+    another law, whose parameters the user must state.
     """
     if log.set_position is None:
         raise NotIdentifiableError(
@@ -131,9 +131,7 @@ def identify_control(log: MotionLog) -> ControlFit:
 
 
 def _traced(samples: int) -> TracedForce[CascadePPI]:
-    """Trace the force of the cascade from its set position, reading and earlier readings, each a
-    column over the log.
-    """
+    """Trace the force of the cascade as a function of set position, reading and earlier readings."""
     block = CascadePPI(Kv=1.0, Kp=1.0, velocity_samples=samples)
     earlier = tuple(f"position_{i + 1}" for i in range(samples))
 
@@ -147,7 +145,7 @@ def _traced(samples: int) -> TracedForce[CascadePPI]:
 
 
 def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: MotionLog, n: int) -> np.ndarray:
-    """Return the slopes of the law's force to `_GAINS` at these gains, shape (samples, 3); 0 before `_START`."""
+    """Return the derivatives of the law's force with respect to `_GAINS`, shape (samples, 3); 0 in the first rows."""
     assert log.set_position is not None
     x, wanted, T = log.position, log.set_position, log.sample_time
     before = {f"position_{i + 1}": x[_FIRST - 1 - i : x.size - 1 - i] for i in range(n)}
@@ -181,7 +179,7 @@ _SHOWN = 0.1  # share of a column in the other rows, at least
 
 
 class Gain(NamedTuple):
-    """A number of a control: as stated, as the log needs it, and the standard error of the latter."""
+    """A gain of a control: stated value, value required by the log, and the standard error of the latter."""
 
     name: str
     stated: float
@@ -190,25 +188,25 @@ class Gain(NamedTuple):
 
     @property
     def off(self) -> float:
-        """Return the relative error beyond `SURE` standard errors; 0 if there is none."""
+        """The relative error of the stated value beyond `SURE` standard errors; 0 if there is none."""
         return max(0.0, abs(self.needed - self.stated) - SURE * self.error) / abs(self.stated)
 
     @property
     def unseen(self) -> bool:
-        """True if the log cannot reveal a value that is `MOST_OFF` wrong."""
+        """True if the log cannot reveal a relative error of `MOST_OFF`."""
         return SURE * self.error > MOST_OFF * abs(self.stated)
 
 
 @dataclass(frozen=True, eq=False)
 class LawCheck:
-    """The residual of a law on the force of a log, as shares of its RMS about its mean, in rows of 10 ms.
+    """The check of a law against the force of a log; residuals relative to its RMS about the mean, in rows of 10 ms.
 
-    left    without what counts make
-    remains with the numbers that it needs
-    counts  what readings with other places within their counts change, as far as the log holds it
-    gains   numbers of the control that act in the log
-    delay   samples by which the log's force is later than the law's
-    added   share of the rows in which the log's force holds another one, if the law commands it in all others; else 0
+    left    residual with the stated gains, without the effect of quantization
+    remains residual with the fitted gains
+    counts  effect of quantization of the readings, as far as it is present in the log
+    gains   gains of the control that have an effect in the log
+    delay   delay of the log's force relative to that of the law, samples
+    added   share of the rows in which another force was added, if the law explains all other rows; else 0
     """
 
     name: str
@@ -221,12 +219,12 @@ class LawCheck:
 
     @property
     def wrong(self) -> str:
-        """Why this is not the law of the log; empty if nothing contradicts it."""
+        """The reason why this is not the law of the log; empty if nothing contradicts it."""
         return "" if self.added else self._against
 
     @property
     def disagrees(self) -> bool:
-        """True if the force of the log is not that of the law alone."""
+        """True if the logged force is not that of the law only."""
         return bool(self._against)
 
     @property
@@ -254,11 +252,11 @@ class LawCheck:
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """Names of gains that the log does not reveal."""
+        """The names of gains that the log does not reveal."""
         return tuple(gain.name for gain in self.gains if gain.unseen)
 
     def table(self) -> Table:
-        """Return the gains of the control, as stated and as the log needs them."""
+        """Return a table of the stated gains and the gains required by the log."""
         rows = [
             [gain.name, gain.stated, Quantity(gain.needed, error=gain.error, form="5"), gain.error]
             for gain in self.gains
@@ -281,23 +279,24 @@ _SO = ": it is not the law that ran, or the columns are not the force that it co
 
 
 def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = None, place: str = "control") -> LawCheck:
-    """Compare the force of a log with what a control commands at the log's own setpoints and readings.
+    """Compare the force of a log with the command of a control for the setpoints and readings of the log.
 
-        y = F - u(x_set, x) = Σ (θ'/θ - 1) θ ∂u/∂θ + constant + e,   θ' what the log needs
+        y = F - u(x_set, x) = Σ (θ'/θ - 1) θ ∂u/∂θ + constant + e,   θ' the gains required by the log
 
-    All in rows of 10 ms behind the low pass of the inverse dynamics: through a velocity gain, counts make force that is
-    far quicker than the motion.  The constant is the state of an integral before the log.  No plant and no friction is
-    in it, so that a disturbance speaks neither for nor against the law.  F may be up to three samples later than u.
+    All signals are low-pass filtered and decimated to rows of 10 ms as in the inverse dynamics, since quantization
+    causes, through a velocity gain, a force of much higher frequency than the motion.  The constant is the initial
+    state of an integral.  Plant and friction are not involved, so that disturbances do not affect the result.  F may be
+    delayed by up to three samples relative to u.
 
-    Were the readings of the log not those that the law read, but rounded, each would err within its count.  What that
-    makes of y and θ' is drawn (readings with uniform errors of a count) and counts as far as the log holds it: the
-    share is the RMS of e(k) - e(k-1), sample by sample, over what the drawn errors make of it.  A drive that logs what
-    it read holds nothing of it.
+    If the log has rounded readings and not those that the law used, each has an error within its count.  The effect on
+    y and θ' is simulated (readings with uniform errors of a count) and taken into account as far as the log contains
+    it: the share is the RMS of e(k) - e(k-1), sample by sample, over that of the simulated errors.  It is zero for a
+    drive that logs the readings of its law.
 
-    A force that was added to the command is told from another law where it acts now and then: `_added`.
+    A force that was added to the command intermittently is distinguished from another law: `_added`.
 
-    apart  m, shape (n,): position of the motor less that of the load, for a law that reads both
-    place  of the control in its machine file
+    apart  m, shape (n,): position of the motor minus that of the load, for a law that reads both
+    place  path of the control in its machine file
     """
     assert log.set_position is not None
     rows = _Rows(log, apart)
@@ -328,10 +327,10 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
 def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> float:
     """Return the share of the rows in which another force was added, if the other rows support the law; else 0.
 
-    The others are the most rows that lie within what a law that ran leaves, wherever that is: the median would be among
-    the added forces where those act in half of the rows. They stand in the middle of that band, but for what counts
-    make; a law with another integral fills it. They show every gain, with a tenth of its column, and agree with it; and
-    they hold no integral of the following error, the last column.
+    The other rows are the largest group within a band as wide as the residual of a correct law; a median would fail if
+    the added force acts in half of the rows. Apart from quantization they must concentrate in the middle of the band; a
+    law with another integral would fill it. They must excite every gain, with a tenth of its column, and agree with it,
+    and must not contain an integral of the following error, the last column.
     """
     width = 2.0 * (LARGEST * size + SURE * counts)
     ordered = np.sort(y)
@@ -348,7 +347,7 @@ def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> fl
 
 
 def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
-    """Return the RMS in N of the effect of counts on y, and the standard errors of the fitted gains with it."""
+    """Return the RMS in N of the effect of quantization on y, and the standard errors of the gains that include it."""
     force, values = rows.reduced(rows.log.force), np.array([float(tree.get(fit.control, name)) for name in names])
     drawn = list(_readings(rows.log))
     others = [rows.answers(fit.control, reading) for reading in drawn]
@@ -367,9 +366,9 @@ def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, n
 
 
 class _Fit(NamedTuple):
-    """A control with the gains that a log needs, its command at each sample, and the relative errors of the gains.
+    """A control with the gains required by a log, its command at each sample, and the relative errors of the gains.
 
-    remains  N, RMS of what is left at each sample
+    remains  N, RMS of the residual at each sample
     """
 
     control: Control
@@ -382,7 +381,7 @@ class _Fit(NamedTuple):
     def of(
         cls, rows: _Rows, control: Control, names: tuple[str, ...], plain: np.ndarray, raw: np.ndarray, delay: int
     ) -> _Fit:
-        """Fit by Gauss-Newton steps: limits and dead bands make the force of a law nonlinear in its gains."""
+        """Fit the gains by Gauss-Newton steps, since limits and dead bands make the force nonlinear in them."""
         force = rows.reduced(rows.log.force)
         y = force - rows.reduced(plain, delay)
         for _ in range(_STEPS):
@@ -413,18 +412,18 @@ def _solved(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """A log, its decimated rows, and the distance of the motor from the load (m) where the law reads both."""
+    """A log, its decimated rows, and the distance of the motor from the load (m) if the law reads both."""
 
     log: MotionLog
     apart: np.ndarray | None
 
     def cut(self, values: np.ndarray, delay: int = 0) -> np.ndarray:
-        """Return the samples that count of a signal that acts `delay` samples later; the samples are the last axis."""
+        """Return a signal delayed by `delay` samples, without the skipped first samples; samples on the last axis."""
         skip = max(MOST_DELAY, round(_SKIP / self.log.sample_time))
         return values[..., skip - delay : values.shape[-1] - delay]
 
     def reduced(self, values: np.ndarray, delay: int = 0) -> np.ndarray:
-        """Return a signal in rows of 10 ms."""
+        """Return a signal decimated to rows of 10 ms."""
         return decimated(self.cut(values, delay), max(1, round(_ROW / self.log.sample_time)))
 
     def answers(self, control: Control, reading: np.ndarray) -> np.ndarray:
@@ -435,25 +434,25 @@ class _Rows:
         return commanded(control, log.sample_time, log.set_position, reading, log.force, motor)
 
     def linear(self, plain: np.ndarray, raw: np.ndarray, delay: int) -> float:
-        """Return the RMS in N of the residual at each sample, with columns fitted in rows."""
+        """Return the RMS in N of the residual at each sample, for gains fitted to the decimated rows."""
         values = _solved(self.reduced(raw, delay), self.reduced(self.log.force) - self.reduced(plain, delay))
         whole = self.cut(self.log.force) - self.cut(plain, delay) - values[:-1] @ self.cut(raw, delay)
         return float(np.std(whole))
 
     def columns(self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-        """Return θ ∂u/∂θ of some gains, shape (gains, samples); 0 for a gain at its bound."""
+        """Return θ ∂u/∂θ of the named gains, shape (gains, samples); 0 for a gain at its bound."""
         slopes = self.slopes(control, plain, reading, names)
         return np.array([slopes.get(name, np.zeros(plain.size)) for name in names]).reshape(len(names), plain.size)
 
     def slopes(
         self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...] | None
     ) -> dict[str, np.ndarray]:
-        """Return θ ∂u/∂θ of gains of a control by name, over all samples; `plain` is its unchanged command."""
+        """Return θ ∂u/∂θ of gains of a control by name, over all samples; `plain` is its nominal command."""
         return {name: (self.answers(varied, reading) - plain) / _STEP for name, varied in _varied(control, names)}
 
 
 def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[str, Control]]:
-    """Yield each gain of a control that is not 0, or of `names`, with the control in which it is a little larger."""
+    """Yield each nonzero gain of a control, or those of `names`, with the control with that gain slightly increased."""
     for name, value in tree.parameters(control).items():
         wanted = not name.startswith("guard.") if names is None else name in names
         if wanted and isinstance(value, float) and value != 0.0:
@@ -465,7 +464,7 @@ def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[s
 
 
 def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
-    """Return the names of linearly independent columns. Inner ones are preferred: a common factor is no gain."""
+    """Return the names of linearly independent columns, preferring nested names: a common factor is not a gain."""
     kept: list[str] = []
     for name in sorted(columns, key=lambda key: -key.count(".")):
         own = columns[name] - np.mean(columns[name])
@@ -478,7 +477,7 @@ def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _readings(log: MotionLog) -> Iterator[np.ndarray]:
-    """Yield readings that err within their count, by one number as long as they stand on it; nothing without counts."""
+    """Yield readings with a random error within their count, constant while the count does not change."""
     count, random = count_of(log.position), np.random.default_rng(0)
     since = np.cumsum(np.diff(log.position, prepend=log.position[0]) != 0.0)
     for _ in range(_DRAWN if count > 0.0 else 0):

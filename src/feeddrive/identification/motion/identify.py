@@ -46,11 +46,11 @@ _FAR = 0.05  # share by which the sum of the masses may differ without a remark
 
 
 def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
-    """Return the axis with the identified mass, friction and constant force; a pulled axis without such a force gets
-    one.
+    """Return the axis with the identified mass, friction and constant force.
 
-    A plant with several bodies keeps its own masses and dampers, which a rigid fit cannot tell apart, and friction on
-    both bodies is not changed. With `richer`, a friction model with more than Coulomb levels keeps its shape.
+    A significant constant force is added if the axis has none. A plant with several bodies keeps its masses and
+    dampers, which a rigid fit cannot separate, and friction on both bodies is not changed. With `richer`, a friction
+    model with more than Coulomb levels keeps its shape.
     """
     if not isinstance(axis.plant, Rigid) and axis.friction_motor is not None:
         return axis
@@ -65,22 +65,22 @@ def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
 
 
 def is_richer(axis: Axis) -> bool:
-    """True if the friction model has more than levels and slopes: a Stribeck curve, presliding, a table."""
+    """Return True if the friction model has more than levels and slopes: a Stribeck curve, presliding, or a table."""
     return axis.friction_load is not None and not isinstance(axis.friction_load, _PLAIN)
 
 
 def own_viscous(axis: Axis) -> float:
-    """Return the viscous friction of the plant itself in N s/m, when all bodies move as one: eᵀ C e."""
+    """Return the viscous friction of the plant in N s/m for the rigid-body motion e: eᵀ C e."""
     mechanics = axis.plant.mechanics()
     e = [float(share) for share in mechanics.rigid_motion()]
     return sum(e[i] * float(mechanics.damping[i][j]) * e[j] for i in range(len(e)) for j in range(len(e)))
 
 
 def refined_names(loop: Loop) -> tuple[str, ...] | None:
-    """Return the parameters that output error may fit: None for all physics of a rigid axis, else friction and forces
-    that are not 0.
+    """Return the names of the parameters to be fitted by output error; None stands for `physics` of a rigid axis.
 
-    Of a richer friction model only levels and slopes are fitted; its parameters near standstill are kept.
+    For other axes these are nonzero friction and forces. Of a richer friction model only levels and slopes are fitted;
+    its parameters near standstill are kept.
     """
     if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
         return None
@@ -101,7 +101,7 @@ def refined_names(loop: Loop) -> tuple[str, ...] | None:
 
 
 def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
-    """Return remarks on a plant with several bodies, whose masses are not changed."""
+    """Return remarks on a plant with several bodies, whose masses are kept."""
     if isinstance(axis.plant, Rigid):
         return []
     mass, own = rigid["mass"], float(axis.plant.rigid_mass())
@@ -126,7 +126,7 @@ def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
 
 
 def _without(friction: Friction, viscous: float) -> Friction:
-    """Return the friction without the part of the plant's own dampers."""
+    """Return the friction without the viscous friction of the plant's dampers."""
     if isinstance(friction, Coulomb):
         return replace(friction, viscous=max(0.0, float(friction.viscous) - viscous))
     if isinstance(friction, Directional):
@@ -139,7 +139,7 @@ def _without(friction: Friction, viscous: float) -> Friction:
 
 
 def _scaled(known: Friction, identified: Friction) -> Friction:
-    """Return a richer friction with the identified levels at speed; its excess at low speed is scaled in proportion."""
+    """Return a richer friction model with the identified levels; its excess at low speed is scaled in proportion."""
     leaves = dict(tree.leaves(identified))
     level = [float(value) for name, value in leaves.items() if name.startswith("coulomb")]
     slope = [float(value) for name, value in leaves.items() if name.startswith("viscous")]
@@ -168,11 +168,11 @@ _RUNS = 16  # of the closed loop with its counts: one log in 17 leaves more than
 def agreed(
     log: MotionLog, loop: Loop, fit: Refinement, delay: DelayFit, known: float, remarks: list[str]
 ) -> Refinement:
-    """Return the closed loop with the dead time to be taken: its own, unless the inverse dynamics speak more clearly.
+    """Return the output-error fit with the dead time to be used: its own, or that of the inverse dynamics.
 
-    Each has a dead time that leaves it least: the inverse dynamics of the force, the closed loop of the position.
-    Where they differ, and the inverse dynamics leave a tenth more of the force with that of the closed loop, the one
-    is taken whose residual grows more with the dead time of the other.
+    Each method has an optimal dead time: the inverse dynamics for the force residual, the closed loop for the position
+    residual. If they differ, and the force residual is 10 % larger with the dead time of the closed loop, the one
+    is selected whose residual increases more with the dead time of the other.
     """
     own = beyond(delay, known)
     grows = delay.left(known + fit.delay) / delay.left(known + own)
@@ -203,9 +203,9 @@ def agreed(
 
 
 def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
-    """Return the output-error fit, or None if its mass contradicts the inverse dynamics and they leave less force.
+    """Return the output-error fit, or None if its mass contradicts the inverse dynamics and these have less residual.
 
-    Both are compared in the same rows, those of the inverse dynamics, and contradict each other beyond three joint
+    Both are compared in the rows of the inverse dynamics; a contradiction is a difference of more than three joint
     standard errors.
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
@@ -230,11 +230,11 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
 
 
 def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation) -> RigidFit:
-    """Return the inverse dynamics with what counts make of their residual, from runs of the closed loop that has them.
+    """Return the inverse dynamics with the residual due to quantization, from simulations of the closed loop.
 
-    Through a velocity gain coarse counts shake the axis, and its readings do not show it: more than the errors of
-    readings alone make of a residual.  Runs of the fitted loop with the counts of the log leave as much, the
-    worst of them, if they are the reason.
+    Through a velocity gain coarse counts shake the axis, which its readings do not show, so that the residual is larger
+    than that of the reading errors alone.  If quantization is the reason, simulations of the fitted loop with the
+    counts of the log have such a residual; the largest one is used.
     """
     count = count_of(log.position)
     if count == 0.0:
@@ -255,7 +255,7 @@ def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparati
 
 
 def beyond(delay: DelayFit, known: float) -> int:
-    """Return the whole samples of dead time beyond a known one that the inverse dynamics clearly ask for, or 0."""
+    """Return the additional dead time in whole samples that the inverse dynamics clearly indicate, or 0."""
     own = max(0, round(delay.dead_time - known))
     return own if delay.tells(known + own, known) else 0
 
@@ -272,12 +272,12 @@ _BENDS = "so the axis bends, binds or is driven by something else; measure a fre
 class Identified(Result):
     """The model of a drive identified from one log.
 
-    loop        the loop with the identified values, ready to simulate; None if its law is not known, or at a shaft
+    loop        the loop with the identified values, ready to simulate; None for an unknown law, or in shaft units
     control     the law identified from the log, or None
     refinement  the output-error fit, or None
-    law         what the law leaves of the force at the log's own readings; None if no law is known
-    remarks     what could not be identified, and why
-    doubt       why the magnitudes in the log are not those of a feed drive; empty if they are
+    law         check of the law against the log; None if no law is known
+    remarks     parameters that could not be identified, with the reasons
+    doubt       reason why the magnitudes in the log are not those of a feed drive; empty if plausible
     """
 
     log: MotionLog
@@ -293,16 +293,16 @@ class Identified(Result):
 
     @property
     def rotary(self) -> bool:
-        """True if the axis turns."""
+        """True for a rotary axis."""
         return self.log.turning
 
     def table(self) -> Table:
-        """Return the parameters of the inverse dynamics."""
+        """Return a table of the parameters of the inverse dynamics."""
         return self.rigid.table()
 
     @property
     def unusable(self) -> str:
-        """Why the values must not enter a machine file; empty if they may."""
+        """The reason why the values must not be used in a machine file; empty if they may."""
         rigid = self.rigid
         if self.law is not None and self.law.wrong:
             return self.law.wrong
@@ -320,7 +320,7 @@ class Identified(Result):
 
     @property
     def recommendation(self) -> str:
-        """The sentence of the advice."""
+        """The recommendation as a sentence."""
         return self.advice.sentence
 
     @property
@@ -365,13 +365,13 @@ def identify_motion(
 ) -> Identified:
     """Identify a rigid drive from a log of position and force, and of the set position if available.
 
-    start      the loop of the log, as far as it is known; its law, limits, encoders and dead time are kept
-    law        that ran, of a log without `start`; sought if it is not given
+    start      the loop of the log, as far as known; its law, limits, encoders and dead time are kept
+    law        the active law, for a log without `start`; identified if not given
     friction   "best", "symmetric" or "directional"
-    lead, gear of a log at a shaft, m and 1: with them the result is referred to the table
+    lead, gear for a log in shaft units, m and 1: with them the result is referred to the table
 
-    A step that is not possible gives a remark instead of an error; only the rigid drive itself must be identifiable.
-    Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
+    A step that is not possible gives a remark instead of an error; only the rigid drive must be identifiable.
+    Raises NotIdentifiableError with what to measure next, LogError for an unusable log.
     """
     whole, remarks = checked(log), list[str]()
     closed = log.set_position is not None and log.frame is not SHAFT
@@ -427,16 +427,14 @@ def identify_motion(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """Check the law at the readings of the log; None if no law is stated, or if it reads two
-    encoders: the log has one.
-    """
+    """Check the law against the log; None if no law is stated, or if it reads two encoders: the log has one."""
     if start is not None:
         return None if start.axis.encoders() == 2 else check_law(start.control, log, place=start.place_of("control"))
     return None if law is None else check_law(Control(law=law, force_limit=log.force_limit), log, place=_PLACE)
 
 
 def _apart(refinement: Refinement, rows: int) -> np.ndarray:
-    """Return the distance of the motor from the load in the fitted loop, m."""
+    """Return the position of the motor minus that of the load in the fitted loop, m."""
     run = refinement.replay.run
     return (run["position_motor"] - run["position_load"])[:rows]
 
@@ -444,7 +442,7 @@ def _apart(refinement: Refinement, rows: int) -> np.ndarray:
 def _refined(
     log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, known: float, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Return the loop and its output-error fit, with the friction model of the machine file if that fits as well."""
+    """Return the loop and its output-error fit, with the friction model of the machine file if it fits as well."""
     fit = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
     if fit is None:
         return loop, None
@@ -454,7 +452,7 @@ def _refined(
 
 
 def _not_alone(check: LawCheck) -> str:
-    """Return a remark on a force of the log that the stated law does not command."""
+    """Return a remark on a logged force that the stated law does not command."""
     if check.added:
         return Text(
             f"a force was added to the command of the law in {Quantity(check.added, 'share'):3} of the log (RMS "
@@ -476,7 +474,7 @@ def _counted(log: MotionLog, refinement: Refinement | None) -> list[str]:
 
 
 def _untold(check: LawCheck | None) -> list[str]:
-    """Return a remark on gains of the law without a clear effect in the log."""
+    """Return a remark on gains of the law that the log does not reveal."""
     if check is None or check.disagrees or not check.unseen:
         return []
     return [
@@ -488,7 +486,7 @@ def _untold(check: LawCheck | None) -> list[str]:
 
 
 def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
-    """Return why the magnitudes are not those of a feed drive, with a remark on what to check; empty if they are."""
+    """Return why the magnitudes are implausible for a feed drive, and add a remark on what to check; else empty."""
     magnitudes = sizes(log.frame, log.sample_time, log.position, log.force, rigid["mass"].value)
     wrong = outside(log.frame, magnitudes)
     if not wrong:
@@ -499,7 +497,7 @@ def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
 
 
 def swapped(channels: Mapping[str, Any]) -> bool:
-    """True if position and force of a `MotionLog` are interchanged: swapped they fit a rigid drive."""
+    """Return True if position and force of a `MotionLog` are interchanged: swapped they fit a rigid drive."""
     both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
     both |= {"set_position": None, "force_limit": None}
     try:
@@ -511,7 +509,7 @@ def swapped(channels: Mapping[str, Any]) -> bool:
 def _by_friction(
     log: MotionLog, start: Loop, rigid: RigidFit, loop: Loop, plain: Refinement | None, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Keep the friction model of the machine file, unless plain friction fits the log clearly better."""
+    """Select the friction model of the machine file, unless plain friction fits the log clearly better."""
     kind, other = start.axis.friction_load, loop.axis.friction_load
     assert kind is not None
     assert other is not None
@@ -550,14 +548,12 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 
 
 def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
-    """Fit the inverse dynamics with a force so many samples late in addition to its hold, unless
-    `how` states a delay.
-    """
+    """Fit the inverse dynamics with a force delayed by `delay` samples and its hold, unless `how` is given."""
     return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
 
 
 def _about(rigid: RigidFit, late: int) -> list[str]:
-    """Return remarks on the validity of the standard errors."""
+    """Return remarks on the validity of the standard errors and the model."""
     remarks: list[str] = []
     if late:
         remarks.append(f"the force acts {late} samples later than stated; that is taken into account")
@@ -574,7 +570,7 @@ def _about(rigid: RigidFit, late: int) -> list[str]:
 
 
 def _attempted(what: Any, remarks: list[str]) -> Any:
-    """Return the result, or None with a remark if it cannot be identified."""
+    """Return the result of a step, or None with a remark if the step fails."""
     try:
         return what()
     except FeeddriveError as error:
@@ -585,7 +581,7 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
 def _loop(
     log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None, law: Law | None
 ) -> Loop | None:
-    """Return the loop of the log with the identified values."""
+    """Return the loop of the log with the identified values; None for an unknown law, or in shaft units."""
     if rigid.frame is SHAFT:
         return None
     if start is not None:

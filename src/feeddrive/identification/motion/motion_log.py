@@ -1,4 +1,4 @@
-"""The input of an identification: a checked motion log, and what least squares take from it."""
+"""Input of an identification: a checked motion log, and its preparation for least squares."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ MOST_SATURATED = 0.01  # share of the samples that may sit at the largest force
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionLog:
-    """Position (m, or rad of a shaft) and commanded force (N, or N m) on one clock, each of shape (n,).
+    """A motion log: position (m, or rad) and commanded force (N, or N m) on one clock, each of shape (n,).
 
     set_position  setpoint of the loop, if it was logged
-    force_limit   N or N m, if it is known
-    rotary        position in rad and force in N m
-    turning       of those: it is the axis itself that turns, and no shaft in front of a screw
+    force_limit   N or N m, if known
+    rotary        True for position in rad and force in N m
+    turning       True for a rotary axis, as opposed to the motor shaft of a screw
 
-    Raises LogError for a channel that is not finite or of another length, and NotIdentifiableError for a channel that
-    does not change or a force that stays at its limit.
+    Raises LogError for a channel with values that are not finite or of another length, and NotIdentifiableError for a
+    channel that does not change or a force that stays at its limit.
     """
 
     name: str
@@ -70,12 +70,12 @@ class MotionLog:
 
     @property
     def frame(self) -> Frame:
-        """The units of a table, of a shaft, or of an axis that turns."""
+        """The units: those of a table, of a shaft, or of a rotary axis."""
         return TURNING if self.turning else frame_of(self.rotary)
 
     @property
     def micro(self) -> str:
-        """The unit in which residuals of the position are shown, a millionth of its own."""
+        """The unit in which residuals of the position are displayed, um or urad."""
         return "um" if self.frame is TABLE else "urad"
 
     def distance(self, value: float, digits: int = 4) -> Quantity:
@@ -104,7 +104,7 @@ class MotionLog:
         return values
 
     def _check_saturation(self) -> None:
-        """Refuse a saturated force: it is not the force that acted on the axis."""
+        """Raise NotIdentifiableError for a saturated force, which is not the force that acted on the axis."""
         force = self.force
         most = float(np.max(np.abs(force))) if self.force_limit is None else self.force_limit
         largest = float(np.max(np.abs(force)))
@@ -127,7 +127,7 @@ class MotionLog:
             )
 
     def _check_spikes(self) -> None:
-        """Refuse spikes: single samples of a force that no drive commands, from a broken line or a recorder."""
+        """Raise NotIdentifiableError for force spikes: single samples from a faulty line or recorder."""
         size = np.abs(self.force)
         most = float(np.quantile(size, _USUAL_SHARE))
         beyond = size > _SPIKE * most
@@ -143,9 +143,9 @@ class MotionLog:
             )
 
     def _check_jumps(self) -> None:
-        """Refuse rows of a position that leave their neighbors and return at once: a fault of the encoder line.
+        """Raise NotIdentifiableError for position jumps: rows far from their neighbors, from a faulty encoder line.
 
-        A position that rises or falls steadily is its own median, so that only reversals and noise depart from it:
+        A monotonic position equals its median filter, so that only reversals and noise deviate from it:
 
             |x - median9(x)| > 3 · usual step, which 99 % of the steps from row to row do not exceed,
                                and > 1e-3 of the travel: jumps of a few counts in a slow run stay
@@ -172,15 +172,15 @@ class MotionLog:
             )
 
     def without_spikes(self) -> tuple[MotionLog, tuple[str, ...]]:
-        """Replace lesser spikes of the force by the mean of the neighbors, and return a remark on them.
+        """Replace smaller spikes of the force by interpolation, and return the log with a remark on them.
 
-        A spike lasts three samples at most and is away from the median of 9 rows by more than the usual force F, within
-        which 99 % of the rows stay, and by 8 standard deviations of the 61 rows around it:
+        A spike lasts at most three samples and deviates from the median of 9 rows by more than the usual force F, which
+        99 % of the rows do not exceed, and by 8 standard deviations of the 61 rows around it:
 
             d = |f - median9(f)| > max(F, 8 · 1.4826 median61(d))
 
-        No axis answers so short a force visibly, and a drive that really commanded it would not be fitted otherwise.
-        More than 1 % of such rows are no faults of a line: coarse counts make them through a velocity gain.
+        So short a force has no visible effect on an axis, so that even if it was really commanded the fit is the same.
+        More than 1 % of such rows are not line faults: they are caused by coarse counts through a velocity gain.
         """
         from scipy.ndimage import median_filter  # not for commands that only read
 
@@ -197,7 +197,7 @@ class MotionLog:
 
 
 def checked(log: MotionLog) -> MotionLog:
-    """Return the log. Raises ParameterError, with what to write, for anything but a MotionLog."""
+    """Return the log unchanged. Raises ParameterError with a remedy for anything but a MotionLog."""
     if not isinstance(log, MotionLog):  # pyright: ignore[reportUnnecessaryIsInstance]  what `read_log` gives is tempting
         raise ParameterError(
             f"identification takes a MotionLog, not a {type(log).__name__}: MotionLog(name=log.name, position=log["
@@ -215,7 +215,7 @@ _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at r
 
 
 def count_of(position: np.ndarray) -> float:
-    """Return the length of a count of readings in m: all differ by whole multiples of it. 0 if there is none."""
+    """Return the resolution of readings in m, of which all their differences are multiples; 0 if there is none."""
     levels = np.unique(position)
     steps = np.diff(levels)
     steps = steps[steps > 1e-12 * (levels[-1] - levels[0])]
@@ -228,9 +228,9 @@ def count_of(position: np.ndarray) -> float:
 
 
 def at_rest(log: MotionLog, skip: int) -> np.ndarray:
-    """True for rows where the set position has stood for `_STILL`, after `skip` samples.
+    """Return True for rows where the set position has been constant for `_STILL`, after `skip` samples.
 
-    There a reading stands on its count: its error is one number for the whole dwell, and friction holds any force.
+    There the quantization error of a reading is constant, and friction balances any force.
     """
     assert log.set_position is not None
     moved = np.diff(log.set_position, prepend=log.set_position[0]) != 0.0
@@ -241,14 +241,14 @@ def at_rest(log: MotionLog, skip: int) -> np.ndarray:
 
 
 def unknown_force(residual: np.ndarray, runs: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Return the force besides the model, in N, row by row of a motion without rests; 0 where counts explain it.
+    """Return the unmodelled force in N, row by row in motion; 0 if quantization explains the residual.
 
         d = -share · r̃,   share² = 1 - Σ s̃² / Σ r̃²
 
-    residual  force measured - mean of the runs, shape (n,); the drive answers a force by its opposite
-    runs      their forces less their mean, shape (runs, n), what counts alone make
-    moving    rows that count
-    r̃ and s̃ are means of `_NEAR_COUNT` rows: counts make noise that is quicker than what an axis feels.
+    residual  measured force - mean of the runs, shape (n,); the drive reacts to a force with its opposite
+    runs      simulated forces minus their mean, shape (runs, n): the effect of quantization alone
+    moving    True for rows in motion
+    r̃ and s̃ are residual and runs averaged over `_NEAR_COUNT` rows, since quantization noise is of higher frequency.
     """
     from scipy.ndimage import uniform_filter1d  # not for commands that only read
 
@@ -262,10 +262,10 @@ def unknown_force(residual: np.ndarray, runs: np.ndarray, moving: np.ndarray) ->
 def drawn(
     loop: Loop, log: MotionLog, skip: int, count: float, runs: int, seed: int, unknown: np.ndarray | None = None
 ) -> np.ndarray:
-    """Simulate the log with other offsets of the encoder's counts; reading and force, shape (runs, 2, n).
+    """Simulate the log with different offsets of the encoder counts; return reading and force, shape (runs, 2, n).
 
-    From run to run the counts lie elsewhere along the travel, evenly over one count, the axis begins anywhere within
-    its count, and an unknown force begins at another of its rows.  Raises DivergedError if a run diverges.
+    The offsets are distributed evenly over one count; the initial position within its count and the first row of an
+    unknown force are random.  Raises DivergedError if a run diverges.
     """
     assert log.set_position is not None
     random = np.random.default_rng(seed)
@@ -293,14 +293,14 @@ def drawn(
 
 
 def spread(runs: np.ndarray) -> np.ndarray:
-    """Return the variance from run to run at each row and its neighbors, shape (2, n)."""
+    """Return the variance between runs, averaged over neighboring rows, shape (2, n)."""
     from scipy.ndimage import uniform_filter1d  # not for commands that only read
 
     return uniform_filter1d(np.var(runs, axis=0, ddof=1), _NEAR_COUNT, axis=1, mode="nearest")
 
 
 def _counted(loop: Loop, count: float) -> tuple[Loop, dict[str, float]]:
-    """Return the loop with encoders that count, and their offsets by name; an axis without encoder gets one."""
+    """Return the loop with quantizing encoders, and the names of their offsets; an axis without encoder gets one."""
     ends = {end: getattr(loop.axis, end) for end in ("encoder_motor", "encoder_load")}
     if all(encoder is None for encoder in ends.values()):
         ends["encoder_load"] = Encoder(resolution=count)
@@ -331,19 +331,19 @@ class Preparation:
     """The filters and delays that prepare a log for least squares.
 
     cutoff       Hz, of the Butterworth low pass on the position
-    decimation   every so many samples are kept; None: one each 10 ms
-    delay        samples from a logged force to the acceleration that it causes: 1/2 for the hold, and the dead time
+    decimation   decimation factor in samples; None: one row per 10 ms
+    delay        samples from a logged force to the resulting acceleration: 1/2 for the hold, plus the dead time
     acceleration "second": (x(k+1) - 2 x(k) + x(k-1)) / T², which a held force fits exactly;
                  "twice": the central difference of the central difference
     skip         samples left out at each end, where the filters lack the continuation of the motion;
                  None: 5 periods of the cutoff
     skip_end     samples left out at the end; None: as many as at the start
-    reversals    whether rows at rest and within one decimated step of a reversal are kept: the sign of friction is not
-                 defined there
+    reversals    True to keep rows at rest and within one decimated step of a reversal, where the sign of friction is
+                 undefined
 
-    Without `reversals` the decimating low pass runs over each stretch of motion by itself.  At rest friction holds any
-    force, and a low pass over the whole log spreads it over some 70 ms to both sides, where the mass is to be seen.
-    A stretch ends where the low pass of the position no longer shows the stop by more than 1 % (`reach`).
+    Without `reversals` the decimating low pass is applied to each stretch of motion separately.  At rest friction
+    balances any force, and a low pass over the whole log would spread it by some 70 ms into the motion, where the mass
+    is identified.  A stretch ends where the low pass of the position changes by at most 1 % due to the rest (`reach`).
     """
 
     cutoff: float = 100.0
@@ -362,13 +362,13 @@ JANOT = Preparation(delay=0.0, acceleration="twice", skip=49, skip_end=0, decima
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """The rows that count: time in s, and the filtered, decimated channels, each of shape (n,).
+    """The rows for least squares: time in s, and the filtered, decimated channels, each of shape (n,).
 
-    filtered    velocity at each sample of the log, before it was decimated
-    constant    of 1, which the ripple of the filter reduces a little
-    places      sample numbers of the rows in the log
-    stretches   samples of the log that were filtered, each by itself
-    cutoff      Hz, of the position's low pass; sample_time in s of the log; how it was prepared
+    filtered    velocity at each sample of the log, before decimation
+    constant    a constant 1 after the filter, slightly reduced by its ripple
+    places      sample indices of the rows in the log
+    stretches   ranges of samples of the log that were filtered separately
+    cutoff      Hz, of the position's low pass; sample_time in s of the log; `how` it was prepared
     """
 
     time: np.ndarray
@@ -385,24 +385,23 @@ class Prepared:
     how: Preparation
 
     def reduced(self, values: np.ndarray) -> np.ndarray:
-        """Prepare values at each sample of the log as the force is; the samples are the last axis."""
+        """Return values at each sample of the log, filtered and decimated as the force is; samples on the last axis."""
         return _reduced(values, self.stretches, self.places, self.decimation)
 
     def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
-        """Return another force of the same log in these rows, so many samples later."""
+        """Return another force of the same log in these rows, delayed by `delay` samples."""
         return self.reduced(delayed(force, delay))
 
     def errors(self, position: np.ndarray) -> np.ndarray:
-        """Return the effect of errors of the position (m, at each sample) on acceleration and
-        velocity, shape (2, n).
-        """
+        """Return the effect of position errors (m, per sample) on acceleration and velocity, shape (2, n)."""
         velocity, acceleration = _differenced(position, self.cutoff, self.sample_time, self.how)
         return self.reduced(np.array([acceleration, velocity]))
 
 
 def prepare(log: MotionLog, how: Preparation) -> Prepared:
-    """Prepare the rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError
-    for anything but a MotionLog.
+    """Return the filtered and decimated rows of a log for least squares.
+
+    Raises LogError for a log that is too short for its filters, ParameterError for anything but a MotionLog.
     """
     checked(log)
     T = log.sample_time
@@ -443,7 +442,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
 
 
 def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) -> tuple[np.ndarray, np.ndarray]:
-    """Return velocity and acceleration of positions behind their low pass."""
+    """Return velocity and acceleration of low-pass filtered positions."""
     position = zero_phase(values, cutoff, T)
     velocity = central_difference(position, T)
     acceleration = central_difference(velocity, T)
@@ -453,9 +452,7 @@ def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) 
 
 
 def _stretches(velocity: np.ndarray, rows: slice, reach: int) -> tuple[slice, ...]:
-    """Return the runs of samples in motion that keep `reach` samples away from each rest, long enough for their low
-    pass.
-    """
+    """Return the ranges of samples in motion, at least `reach` samples from each rest and long enough to filter."""
     moves = np.abs(velocity) > _REST * np.max(np.abs(velocity))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], moves, [False]]).astype(np.int8)))
     stretches = []
@@ -478,12 +475,11 @@ def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarra
 
 @lru_cache(maxsize=32)
 def reach(cutoff: float) -> int:
-    """Return the samples after which the position's low pass shows a step by at most `_SMEARED`; the cutoff is in
-    1/sample.
+    """Return the settling time of the position's low pass in samples, to `_SMEARED`; cutoff in 1/sample.
 
         the largest d with |Σ_{k >= d} h(k)| > 1 %,   h: impulse response of both passes
 
-    12 ms at 100 Hz and samples of a millisecond.
+    It is 12 ms at 100 Hz and a sample time of 1 ms.
     """
     around = round(5.0 / cutoff)
     impulse = np.zeros(2 * around + 1)
@@ -493,13 +489,13 @@ def reach(cutoff: float) -> int:
 
 
 def delayed(values: np.ndarray, samples: float) -> np.ndarray:
-    """Return values as they were so many samples before, interpolated linearly, held at the ends."""
+    """Return values delayed by a real number of samples, interpolated linearly and held at the ends."""
     k = np.arange(values.size, dtype=np.float64)
     return values if samples == 0.0 else np.interp(k - samples, k, values)
 
 
 def _away(velocity: np.ndarray, places: np.ndarray, factor: int) -> np.ndarray:
-    """True for rows that are more than a decimated step away from every change of direction, rest included."""
+    """Return True for rows more than a decimated step away from every change of direction, rest included."""
     turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0.0)
     if not turns.size:
         return np.ones(places.size, dtype=bool)
@@ -529,7 +525,7 @@ def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int
 
 
 def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
-    """Return (x(k+1) - x(k-1)) / 2T, one-sided at both ends."""
+    """Return the central difference (x(k+1) - x(k-1)) / 2T, one-sided at both ends."""
     return np.gradient(values, sample_time)
 
 
@@ -565,7 +561,7 @@ def kept(samples: int, factor: int) -> np.ndarray:
 
 
 def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray:
-    """Filter in second-order sections: as one polynomial, rounding makes the low pass of a log at 20 kHz unstable."""
+    """Filter forward and backward in second-order sections; a single polynomial would be unstable by rounding."""
     ends = 3 * order
     if values.shape[-1] <= ends:
         raise LogError(

@@ -1,4 +1,4 @@
-"""Output-error fit: the closed loop of a log is simulated, and its parameters are fitted to the measurement."""
+"""Output-error identification: parameters of the simulated closed loop are fitted to a measured log."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Refinement(Result):
     """The loop whose simulation fits the log best.
 
     estimates   by dotted name in the loop, with standard errors
-    start       value before, by name
+    start       initial values by name
     cost        weighted RMS before and after; 1 is the best fit with the chosen delay
-    by_delay    samples of dead time that were tried -> RMS of the position residual, m
-    replay      of the fitted loop
-    count       m: length of the counts of the readings, if what they do to the fit was accounted for; else 0
+    by_delay    tried dead time in samples -> RMS of the position residual, m
+    replay      replay of the fitted loop
+    count       m, resolution of the readings if the fit accounts for quantization; else 0
     """
 
     name: str
@@ -64,11 +64,11 @@ class Refinement(Result):
 
     @property
     def rotary(self) -> bool:
-        """True if the axis turns."""
+        """True for a rotary axis."""
         return self.loop.axis.rotary
 
     def table(self) -> Table:
-        """Return the parameters with their errors."""
+        """Return a table of the parameters with their errors."""
         off = Text(f"position {Quantity(self.replay.rms('position_load'), 'm'):3} RMS")
         if "force" in self.replay.measured:
             off += Text(f", force {Quantity(self.replay.share('force'), 'share'):3}")
@@ -81,9 +81,7 @@ class Refinement(Result):
 
 
 def physics(loop: Loop) -> tuple[str, ...]:
-    """Return the names of mass, friction and constant force of a loop: the parameters that output error fits by
-    default.
-    """
+    """Return the names of nonzero mass, friction and constant force of a loop, the parameters fitted by default."""
     own = loop.place_of("axis")
     wanted = tuple(f"{own}.{part}" for part in ("plant.mass", "friction_load.", "friction_motor.", "forces."))
     skipped = ("stribeck_velocity", "smoothing", "transition_velocity", "period", "phase", "share")
@@ -103,20 +101,20 @@ def refine(
     delays: Sequence[int] | None = None,
     skip: int = 49,
 ) -> Refinement:
-    """Fit parameters of a loop to a log by simulating the log's reference through it.
+    """Fit parameters of a loop to a log by simulation of the log's reference.
 
         least of  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, updated during the fit
 
-    by Gauss-Newton steps with differences of whole runs.  Dead time is a discrete candidate: each of `delays`, in
-    samples beyond that of the loop, is fitted, and the one with the least position residual is taken; by default 0 and
-    1, then further ones as long as they are better.
+    The cost is minimized by Gauss-Newton steps with finite differences of runs.  Dead time is discrete: for each of
+    `delays`, in samples in addition to that of the loop, the parameters are fitted, and the one with the smallest
+    position residual is selected; by default 0 and 1, then further ones as long as they improve the fit.
 
     names  dotted names; default: mass, friction and constant forces that are not 0
     skip   samples at the start that do not count
 
-    The loop must be that of the log: its law, its gains, its clock.  Standard errors are robust to the residual's
-    autocorrelation.  When to use: after `identify_rigid`, where noise or quantization spoils derivatives, or to fit
-    friction near standstill, which the inverse dynamics leave out.
+    The loop must be that of the log, with the same law, gains and sample time.  Standard errors are robust to the
+    residual's autocorrelation.  When to use: after `identify_rigid`, where noise or quantization spoils derivatives, or
+    to fit friction near standstill, which the inverse dynamics leave out.
     Raises NotIdentifiableError for a log without set position, and for a parameter without effect.
     """
     if log.set_position is None:
@@ -155,11 +153,10 @@ def refine(
 
 
 def dead_time(fit: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float, float]:
-    """Return the dead time beyond that of the start that the closed loop of a fit needs, in samples, and its standard
-    error.
+    """Return the additional dead time of a fit in samples, relative to the start, and its standard error.
 
-    One more parameter of its least squares, with the difference of a run a sample later as its column.
-    Raises DivergedError for a loop that a sample more makes unstable.
+    It is an additional parameter of the least squares, whose column is the effect of one more sample of dead time.
+    Raises DivergedError for a loop that becomes unstable with one more sample.
     """
     names = tuple(estimate.name for estimate in fit.estimates)
     model = _signals(fit.loop, log, skip)
@@ -173,13 +170,13 @@ def dead_time(fit: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float
 
 
 def _is_last(fits: Mapping[int, _Fit | None]) -> bool:
-    """True if the longest delay has the least position residual so far."""
+    """Return True if the longest delay has the smallest position residual so far."""
     left = {d: fit.left for d, fit in fits.items() if fit is not None}
     return bool(left) and min(left, key=lambda d: left[d]) == max(fits)
 
 
 def later(loop: Loop, samples: int) -> Loop:
-    """Return the loop with so many samples more of dead time."""
+    """Return the loop with `samples` additional samples of dead time."""
     if samples == 0:
         return loop
     dead_time = float(loop.axis.actuator.dead_time) + samples * float(loop.sample_time)
@@ -187,9 +184,7 @@ def later(loop: Loop, samples: int) -> Loop:
 
 
 def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
-    """Return position and force of the simulated log, shape (2, n), without counts and noise, which
-    hide small changes.
-    """
+    """Return position and force of the simulated log, shape (2, n), without quantization and noise."""
     loop = tree.vary(
         loop, dict.fromkeys(_encoder(loop, "resolution"), _FINE) | dict.fromkeys(_encoder(loop, "noise"), 0.0)
     )
@@ -201,7 +196,7 @@ def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
 
 
 class _Fit(NamedTuple):
-    """A fitted loop, its position residual in m, its parameters, its steps, and the count that was accounted for."""
+    """A fitted loop, its position residual in m, its parameters, number of steps, and the resolution considered."""
 
     loop: Loop
     left: float
@@ -244,15 +239,16 @@ def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _F
 def _with_counts(
     loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, slopes: np.ndarray, before: np.ndarray
 ) -> _Fit | None:
-    """Fit the mean of runs with counts; None where they shift no value by `_MATTERS` of its error `before`.
+    """Fit the mean of runs with quantization; None if no value changes by `_MATTERS` of its error `before`.
 
         r = measured - mean,   σ²(k) = max(mean r² - mean s², r²/2) + s²(k)
         cov = cov(runs) + cov(r)
 
-    s² is the variance of the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of what the
-    same step makes of other runs, each in place of the log: where a reading stands on its count, rounding is no noise.
-    cov(r) is that of the residual, which holds a part of the counts again: errors are rather too wide.  After the first
-    correction the runs have the unknown force of the log, too, which dry friction does not average away.
+    s² is the variance of the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of the same
+    step applied to other runs, each in place of the log: rounding is not white noise if a reading remains on its count.
+    cov(r) is that of the residual, which includes a part of the quantization again: errors are conservative.  After the
+    first correction the runs include the unmodelled force of the log, too, whose effect dry friction does not average
+    out.
     Source: the parametric bootstrap, Efron & Tibshirani 1993; the weights and the choice of rows are ours.
     """
     count = count_of(log.position)
@@ -282,8 +278,7 @@ def _with_counts(
 
 
 class _Weighed(NamedTuple):
-    """The mean of runs with counts and the deviation of each row from it, shape (2, n); slopes and
-    residual, weighted.
+    """The mean of runs with quantization and its deviation, shape (2, n), and the weighted columns and residual.
 
     The deviation of rows at rest is infinite, so that their weight is 0.
     """
@@ -304,7 +299,7 @@ class _Weighed(NamedTuple):
         count: float,
         unknown: np.ndarray | None = None,
     ) -> _Weighed:
-        """Evaluate at the values of a loop."""
+        """Return the weighted least-squares problem at the parameter values of a loop."""
         measured = np.array([log.position[skip:], log.force[skip:]])
         runs = drawn(loop, log, skip, count, _RUNS, 1, unknown)
         mean, scatter = np.mean(runs, axis=0), spread(runs)
@@ -330,7 +325,7 @@ def _estimates(
 
 
 def _solved(columns: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """Solve the least squares: the change of the parameters."""
+    """Solve the least squares for the change of the parameters."""
     flat = columns.reshape(-1, columns.shape[-1])
     sizes = np.linalg.norm(flat, axis=0)
     return np.linalg.lstsq(flat / sizes, left.ravel(), rcond=1e-10)[0] / sizes
@@ -345,7 +340,7 @@ def _encoder(loop: Loop, parameter: str) -> list[str]:
 
 
 def _sizes(residual: np.ndarray) -> np.ndarray:
-    """Return the RMS of both signals, shape (2, 1)."""
+    """Return the RMS of the residual of both signals, shape (2, 1)."""
     return np.maximum(np.sqrt(np.mean(residual**2, axis=1, keepdims=True)), np.finfo(float).tiny)
 
 
@@ -379,7 +374,7 @@ def _advance(
     change: np.ndarray,
     now: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> tuple[Loop, np.ndarray, float]:
-    """Take the part of the step that lowers the cost; return the loop, its signals, and the relative decrease."""
+    """Apply the fraction of a step that lowers the cost; return the loop, its signals and the relative decrease."""
     measured, sizes, model = now
     before = float(np.mean(((measured - model) / sizes) ** 2))
     for share in (1.0, 0.5, 0.25, 0.1, 0.01):
@@ -396,7 +391,7 @@ def _advance(
 
 
 def _bounded(loop: Loop, name: str, change: float) -> float:
-    """Return a value after a change; a value that must stay positive keeps at least a tenth of its size."""
+    """Return a value after a change; a value that must be positive keeps at least a tenth of its magnitude."""
     value = float(tree.get(loop, name))
     declared = tree.declaration(loop, name)
     positive = declared.above == 0 or declared.least == 0

@@ -1,4 +1,4 @@
-"""A rigid drive with friction by inverse dynamics, and the dead time between force and acceleration."""
+"""Identification of a rigid drive with friction by inverse dynamics, and of the dead time of its force."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts a
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidFit(Result):
-    """A rigid drive identified from a log; for a drive at a shaft the parameter `mass` is an inertia in kg m².
+    """A rigid drive identified from a log; in shaft units the parameter `mass` is an inertia in kg m².
 
     estimates   every parameter with its standard errors
-    covariance  robust, in the order of the estimates
-    validation  prediction of rows that were not used
-    criterion   by friction model: the information criterion (less is better), as far as they were compared
-    counts      shares of the force that counts of the readings make of the residual, in rows that were used and unused
+    covariance  robust covariance, in the order of the estimates
+    validation  prediction of unused rows
+    criterion   information criterion (lower is better) of the friction models that were compared
+    counts      residual due to quantization of the readings, relative to the force, in used and in unused rows
     """
 
     name: str
@@ -84,12 +84,12 @@ class RigidFit(Result):
 
     @property
     def left(self) -> float:
-        """The share of the force that the model leaves beyond the effect of counts."""
+        """The relative residual of the force without the effect of quantization."""
         return float(np.sqrt(max(0.0, self.residuals.relative**2 - self.counts[0] ** 2)))
 
     @property
     def changed(self) -> bool:
-        """True if unused rows are predicted worse than used ones by half, beyond the effect of counts."""
+        """True if unused rows are predicted 50 % worse than used ones, without the effect of quantization."""
         beyond = np.sqrt(max(0.0, self.validation.relative**2 - self.counts[1] ** 2))
         return bool(beyond > 1.5 * self.residuals.relative)
 
@@ -100,7 +100,7 @@ class RigidFit(Result):
         raise ParameterError(f"the fit has no parameter '{parameter}'; it has {', '.join(NAMES[self.friction])}")
 
     def table(self) -> Table:
-        """Return the parameters with both standard errors."""
+        """Return a table of the parameters with both standard errors."""
         off = Text(
             f"residual {Quantity(self.residuals.relative, 'share'):3}, unused rows "
             f"{Quantity(self.validation.relative, 'share'):3}"
@@ -108,9 +108,7 @@ class RigidFit(Result):
         return estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
 
     def at_table(self, lead: float, gear: float = 1.0) -> RigidFit:
-        """Return the drive in kg and N at a table that a screw of `lead` (m) moves; `gear`: motor
-        turns a screw turn.
-        """
+        """Return the drive in kg and N at a table with a screw of `lead` (m); `gear`: motor turns per screw turn."""
         if self.frame is not SHAFT:
             return self
         r = lever(lead, gear)
@@ -144,13 +142,11 @@ class RigidFit(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """True if the offset is a force of the axis (`pulls`)."""
+        """True if the offset is significant: a constant force on the axis (`pulls`)."""
         return self.friction == "symmetric" and pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
-        """Return the constant force that the drive had to overcome, as it acts on the table; None for directional
-        friction.
-        """
+        """Return the constant force that acts on the table, from the offset; None for directional friction."""
         require_table(self.frame, "the offset")
         return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None
 
@@ -163,14 +159,14 @@ def identify_rigid(
         symmetric:    force = mass a + viscous v + coulomb sign(v) + offset
         directional:  force = mass a + (viscous± v + coulomb± sign(v)),   ± the direction of v
 
-    friction  "symmetric", "directional", or "best": the one with the smaller information criterion
+    friction  "symmetric", "directional", or "best": the one with the lower information criterion
     how       filters and delays; default: `Preparation()`
-    folds     of the cross-validation: each stretch of the log is predicted by a fit of the others
+    folds     number of stretches in the cross-validation, each predicted by a fit of the others
 
-    Standard errors are robust; those for a white residual are given as well.  When not to use: on an axis
-    whose screw bends in the motion (fit its frequency response), or near standstill (fit constant-speed runs).
+    Standard errors are robust; those for a white residual are also returned.  When not to use: on an axis
+    with significant elastic deformation (fit its frequency response), or near standstill (fit constant-speed runs).
     Raises NotIdentifiableError with what to measure next, LogError for a log that is too short.
-    Source: Janot, Gautier & Brunot 2019, with the force half a sample later, where its hold acts.
+    Source: Janot, Gautier & Brunot 2019, with the force delayed by half a sample because of its hold.
     """
     if friction not in (*FRICTIONS, "best"):
         raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
@@ -184,9 +180,7 @@ def identify_rigid(
 
 
 def columns_of(rows: Prepared, friction: str) -> np.ndarray:
-    """Return the columns of the inverse dynamics, shape (n, p), in the order of `NAMES`; friction's by its steady
-    curve.
-    """
+    """Return the columns of the inverse dynamics, shape (n, p), in the order of `NAMES`."""
     curve = steady_curve(FRICTIONS[friction])
     _, slopes = curve.at(dict.fromkeys(curve.names, 0.0), velocity=rows.filtered)
     columns = {"mass": rows.acceleration, "offset": rows.constant}
@@ -226,9 +220,10 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
 def _with_counts(
     log: MotionLog, rows: Prepared, columns: np.ndarray, values: np.ndarray, friction: str
 ) -> tuple[float, np.ndarray]:
-    """Return the RMS of the force that counts add to the residual, and the shift of each value; 0 without counts.
+    """Return the RMS residual due to quantization, and the bias of each value; 0 without counts.
 
-    Counts are drawn once more, as uniform errors of the readings: what they do to the columns they did before, too.
+    Quantization is simulated once more by uniform errors of the readings; their effect on the columns equals that of
+    the original errors.
     Source: Cook & Stefanski 1994 (SIMEX, its first step).
     """
     count, names = count_of(log.position), NAMES[friction]
@@ -251,14 +246,14 @@ def _with_counts(
 
 
 def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return the robust covariance of the inverse dynamics; each error is the larger one of two estimates.
+    """Return the robust covariance of the inverse dynamics; each error is the larger of two estimates.
 
         plain      S of the scores z(k), `robust_covariance`
         recolored  S of z(k) - rho z(k-1), divided by (1 - rho)²;  rho = Σ z(k) z(k-1) / Σ z(k)²
 
-    Both come out too small: the window of the plain one cuts off a memory that decays slowly; the recolored one takes
-    it out first, but noise of the encoder on top makes its rho too small.
-    Sources: Newey & West 1987; Andrews & Monahan 1992; the larger one of both is ours.
+    Each may be too small: the window of the plain one truncates a slowly decaying correlation; the recolored one
+    removes it first, but encoder noise makes its rho too small.
+    Sources: Newey & West 1987; Andrews & Monahan 1992; the maximum of both is ours.
     """
     plain = robust_covariance(columns, residual)
     scores = scores_of(columns[None], residual[None])
@@ -272,7 +267,7 @@ def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 
 def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
-    """Raise NotIdentifiableError for a motion in one direction only, or without any."""
+    """Raise NotIdentifiableError for a log without motion or with motion in one direction only."""
     top = float(np.max(np.abs(velocity)))
     forward, backward = (int(np.sum(sign * velocity > 0.05 * top)) for sign in (1.0, -1.0))
     moving = forward + backward
@@ -290,7 +285,7 @@ def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
 
 
 def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> None:
-    """Raise NotIdentifiableError for a column that the others explain: its parameter can have any value."""
+    """Raise NotIdentifiableError for a column that depends linearly on the others."""
     sizes = np.linalg.norm(columns, axis=0)
     for i, column_name in enumerate(names):
         if sizes[i] == 0.0:
@@ -306,7 +301,7 @@ def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> Non
 
 
 def check_mass(name: str, value: float, error: float, unit: str) -> None:
-    """Raise NotIdentifiableError for an inertia that is not positive, or too uncertain."""
+    """Raise NotIdentifiableError for a mass that is not positive or too uncertain."""
     if value < 0.0 and error < LARGEST_ERROR * -value:
         raise NotIdentifiableError(
             f"{name}: the sign of force or position is inverted: the axis moves against the force, as a mass of "
@@ -340,11 +335,10 @@ _DRIFT = 2  # times that, and samples, by which the delays of the two halves of 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DelayFit(Result):
-    """The dead time in samples, without the half sample of the hold, with its standard error and
-    the residual by delay.
+    """The dead time in samples, without the half sample of the hold, with its standard error.
 
-    delays, residual  whole samples that were tried, and the residual of the inverse dynamics with each, both of shape
-                      (m,)
+    delays, residual  tried delays in samples, and the relative residual of the inverse dynamics with each, both of
+                      shape (m,)
     """
 
     name: str
@@ -356,30 +350,28 @@ class DelayFit(Result):
 
     @property
     def nearest(self) -> int:
-        """The whole number of samples with the least residual."""
+        """The whole number of samples with the smallest residual."""
         return int(self.delays[np.argmin(self.residual)])
 
     @property
     def clear(self) -> bool:
-        """True if the residual of the best delay is a tenth less than without delay."""
+        """True if the residual of the best delay is 10 % smaller than without delay."""
         return self.tells(self.nearest, 0.0)
 
     def tells(self, better: float, other: float) -> bool:
-        """Return True if the inverse dynamics leave a tenth less with one delay than with another.
+        """Return True if the residual of the inverse dynamics is 10 % smaller with one delay than with another.
 
-        A ragged residual counts as well: of forces that are mostly made by counts, the delay that leaves least gives
-        the better mass, whatever the true one is.
+        This is also used for a ragged residual: if the force is mostly due to quantization, the delay with the smallest
+        residual gives the better mass, whatever the true delay is.
         """
         return self.left(better) < CLEAR * self.left(other)
 
     def left(self, samples: float) -> float:
-        """Return the share of the force that the inverse dynamics leave with a delay, interpolated between whole
-        samples.
-        """
+        """Return the relative residual of the inverse dynamics at a delay, interpolated between whole samples."""
         return float(np.interp(samples, self.delays, self.residual))
 
     def table(self) -> Table:
-        """Return the residual of the delays around the best."""
+        """Return a table of the residuals of the delays around the best."""
         near = np.abs(self.delays - self.nearest) <= 2
         rows = [[int(d), float(r)] for d, r in zip(self.delays[near], self.residual[near], strict=True)]
         dead_time = Quantity(self.dead_time, "samples", self.error)
@@ -393,19 +385,19 @@ def find_delay(
 ) -> DelayFit:
     """Find the dead time between a logged force and the acceleration that it causes, in samples.
 
-        force(k - 1/2 - dead_time) = inverse dynamics(k),   the dead time that leaves the least residual
+        force(k - 1/2 - dead_time) = inverse dynamics(k),   for the dead time with the smallest residual
 
-    Whole samples are tried; about the best one the delay is one more parameter of the least squares, with the slope of
-    the force as its column, which gives the fraction and its error.  The logged force is the one that was commanded at
-    its sample.
+    Whole samples are tried; near the best one the delay is an additional parameter of the least squares, with the
+    derivative of the force as its column, which gives the fraction and its error.  The logged force must be the one
+    commanded at its sample.
 
-    When not to trust it alone: in a closed loop the force reacts to disturbances, and part of that reaction is taken
-    for a delay. This error grows with the residual of the model.  There `refine` decides between whole samples.
+    When not to rely on it alone: in a closed loop the force reacts to disturbances, and part of that reaction is
+    mistaken for a delay. This error grows with the residual of the model.  `refine` then decides between whole samples.
 
-    clocks  whether a delay that cannot be is an error; not where the law proves that both channels have one clock
+    clocks  True if an impossible delay is an error; False if the law proves that both channels have the same clock
 
-    Raises NotIdentifiableError where the force comes before its cause, acts later than 5 ms, or if its delay drifts:
-    then force and position were recorded on two clocks.
+    Raises NotIdentifiableError if the delay is negative, exceeds 5 ms, or drifts: force and position were then recorded
+    on two clocks.
     """
     how = replace(how or Preparation(), delay=HOLD)
     delays = np.arange(-REACH, REACH + 1)
@@ -428,14 +420,14 @@ def find_delay(
 
 
 def _left(basis: np.ndarray, force: np.ndarray) -> float:
-    """Return the share of the force that the columns do not explain."""
+    """Return the relative residual of the force after projection on the columns."""
     off = force - basis @ (basis.T @ force)
     size = float(np.linalg.norm(force))
     return float(np.linalg.norm(off)) / size if size > 0.0 else np.nan
 
 
 def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual: np.ndarray) -> None:
-    """Refuse a motion of one frequency: there a later force is equivalent to less mass and more damping."""
+    """Raise NotIdentifiableError for a motion of one frequency: a delay then equals less mass and more damping."""
     if not np.all(np.isfinite(residual)):
         raise NotIdentifiableError(
             f"{log.name}: the force is 0 wherever the axis moves: record the commanded force next, on the same clock"
@@ -477,10 +469,10 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
 
 
 def _rough(residual: np.ndarray) -> float:
-    """Return twice the largest fall of a residual on the way from its minimum to longer or to shorter delays.
+    """Return twice the largest decrease of a residual from its minimum towards longer or shorter delays.
 
-    Around the true delay a residual rises to both sides. Where counts go through a velocity gain into the force it is
-    as ragged as the force, and its minimum says nothing about clocks.
+    Around the true delay a residual increases to both sides. If quantization enters the force through a velocity gain,
+    it is as ragged as the force, and its minimum is no evidence about clocks.
     """
     best = int(np.argmin(residual))
     sides = residual[best:], residual[best::-1]
@@ -488,14 +480,14 @@ def _rough(residual: np.ndarray) -> float:
 
 
 def _trails(log: MotionLog) -> bool:
-    """True if the set position lags the position: (r - x) v < 0 on average."""
+    """Return True if the set position lags behind the position: (r - x) v < 0 on average."""
     if log.set_position is None:
         return False
     return float(np.mean((log.set_position - log.position) * np.gradient(log.set_position))) < 0.0
 
 
 def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays: np.ndarray) -> None:
-    """Raise NotIdentifiableError if the delays of the two halves of a log differ: the channels had two clocks."""
+    """Raise NotIdentifiableError if the delays in the two halves of a log differ, which indicates two clocks."""
     half = columns.shape[0] // 2
     halves = (slice(0, half), slice(half, None))
     left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]

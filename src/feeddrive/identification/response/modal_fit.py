@@ -122,7 +122,7 @@ class ModalResponse:
 
     @property
     def common(self) -> int:
-        """The number of parameters that all outputs share."""
+        """The number of parameters common to all outputs."""
         return 2 * self.modes + 2
 
     @property
@@ -200,7 +200,7 @@ class Poles:
 def begun(
     model: ModalResponse, responses: Sequence[np.ndarray], chosen: np.ndarray, dead_time: float | None
 ) -> tuple[float, np.ndarray]:
-    """Return initial parameters for given mode poles: residues by least squares of relative errors.
+    """Return initial parameters for given mode poles: linear ones by least squares of relative errors.
 
     The first value is the sum of squared errors.  Dead time and corner are found by a coarse search.
     """

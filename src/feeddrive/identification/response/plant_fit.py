@@ -43,7 +43,7 @@ class PlantFit(Result):
 
     estimates         every fitted parameter with its standard errors; `covariance` in their order
     derived           derived quantities: antiresonance, resonance, inertia ratio, total mass
-    not_identifiable  by parameter: the reason, and what to measure next; its value is the one in `plant`
+    not_identifiable  by parameter: the reason, and what to measure next; its value is that in `plant`
     agreement         agreement with the responses, on used and on unused lines
     remarks           further remarks based on the residuals and the errors
     """
@@ -464,7 +464,7 @@ def fit_plant(
     current_loop       Hz; None: the force follows without lag, unless `find_current_loop`
     band               Hz, lowest and highest line that counts
     force_per_unit     N per unit of the responses' input (a motor's force constant); travel_per_unit m per unit of
-                       their output (lead/2π for rad).  Without them a result is in the responses' own units
+                       their output (lead/2π for rad).  Without them the result is in the units of the responses
 
     The cost is that of `refine`: weighted by the variances where they are known, else the complex logarithmic ratio.
     Raises ParameterError for different units, an unknown name and too few lines.

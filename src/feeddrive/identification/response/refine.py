@@ -80,7 +80,7 @@ class Refined:
 
 
 def measured(responses: Sequence[FRF], model_error: float = 0.0) -> tuple[Measured, ...]:
-    """Return the responses with their weights."""
+    """Return the responses with the standard deviations by which they are weighted."""
     weighted: list[Measured] = []
     for frf in responses:
         if np.any(frf.response == 0.0):

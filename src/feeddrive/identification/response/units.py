@@ -28,11 +28,11 @@ class ResponseUnits:
 
     @property
     def si(self) -> bool:
-        """True if masses come out in kg and stiffnesses in N/m."""
+        """True if identified masses are in kg and stiffnesses in N/m."""
         return (self.output, self.input) == ("m", "N")
 
     def of(self, unit: str) -> str:
-        """Return the unit that replaces a unit of a linear axis in SI, such as kg, N/m, N s/m, m/N."""
+        """Return the unit that corresponds to an SI unit of a linear axis, such as kg, N/m, N s/m, m/N."""
         known = _SI.get((self.output, self.input))
         if known is not None:
             return known.get(unit, unit)
