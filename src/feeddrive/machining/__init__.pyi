@@ -1,4 +1,4 @@
-"""The machine that cuts: stability of the cut, contour error, circle test, reversal, load and surface."""
+"""Machining: stability of the cut, contour error, circle test, reversal, load and surface."""
 
 # written by `make stubs`
 
