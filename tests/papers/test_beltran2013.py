@@ -8,6 +8,7 @@ from documented import claims_documented
 from feeddrive.language.progress import Progress
 from feeddrive.papers.beltran2013 import beltran2013, mill
 from feeddrive.papers.claims import Experiment
+from feeddrive.plot.drawing import drawn
 from mutants import PLACES
 
 pytestmark = pytest.mark.slow(reason="the whole paper: seventeen runs of a machine of three axes")
@@ -83,7 +84,7 @@ def test_set_valued_friction_keeps_the_order(found: Experiment) -> None:
 def test_the_pictures_are_drawn(found: Experiment) -> None:
     for shown in found.pictures:
         assert shown.key.isalpha()
-        figure = shown.chart()
+        figure = drawn(shown.chart())
         assert all(len(line.get_xdata()) for ax in figure.axes for line in ax.get_lines())
 
 
