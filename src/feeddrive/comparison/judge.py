@@ -124,7 +124,7 @@ def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
 def judged(
     law: Competitor, places: Sequence[tuple[Loop, Loop]], duty: Duty, rule: Rule, seeds: Iterable[int]
 ) -> Competitor:
-    """Return a law with its worst figures over all places and seeds, and the runs of the first place and seed.
+    """Return the law with its worst figures over all operating points and noise seeds, and the runs of the first.
 
     places  pairs of the simulated loop and the loop for the linear figures, which differ for an axis with backlash
 

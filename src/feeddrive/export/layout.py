@@ -69,7 +69,7 @@ class Layout:
 
     @property
     def moving_users(self) -> list[bool]:
-        """True for each node that is read by a moving node."""
+        """Per node, True if it is an operand of a node whose value changes from sample to sample."""
         read = [False] * len(self.graph.nodes)
         for index, node in enumerate(self.graph.nodes):
             if self.moving[index]:

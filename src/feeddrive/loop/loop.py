@@ -199,7 +199,7 @@ class Loop(Block):
         return list(Signals._fields)
 
     def loops(self) -> dict[str, Loop]:
-        """Return the loop itself by the name of its axis."""
+        """Return a one-entry mapping from the axis name to this loop."""
         return {self.name: self}
 
     def sample(

@@ -170,7 +170,7 @@ def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, 
 
 @kernel
 def _chord(place: Floats, begin: Floats, end: Floats) -> float:
-    """Return the squared distance of a position from a straight piece."""
+    """Return the squared distance of a point from a line segment."""
     u = _share(place, begin, end)
     square = 0.0
     for i in range(len(place)):

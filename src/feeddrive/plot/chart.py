@@ -345,7 +345,7 @@ def numbered(values: Iterable[float]) -> tuple[Tick, ...]:
 
 
 def listed(names: Sequence[str]) -> tuple[Tick, ...]:
-    """Return ticks for rows with names, at 0, -1, -2, ... from the top."""
+    """Return one labelled tick per row, at 0, -1, -2, ... from top to bottom."""
     return tuple(Tick(-float(row), name) for row, name in enumerate(names))
 
 

@@ -222,7 +222,7 @@ def few_numbers(ax: Axes, most: int) -> None:
 
 
 def degrees_axis(ax: Axes, low: float, high: float) -> None:
-    """Set ticks at round multiples of degrees, 15 to 720, and end the axis at ticks."""
+    """Choose a tick spacing of 15° to 720° and extend the axis limits to the nearest ticks."""
     from matplotlib.ticker import MultipleLocator
 
     step = next((s for s in (15.0, 30.0, 45.0, 90.0, 180.0, 360.0) if (high - low) / s <= 6.0), 720.0)

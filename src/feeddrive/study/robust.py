@@ -493,7 +493,7 @@ class RobustTuner:
 
 
 class _Search:
-    """The search with an active set: tuning rounds on the machines that decide."""
+    """An active-set search: rounds of tuning on the machines that limit the result, plus those found worse."""
 
     def __init__(self, tuner: RobustTuner) -> None:
         self.tuner = tuner

@@ -240,7 +240,7 @@ def _rows(declared: Declaration) -> st.SearchStrategy[np.ndarray]:
 
 
 def _parts(hint: Any) -> _Draw:
-    """Return the function that draws a part: a block of a class, a family or one of several, or a tuple of blocks."""
+    """Return a function that draws a part: a block of the permitted classes or families, or a tuple of them."""
     if get_origin(hint) is tuple:
         part, counts = _parts(get_args(hint)[0]), st.integers(0, 3)
         return lambda draw, turn: tuple(part(draw, turn) for _ in range(draw(counts) or min(turn, 1)))

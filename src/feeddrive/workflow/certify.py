@@ -235,7 +235,7 @@ def certificate_report(
 
 
 def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the sentences of the certificate for the facts of its report."""
+    """Return the rows of what was certified: claim, theorem, confidence, SHA-256 and the command to check."""
     return [
         ("Claim", document["claim"]),
         ("Theorem", document["theorem"]),

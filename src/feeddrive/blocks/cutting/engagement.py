@@ -186,7 +186,7 @@ class _Arms(NamedTuple):
         return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))
 
     def end(self, sine: Any, cosine: Any, turns: Any) -> _End:
-        """Return the end of a slice with this sine and cosine, at `turns` from the middle of the unengaged part."""
+        """Return one end of a slice, clamped to the engaged arc; `turns`: from the middle of the unengaged arc."""
         angle = 2.0 * ops.pi * (turns - ops.floor(turns)) - ops.pi
         below, above = angle < -self.half, angle > self.half
         held = ops.where(below, -self.half, ops.where(above, self.half, angle))

@@ -292,7 +292,7 @@ def blind(estimates: Sequence[Estimate], refined: Refined) -> dict[str, str]:
 
 
 def _combinations(names: Sequence[str], refined: Refined) -> list[tuple[float, list[str]]]:
-    """Return groups of parameters of which the lines determine only a combination, with their independent share."""
+    """Return the groups of parameters determined only in combination, with their singular value (0: collinear)."""
     loose = [i for i in range(len(names)) if not refined.bound[i]]
     size = np.linalg.norm(refined.slopes[:, loose], axis=0)
     seen = [i for i, s in zip(loose, size, strict=True) if s > 0.0]

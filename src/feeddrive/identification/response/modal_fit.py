@@ -461,7 +461,7 @@ def _begun(
 
 
 def _settled(unknown: Unknown, model: ModalResponse, dead_time: float | None, low: float, high: float) -> Unknown:
-    """Return an unknown with its bounds, fixed if the model does not have it or its value is given."""
+    """Return the unknown with its bounds; it is fixed if the model lacks the term or its value is prescribed."""
     kind = unknown.name.split("_")[0]
     absent = (kind == "rest" and not model.rest) or (kind == "skew" and not model.skewed)
     absent = absent or (kind in ("free", "corner") and not model.rigid)

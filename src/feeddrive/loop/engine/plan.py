@@ -321,7 +321,7 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
 
 
 def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> Branch | None:
-    """Return the innermost branch that encloses all of some branches."""
+    """Return the innermost branch that encloses all the given branches; None if there is none."""
     around = _around(branches[0], places)
     for branch in branches[1:]:
         others = _around(branch, places)

@@ -778,7 +778,7 @@ class _Stretch(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """A part whose end is not final yet, and its overlap with the previous part.
+    """A part of the motion whose end may still change, with its overlap with the previous part.
 
     whole  stretch of a run along one line, whose head and tail are planned together; None for other runs
     seen   ends of such a run at its corners

@@ -83,7 +83,7 @@ def _penalty(g: float, loose: float) -> tuple[float, float]:
 
 @kernel
 def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
-    """Return the largest used share of a limit at a point; r1 .. r4 are scaled by the limits, see `quickest`."""
+    """Return the largest utilization of a limit at a point; r1 .. r4 are scaled by the limits, see `quickest`."""
     if z[0] <= 0.0:
         return _NOT_FORWARD
     z0, z1, z2, z3 = z
