@@ -140,6 +140,23 @@ def command_lines() -> list[tuple[str, str]]:
     return found
 
 
+# files that a reader writes, and one that a command writes for him
+WRITTEN = {"smith_law.py", "spring_damper.py"}
+
+
+def test_source_files_that_are_named_exist():
+    """In documents and docstrings; a name with folders is the end of a path."""
+    files = [f"/{path.relative_to(ROOT).as_posix()}" for path in ROOT.rglob("*.py") if ".venv" not in path.parts]
+    texts = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("src/**/*.py")]
+    gone = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in texts
+        for name in re.findall(r"`([\w/]+\.py)`", path.read_text(encoding="utf-8"))
+        if name.rpartition("/")[2] not in WRITTEN and not any(file.endswith(f"/{name}") for file in files)
+    ]
+    assert not gone
+
+
 def test_commands_and_their_options_exist():
     lines = command_lines()
     assert len(lines) > 100

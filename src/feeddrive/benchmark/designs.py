@@ -24,6 +24,7 @@ from feeddrive.language.errors import FeeddriveError, FileError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
+from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
@@ -113,7 +114,7 @@ class Designs:
         """Write a design atomically. Raises FileError if the directory cannot be written."""
         content = asdict(design)
         content["tunables"] = {name: float(value).hex() for name, value in design.tunables.items()}
-        content["values"] = {name: float(f"{value:.6g}") for name, value in design.tunables.items()}
+        content["values"] = {name: rounded(value, 6) for name, value in design.tunables.items()}
         path = self._path(design.law, self.folder)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")

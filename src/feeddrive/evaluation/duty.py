@@ -27,6 +27,7 @@ from feeddrive.figures.of_runs import (
 )
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.units import rounded
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 
@@ -178,9 +179,9 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
     if reference is None:
         v = min(_SPEED_SHARE * min(speeds), _SPEED) if speeds else _SPEED_ALONE
         a = _FORCE_ALONE if limit is None else min(_FORCE_SHARE * limit / mass, _ACCELERATION)
-        v, a = _rounded(v), _rounded(a)
+        v, a = rounded(v, 2), rounded(a, 2)
         reference = SnapLimitedMove(
-            distance=_rounded(3.0 * v * v / a),
+            distance=rounded(3.0 * v * v / a, 2),
             velocity=v,
             acceleration=a,
             jerk=_JERK * a,
@@ -192,7 +193,7 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
         )
     encoders = (loop.axis.encoder_motor, loop.axis.encoder_load)
     counts = [getattr(encoder, "resolution", None) or 0.0 for encoder in encoders]
-    return Duty(reference, _rounded(force), max(_NEAR, 10.0 * max(counts)))
+    return Duty(reference, rounded(force, 2), max(_NEAR, 10.0 * max(counts)))
 
 
 def _dry_friction(loop: Loop) -> float:
@@ -200,8 +201,3 @@ def _dry_friction(loop: Loop) -> float:
     frictions = [friction for friction in (loop.axis.friction_motor, loop.axis.friction_load) if friction is not None]
     creep = 1e-4
     return sum(abs(float(friction.steady(creep))) for friction in frictions)
-
-
-def _rounded(value: float) -> float:
-    """Round to two significant digits."""
-    return float(f"{value:.2g}")

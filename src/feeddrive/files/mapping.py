@@ -379,7 +379,7 @@ def _take(
         mapping[role] = Column(name=name, unit=reading.unit if _known(reading.unit) else "")
     elif not reading.unit:
         mapping[role] = Column(name=name)
-    elif _fits(reading.unit, role):
+    elif measures(reading.unit, role):
         mapping[role] = Column(name=name, unit=reading.unit)
     else:
         rated = ": the rated value / 100" if reading.unit == "percent" else ""
@@ -423,7 +423,8 @@ def _known(unit: str) -> bool:
     return bool(unit)
 
 
-def _fits(unit: str, role: str) -> bool:
+def measures(unit: str, role: str) -> bool:
+    """True if a unit measures the quantity of a role."""
     try:
         units.factor(unit, ROLES[role])
     except ParameterError:

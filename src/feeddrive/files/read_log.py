@@ -590,7 +590,7 @@ def _decimal(mean: float, time: np.ndarray) -> float:
         for k in range(0, n, _BLOCK)
     )
     for digits in range(1, 12):
-        near = float(f"{mean:.{digits}g}")
+        near = units.rounded(mean, digits)
         if abs(near - mean) * (n - 1) <= scatter + 1e-9 * mean * n:
             return near
     return units.decimal(mean)

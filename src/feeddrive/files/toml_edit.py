@@ -22,6 +22,7 @@ from feeddrive.files.toml_file import Key, TomlFile, is_rotary, lines_of_keys, p
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.text import plain
+from feeddrive.language.units import rounded
 
 
 def quoted(text: str) -> str:
@@ -230,5 +231,4 @@ def _written(value: float | str | bool, digits: int) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    rounded = float(f"{value:.{digits}g}")
-    return repr(rounded)
+    return repr(rounded(value, digits))

@@ -229,7 +229,12 @@ def shortest(value: float, factor: float) -> str:
     return next((text for text in texts if scaled(float(text), factor) == value), repr(near))
 
 
+def rounded(value: float, digits: int) -> float:
+    """Round a number to significant digits."""
+    return float(f"{value:.{digits}g}")
+
+
 def decimal(value: float) -> float:
     """Round to twelve digits if that removes only rounding errors, else return `value`: 50 times 1e-6 gives 5e-05."""
-    near = float(f"{value:.12g}")
+    near = rounded(value, 12)
     return near if abs(near - value) <= 4 * math.ulp(value) else value

@@ -109,7 +109,7 @@ def figure_of(chart: Callable[P, Chart]) -> Callable[P, Picture]:
     """Return a function that draws the chart of a function `..._chart` as a matplotlib figure."""
 
     @wraps(chart)
-    def draw(*args: P.args, **options: P.kwargs) -> Any:
+    def draw(*args: P.args, **options: P.kwargs) -> Picture:
         return drawn(chart(*args, **options))
 
     draw.__name__ = draw.__qualname__ = chart.__name__.removesuffix("_chart")

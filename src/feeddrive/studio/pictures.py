@@ -15,6 +15,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.quantity import DRAWN, Quantity, Units, number
 from feeddrive.language.text import Text
+from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.simulate import Run
@@ -113,7 +114,7 @@ class HeldPoles:
             raise ParameterError(f"there is no pole '{name:.60}' that the gains move")
         axis, model, gains = self._loop()
         values, self._named[name] = pole_moved(axis, model, gains, self._named[name], s)
-        return {gain: float(f"{value:.6g}") for gain, value in zip(self._gains(), values, strict=True)}
+        return {gain: rounded(value, 6) for gain, value in zip(self._gains(), values, strict=True)}
 
     def at(self, name: str) -> complex:
         """Return the position of a pole, 1/s. Raises ParameterError for an unknown one."""

@@ -87,7 +87,7 @@ ENTER = """<!doctype html><html lang="en"><meta charset="utf-8"><title>feeddrive
 <label>Password <input type="password" name="password" autofocus autocomplete="current-password"></label>
 <button>Open</button></form></html>
 """
-# A redirect of the answer itself would not do: a browser that came from the redirect file (`redirect_file.py`) takes
+# A redirect of the answer itself would not do: a browser that came from the redirect file (`command.py`) takes
 # all of its chain for the request of a foreign site, and keeps a cookie that is SameSite=Strict back.
 OPENED = """<!doctype html><html lang="en"><meta charset="utf-8"><title>feeddrive studio</title>
 <meta http-equiv="refresh" content="0;url=/"><p><a href="/">feeddrive studio</a></p></html>

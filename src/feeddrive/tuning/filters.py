@@ -23,6 +23,7 @@ from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
 from feeddrive.language.text import Text
+from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
 
 B = TypeVar("B", bound=Block)
@@ -137,8 +138,8 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
     crossover = loop.crossover or float(loop.loop_gain.frequency[0])
 
     def placed(frequency: float, narrow: float = 1.0) -> Filter:
-        dampings = {name: float(f"{narrow * value:.4g}") for name, value in ratios.items()}
-        return filter_type(**dict.fromkeys(names, float(f"{frequency:.4g}")), **dampings)
+        dampings = {name: rounded(narrow * value, 4) for name, value in ratios.items()}
+        return filter_type(**dict.fromkeys(names, rounded(frequency, 4)), **dampings)
 
     def mild(block: Filter) -> bool:
         return abs(np.degrees(np.angle(filter_response(block, np.array([crossover]), sample_time)[0]))) <= _COSTS
@@ -345,7 +346,7 @@ def filter_dragged(
     at = min(max(x, low), high)
     if part == WIDTH:
         return _widened(block, i, at)
-    moved = replace(block, **{part: _digits(at)})
+    moved = replace(block, **{part: rounded(at, 4)})
     values = {f"filters.{i}.{part}": float(getattr(moved, part))}
     height = _HEIGHTS.get((type(block), part))
     if height is None or y is None:
@@ -358,7 +359,7 @@ def filter_dragged(
     wanted = now * change if height.rising else now / change
     most = float(block.damping_pole) if isinstance(block, Notch) else _MOST_DAMPING
     least = _LEAST_DAMPING * most if isinstance(block, Notch) else _LEAST_DAMPING
-    values[f"filters.{i}.{height.damping}"] = _digits(min(max(wanted, least), most))
+    values[f"filters.{i}.{height.damping}"] = rounded(min(max(wanted, least), most), 4)
     return values
 
 
@@ -409,9 +410,9 @@ def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:
 def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
     """Return both damping ratios of a notch for a new damping ratio of its poles at the same depth."""
     assert isinstance(block, Notch)
-    wanted = _digits(min(max(ratio, _NARROWEST), _WIDEST))
+    wanted = rounded(min(max(ratio, _NARROWEST), _WIDEST), 4)
     depth = float(block.damping_zero) / float(block.damping_pole)
-    return {f"filters.{i}.damping_pole": wanted, f"filters.{i}.damping_zero": _digits(depth * wanted)}
+    return {f"filters.{i}.damping_pole": wanted, f"filters.{i}.damping_zero": rounded(depth * wanted, 4)}
 
 
 def _on(loop: Margins, frequency: float, *, cut: bool = True) -> float:
@@ -437,7 +438,3 @@ def _gain(block: Filter, frequency: float, sample_time: float) -> complex:
 
 def _decibel(gain: complex) -> float:
     return 20.0 * float(np.log10(max(abs(gain), 1e-30)))
-
-
-def _digits(value: float) -> float:
-    return float(f"{value:.4g}")

@@ -23,6 +23,7 @@ from feeddrive.language.errors import ParameterError, UnstableError, nearest
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text, joined
+from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
@@ -228,14 +229,10 @@ def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
     if pole.frequency:
         along = size if pole.damping else max((s * np.conj(pole.s)).real / abs(pole.s), 0.0)  # along its ray: ζ fixed
         scale = 2.0 * np.pi if tree.declaration(control, pole.frequency).unit == "Hz" else 1.0
-        values[pole.frequency] = _digits(max(along, 1e-3 * abs(pole.s)) / scale)
+        values[pole.frequency] = rounded(max(along, 1e-3 * abs(pole.s)) / scale, 4)
     if pole.damping and size > 0.0:
-        values[pole.damping] = _digits(min(max(-s.real / size, _LEAST), _MOST))
+        values[pole.damping] = rounded(min(max(-s.real / size, _LEAST), _MOST), 4)
     return values
-
-
-def _digits(value: float) -> float:
-    return float(f"{value:.4g}")
 
 
 _MOVES = 0.2  # least |d ln s/d ln p| of a pole that gains can move

@@ -28,6 +28,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import USUAL, Quantity, number
 from feeddrive.language.table import UNIT, Cell, Column, Result, Table
 from feeddrive.language.text import Text, joined
+from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -826,7 +827,7 @@ def _rough(value: float, unit: str = "") -> Quantity:
 
 def two_digits(value: float) -> str:
     """Return a number rounded to two significant digits, without an exponent up to a million."""
-    return number(float(f"{value:.2g}"), 6)
+    return number(rounded(value, 2), 6)
 
 
 def _of_the_table(tuned: Tuned) -> str:

@@ -30,6 +30,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
+from feeddrive.language.units import rounded
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
@@ -349,7 +350,7 @@ def _rounded(block: Cogging) -> Cogging:
 
 
 def _short(value: Number) -> float:
-    return float(f"{float(value):.6g}")
+    return rounded(float(value), 6)
 
 
 def _section(block: Cogging, axis: str) -> str:

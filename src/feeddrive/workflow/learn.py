@@ -37,7 +37,14 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import chosen
 from feeddrive.workflow.request import CHANNELS, OUT_FILE, UNIT, Request, argument, called, option
 
-_TRIAL_ROLES = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
+# role of a column that an option of a request names -> that option
+_OPTIONS = {
+    "setpoint_position": "set_position",
+    "position_load": "position",
+    "force": "force",
+    "command": "command",
+    "time": "time",
+}
 # default motion of simulated trials
 MOVE = SnapLimitedMove(
     distance=0.1,
@@ -82,16 +89,6 @@ class IterateRequest(Request):
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
     seed: int = option("seed of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
-
-    def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an omitted option."""
-        return {
-            "setpoint_position": self.set_position,
-            "position_load": self.position,
-            "force": self.force,
-            "command": self.command,
-            "time": self.time,
-        }
 
     @property
     def machine(self) -> MachineLike:
@@ -154,7 +151,8 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
 
 def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
     """Run learning trials by simulation on the machine."""
-    references = [_required_reference(job) for job in request.job] or [MOVE]
+    remedy = "give the log itself, with --controller"
+    references = [_reference(job, remedy) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
     trials = iterate_trials(
         loop,
@@ -255,13 +253,6 @@ def _compensated_loop(request: IterateRequest) -> tuple[Loop, str]:
     return begin_compensation(loop, columns, stribeck_velocity=request.stribeck_velocity), axis
 
 
-def _required_reference(job: JobLike) -> Reference:
-    reference = read_job(job).reference
-    if reference is None:
-        raise ParameterError(f"{called(job)}: has no [reference], only a log: give the log itself, with --controller")
-    return reference
-
-
 def _log(request: IterateRequest) -> OpenedFile:
     if isinstance(request.source, MachineFile):
         raise ParameterError(f"{called(request.source)}: is a machine: leave out --controller to simulate its trials")
@@ -269,28 +260,21 @@ def _log(request: IterateRequest) -> OpenedFile:
 
 
 def _trial(request: IterateRequest, loop: Loop, progress: Progress) -> Trial:
-    file, named = _log(request), request.named()
-    read = mapped(file, named, request.channels, _TRIAL_ROLES, request.sample_time, progress, request.unit)
-    read.doubt.stop(progress)
-    measured = read.log
-    set_position = chosen(file, measured, named, ("setpoint_position",), "set position", "--set-position")
-    position = chosen(file, measured, named, ("position_load", "position_motor"), "position", "--position")
+    file = _log(request)
+    measured, set_position, position = _tracked(file, request, progress)
     force = measured.channels.get("force")
     if force is None and "command" in measured.channels:
         scale = drive_with(None, loop, request.axis).force_per_unit(measured.units["command"])
         force = None if scale is None else scale * measured["command"]
     return measured_trial(
         loop,
-        measured[set_position],
-        measured[position],
+        set_position,
+        position,
         sample_time=measured.sample_time,
         force=force,
         smoothing=request.smoothing,
         name=str(file),
     )
-
-
-_MOTION_ROLES = ("time", "setpoint_position", "position_load", "position_motor", "force")
 
 
 class PrefilterRequest(Request):
@@ -312,15 +296,6 @@ class PrefilterRequest(Request):
     channels: MappingLike | None = option(CHANNELS, default=None)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
 
-    def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an omitted option."""
-        return {
-            "setpoint_position": self.set_position,
-            "position_load": self.position,
-            "force": self.force,
-            "time": self.time,
-        }
-
 
 @command(PrefilterRequest)
 def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[PrefilterFit]:
@@ -329,7 +304,9 @@ def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[Prefilte
     The outcome has the parameters with their standard errors and the section for the machine file.
     """
     loop, name = _controlled_loop(request.controller, request.axis)
-    fit = _fit(request, _chosen(request.regressors), loop, _stated_reference(request.job), progress)
+    remedy = "leave out --job, or name the job that was run"
+    reference = None if request.job is None else _reference(request.job, remedy)
+    fit = _fit(request, _chosen(request.regressors), loop, reference, progress)
     text = to_toml(fit.prefilter, f"axis.{name}.control.prefilter")
     remarks = [
         "Derivatives are central differences of the log's set positions, not filtered."
@@ -349,12 +326,8 @@ def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[Prefilte
 def _fit(
     request: PrefilterRequest, regressors: list[str], loop: Loop | None, reference: Reference | None, progress: Progress
 ) -> PrefilterFit:
-    file, named = OpenedFile(request.log), request.named()
-    read = mapped(file, named, request.channels, _MOTION_ROLES, request.sample_time, progress, request.unit)
-    read.doubt.stop(progress)
-    measured = read.log
-    set_position = chosen(file, measured, named, ("setpoint_position",), "set position", "--set-position")
-    position = chosen(file, measured, named, ("position_load", "position_motor"), "position", "--position")
+    file = OpenedFile(request.log)
+    measured, set_position, position = _tracked(file, request, progress)
     present = None if loop is None else loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
         raise ParameterError(
@@ -363,8 +336,8 @@ def _fit(
         )
     return fit_prefilter_to_log(
         measured.time - measured.time[0],
-        measured[set_position],
-        measured[position],
+        set_position,
+        position,
         measured.sample_time,
         reference=reference,
         regressors=regressors,
@@ -381,17 +354,6 @@ def _controlled_loop(controller: MachineLike | None, axis: str | None) -> tuple[
     machine = read_machine(controller)
     loop = machine.loop(axis)
     return loop, loop.name
-
-
-def _stated_reference(job: JobLike | None) -> Reference | None:
-    if job is None:
-        return None
-    reference = read_job(job).reference
-    if reference is None:
-        raise ParameterError(
-            f"{called(job)}: has no [reference], only a log: leave out --job, or name the job that was run"
-        )
-    return reference
 
 
 def _chosen(regressors: str) -> list[str]:
@@ -437,7 +399,7 @@ def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedRefer
     """
     progress.step("model of the loop")
     loop = read_machine(request.source).loop(request.axis)
-    reference = _reference_or_move(request.job)
+    reference = MOVE if request.job is None else _reference(request.job, "name a job with a reference")
     if request.method == "zero-phase":
         changed = zero_phase(loop, reference)
     else:
@@ -464,15 +426,6 @@ def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedRefer
     return Outcome(changed, [table], remarks, files=files, rotary=loop.axis.rotary)
 
 
-def _reference_or_move(job: JobLike | None) -> Reference:
-    if job is None:
-        return MOVE
-    reference = read_job(job).reference
-    if reference is None:
-        raise ParameterError(f"{called(job)}: has no [reference], only a log: name a job with a reference")
-    return reference
-
-
 def _left(loop: Loop, reference: Reference, wanted: Reference) -> list[float]:
     """Return the maximum and the RMS deviation of the table from the desired path, m."""
     run = simulate(loop, reference, record=["position_load"])
@@ -486,3 +439,28 @@ def _text(changed: ChangedReference) -> str:
     rows = zip(changed.reference.position, changed.wanted.position, strict=True)
     lines = [f"{k * T:.9g},{float(played)!r},{float(wanted)!r}" for k, (played, wanted) in enumerate(rows)]
     return "\n".join(["time_s,set_position_m,wanted_position_m", *lines, ""])
+
+
+def _tracked(
+    file: OpenedFile, request: IterateRequest | PrefilterRequest, progress: Progress
+) -> tuple[Log, np.ndarray, np.ndarray]:
+    """Return the log of a tracked motion with its set position and its position, m.
+
+    The position is that of the load encoder or, without one, of the motor encoder.
+    """
+    named = {role: getattr(request, name) for role, name in _OPTIONS.items() if hasattr(request, name)}
+    roles = (*named, "position_motor")
+    read = mapped(file, named, request.channels, roles, request.sample_time, progress, request.unit)
+    read.doubt.stop(progress)
+    log = read.log
+    set_position = chosen(file, log, named, ("setpoint_position",), "set position", "--set-position")
+    position = chosen(file, log, named, ("position_load", "position_motor"), "position", "--position")
+    return log, log[set_position], log[position]
+
+
+def _reference(job: JobLike, remedy: str) -> Reference:
+    """Return the reference of a job. Raise ParameterError with the remedy for a job that has only a log."""
+    reference = read_job(job).reference
+    if reference is None:
+        raise ParameterError(f"{called(job)}: has no [reference], only a log: {remedy}")
+    return reference

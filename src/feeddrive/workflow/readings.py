@@ -14,6 +14,7 @@ import numpy as np
 
 from feeddrive.files.columns import ROLES, Column, unit_at_the_end, unit_of
 from feeddrive.files.log import Log
+from feeddrive.files.mapping import measures
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.identification.plausibility import RANGES, out_of_range, outside, scaled, sizes, spoken, unlikely
 from feeddrive.identification.regression import SHAFT, TABLE, Frame
@@ -293,15 +294,7 @@ def _group(
         return _Group(role, column.name, column.unit or ROLES[role], "told")
     unit_text = stated(file, column.name, role)
     unit = column.unit or unit_of(unit_text) or ROLES[role]
-    return _Group(role, column.name, unit if _measures(unit, role) else ROLES[role], "stated" if unit_text else "")
-
-
-def _measures(unit: str, role: str) -> bool:
-    try:
-        units.factor(unit, ROLES[role])
-    except ParameterError:
-        return False
-    return True
+    return _Group(role, column.name, unit if measures(unit, role) else ROLES[role], "stated" if unit_text else "")
 
 
 def _hal(file: OpenedFile, column: str) -> bool:

@@ -47,7 +47,7 @@ class RunRequest(EngineRequest):
     log: Path | None = option("A measured log (MAT, CSV, Parquet) in place of the one that the job names", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
     workers: int | None = option(
-        "How many laws are run side by side, in processes of their own; default: one after the other",
+        "number of laws that run side by side, in processes of their own; default: one after the other",
         default=None,
         least=1,
         most=MOST_WORKERS,

@@ -102,12 +102,12 @@ class Goal(Room):
         if name == _PEAK:
             settings: dict[str, Any] = {
                 **self.settings,
-                name: float(f"{max(10.0 ** min(height / 20.0, 300.0), 1.02):.3g}"),
+                name: units.rounded(max(10.0 ** min(height / 20.0, 300.0), 1.02), 3),
             }
         else:
             if not height > 0.0:
                 raise ParameterError("the dynamic stiffness must be > 0")
-            settings = {**self.settings, name: units.scaled(1.0 / float(f"{height:.3g}"), FIELDS[name].factor)}
+            settings = {**self.settings, name: units.scaled(1.0 / units.rounded(height, 3), FIELDS[name].factor)}
         self._take(settings)
 
     @act

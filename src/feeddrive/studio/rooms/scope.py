@@ -18,6 +18,7 @@ from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, signal_unit
 from feeddrive.language.text import Text
+from feeddrive.language.units import rounded
 from feeddrive.plot.chart import Chart
 from feeddrive.plot.scope import Channel, Ranges, scope_chart
 from feeddrive.plot.style import written
@@ -315,7 +316,7 @@ class Scope(Room):
             return None
         values = shown.values[:, [*shown.channels].index(channel)]
         values = values[np.isfinite(values)]
-        return float(f"{0.5 * (np.min(values) + np.max(values)):.4g}") if values.size else None
+        return rounded(0.5 * float(np.min(values) + np.max(values)), 4) if values.size else None
 
     def _shown(self) -> Shown | None:
         if self.held is not None:

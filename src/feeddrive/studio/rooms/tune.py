@@ -15,7 +15,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.quantity import CHOICES, DRAWN, Quantity, Units
 from feeddrive.language.text import joined, resolve
 from feeddrive.language.tree import check_sampled
-from feeddrive.language.units import turning
+from feeddrive.language.units import rounded, turning
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act
@@ -280,7 +280,7 @@ class Tune(Room):
         control, values, crossover = self._from
         low, high = speed_range(control, self._sample_time)
         scaled = quickened(control, min(max(wanted / crossover, low), high))
-        changed = {name: float(f"{value:.7g}") for name, value in scaled.items()}
+        changed = {name: rounded(value, 7) for name, value in scaled.items()}
         self.desk.change({**values, **changed}, begins=first)
         return self._pictures()
 
