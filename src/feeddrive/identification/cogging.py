@@ -9,7 +9,7 @@ import numpy as np
 
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
-from feeddrive.identification.regression import Estimate, ols_covariance, strays, strays_said
+from feeddrive.identification.regression import Estimate, ols_covariance, stray_remarks, strays
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
@@ -326,7 +326,7 @@ class CoggingRun:
         if direction not in (-1, 1):
             raise ParameterError(f"direction = {direction} must be 1 or -1")
         far = strays(force)
-        remarks = (*self.remarks, *strays_said("a cogging run, force", force, far, ""))
+        remarks = (*self.remarks, *stray_remarks("a cogging run, force", force, far, ""))
         turns, force = turns[~far], force[~far]
         for name, value in (("turns", turns), ("force", force), ("direction", direction), ("remarks", remarks)):
             object.__setattr__(self, name, value)
@@ -349,7 +349,7 @@ def cogging_passes(
         bad = int(np.argmin(np.isfinite(turns) & np.isfinite(force)))
         raise LogError(f"a log of cogging is not finite at row {bad + 1}; cut it there")
     far = strays(force)
-    remarks = strays_said(f"{name}, force", force, far, "")
+    remarks = stray_remarks(f"{name}, force", force, far, "")
     x, force = np.unwrap(turns, period=1.0)[~far], force[~far]
     runs: list[CoggingRun] = []
     longest = 0.0

@@ -33,8 +33,8 @@ from feeddrive.identification.regression import (
     require_table,
     robust_covariance,
     steady_curve,
+    stray_remarks,
     strays,
-    strays_said,
 )
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
@@ -329,8 +329,8 @@ def steady_runs(
             raise LogError(f"log {place + 1}: velocity or force is not finite at a row; repair or cut it")
         bad_speed, bad_force = strays(v), strays(f)
         where = names[place] if names else f"log {place + 1}"
-        remarks += strays_said(f"{where}, velocity", v, bad_speed, frame.velocity)
-        remarks += strays_said(f"{where}, force", f, bad_force, frame.force)
+        remarks += stray_remarks(f"{where}, velocity", v, bad_speed, frame.velocity)
+        remarks += stray_remarks(f"{where}, force", f, bad_force, frame.force)
         good = ~(bad_speed | bad_force)
         v, f = v[good], f[good]
         for begin, end in _stretches(v, 0, v.size, least_rows):

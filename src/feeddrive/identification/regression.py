@@ -191,7 +191,7 @@ def short_runs(flags: np.ndarray, most: int) -> np.ndarray:
     return kept
 
 
-def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) -> tuple[str, ...]:
+def stray_remarks(where: str, values: np.ndarray, stray: np.ndarray, unit: str) -> tuple[str, ...]:
     """Return a remark on omitted outliers: their number, and row and size of the worst."""
     rows = np.flatnonzero(stray)
     if not rows.size:

@@ -140,7 +140,7 @@ def of_injected(loop: Loop, measured: Mapping[str, np.ndarray], replayed: Replay
     return remarks
 
 
-def load_said(job: Job, log: Log | None) -> str:
+def load_text(job: Job, log: Log | None) -> str:
     """Describe the load on the table, or the force injected at the drive."""
     parts: list[str] = [] if job.load is None else [block_sentence(job.load)]
     for role in ("load_force", "excitation"):

@@ -32,7 +32,7 @@ from feeddrive.jobs.along_program import (
     listening,
     out_of_the_work,
 )
-from feeddrive.jobs.measured import load_said, measured_signals, of_channels, of_injected, placed, without_answer
+from feeddrive.jobs.measured import load_text, measured_signals, of_channels, of_injected, placed, without_answer
 from feeddrive.language.errors import FeeddriveError, NoSlopeError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -118,7 +118,7 @@ class JobResult(Result):
             "Source of its numbers": job.machine.source or "not stated",
             "Sample time": Text(f"{Quantity(loop.sample_time, 's'):6}, {loop.axis.substeps} substep(s) of exact hold"),
             "Work": _work(job, self.log),
-            "Load": load_said(job, self.log),
+            "Load": load_text(job, self.log),
             **_couplings(job),
             "Noise": f"seed {job.seed}",
             "Linear model": Text(f"sliding at {Quantity(self.velocity, 'm/s')}"),

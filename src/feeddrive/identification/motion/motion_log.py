@@ -12,7 +12,7 @@ from feeddrive.analysis.replay import estimate_start
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.identification.regression import TABLE, TURNING, Frame, frame_of, short_runs, strays_said
+from feeddrive.identification.regression import TABLE, TURNING, Frame, frame_of, short_runs, stray_remarks
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
@@ -193,7 +193,7 @@ class MotionLog:
         rows, there = np.flatnonzero(~spikes), np.flatnonzero(spikes)
         force = self.force.copy()
         force[there] = np.interp(there, rows, self.force[rows])
-        return replace(self, force=force), strays_said(f"{self.name}, force", self.force, spikes, self.frame.force)
+        return replace(self, force=force), stray_remarks(f"{self.name}, force", self.force, spikes, self.frame.force)
 
 
 def checked(log: MotionLog) -> MotionLog:
