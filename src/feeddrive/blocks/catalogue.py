@@ -73,6 +73,7 @@ def _installed() -> Iterator[tuple[str, type[Block]]]:
     """Yield the blocks of installed packages, each with its origin."""
     from importlib.metadata import entry_points  # imported only when blocks are searched
 
+    # sorted: which of two blocks of one kind is refused must not depend on the order of installation
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
         package = point.dist.name if point.dist is not None else point.name
         for block in _held(f"the installed package '{package}' (mend or uninstall it)", point.value):
@@ -92,6 +93,7 @@ def _held(origin: str, place: str) -> list[type[Block]]:
         blocks = [getattr(module, name)] if name else _own_blocks(module)
     except FeeddriveError as error:
         raise type(error)(f"{origin}: {error}") from None
+    # the import runs foreign code, which may raise anything: the message must name its source
     except Exception as error:
         line = error.lineno if isinstance(error, SyntaxError) else _line_in(error)
         at = f", line {line}" if line else ""
@@ -129,6 +131,7 @@ def module_at(place: str) -> tuple[ModuleType, str]:
         raise ParameterError(f"there is no file {head}")
     _search(file.parent)
     module = importlib.import_module(file.stem)
+    # a file called like an installed module is not found: the search path has it last
     if Path(module.__file__ or "").resolve() != file:
         raise ParameterError(f"Python already has a module '{file.stem}', {module.__file__}: give {file} another name")
     return module, name
@@ -141,6 +144,7 @@ def fault_of_own(error: Exception) -> FeeddriveError | None:
     """
     trace, line = error.__traceback__, ""
     while trace is not None:
+        # no break: the innermost frame of the user's code is the line to correct
         if _holds_own(trace.tb_frame.f_globals):
             line = f"{os.path.basename(trace.tb_frame.f_code.co_filename)}, line {trace.tb_lineno}"
         trace = trace.tb_next
@@ -156,6 +160,7 @@ def _holds_own(module: Mapping[str, Any]) -> bool:
 
 
 def _search(folder: Path) -> None:
+    # appended, not inserted: a user's file must not hide a module of Python or of a package
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
 
@@ -181,6 +186,7 @@ def with_blocks(places: Sequence[str]) -> Generator[None]:
     before = os.environ.get(OWN)
     resolved = [str(Path(place).resolve()) if place.endswith(".py") else place for place in places]
     if resolved:
+        # in the environment, which child processes inherit
         os.environ[OWN] = ",".join([*filter(None, [before]), *resolved])
     try:
         if resolved:

@@ -120,16 +120,20 @@ def _remedy(plant: NominalPlant, place: float) -> str:
             f"lower the gains, or fit the plant better around {Quantity(place, 'Hz')}, where the model misses the "
             f"lines{better}"
         )
+    # a motion that halves within a sample is no resonance
     modes = np.array([p for p in plant.model.poles() if abs(p) > 0.5 and np.imag(p) > 0.0])
     if modes.size:
         near = np.angle(modes) / (2.0 * np.pi * T)
         nearest = float(near[np.argmin(np.abs(np.log(near / place)))])
+        # a notch helps only where the mode itself is what the disc does not allow
         if 0.9 < nearest / place < 1.1:
             return Text(f"put a notch at {Quantity(nearest, 'Hz')}, lower the gains, or state a smaller disc")
     return "lower the gains, or state a smaller disc"
 
 
 PlantLike = Loop | Axis | FRF | Sequence[Loop | Axis | FRF]
+# default radii: of a model, the least around measured lines, and beyond the last line, where a plant with r = 1 may be
+# anything from nothing to twice the model
 _MODEL, _LEAST, _BEYOND = 0.2, 0.05, 1.0
 _MOST = 1e6  # largest reserve that is stated
 _ROUNDS = 4

@@ -54,6 +54,7 @@ Polynomials = tuple[Poly, Numerators]
 
 FORMAT, VERSION, MOST_BYTES = "feeddrive certificate", 1, 64_000_000
 OTHER = "it is no certificate; give the certificate.json that `feeddrive certify` wrote"
+# less than 1: at the reserve itself both sides are equal somewhere, which no bisection ends at
 KEPT = Fraction(999, 1000)  # fraction of a claimed reserve that must be proven
 NODES, DEPTH = 20_000, 160  # intervals of u before the check gives up
 BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
@@ -621,6 +622,7 @@ def checked(path: str) -> tuple[list[str], bool]:
     proven = False
     try:
         with open(path, "rb") as file:
+            # one byte more than allowed shows that a file is too large, without reading all of it
             document = parse(file.read(MOST_BYTES + 1))
         sentences = [*verified(document), f"outside: {'; '.join(document['outside'])}"]
         sentences.append(f"PROVEN: plants: {len(sentences) - 1}, coefficients: {document['arithmetic']}")
@@ -629,9 +631,11 @@ def checked(path: str) -> tuple[list[str], bool]:
         sentences = [f"REFUSED: {path} cannot be read: {error.strerror}"]
     except RefusedError as error:
         sentences = [f"REFUSED: {path}: {error}"]
+    # whatever a damaged file holds is a refusal, not a crash
     except BROKEN as error:
         sentences = [f"REFUSED: {path}: it is not built as a certificate is: {type(error).__name__} {error}"]
     shown = (" ".join(line.split()) for line in sentences)
+    # names in the file are foreign text, which must not control a terminal
     return ["".join(c if c.isprintable() and c.isascii() else "?" for c in line) for line in shown], proven
 
 

@@ -267,6 +267,7 @@ def _up(radius: float) -> float:
     if radius == 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(radius)) - 3)
+    # a radius that has four digits stays as it is, although its quotient may be rounded up
     return math.ceil(radius / unit - 1e-7) * unit
 
 

@@ -81,6 +81,7 @@ class Declaration:
 
     def conditions(self, value: Any) -> Iterator[Any]:
         """Yield the conditions on a number or symbol: finite, unless declared otherwise, and within bounds."""
+        # a NaN fails any comparison: no test for it is needed, on a target either
         yield value >= (-math.inf if self.infinite else -LARGEST)
         yield value <= (math.inf if self.infinite else LARGEST)
         if self.above is not None:
@@ -393,6 +394,7 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
     def construct(self: Any, *args: Any, **values: Any) -> None:
         try:
             make(self, *args, **values)
+        # Python's message counts positions of `__init__`; a user knows the names of parameters
         except TypeError:
             known = declarations(cls)
             wrong = [name for name in values if name not in known]
@@ -428,6 +430,7 @@ def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
                 broken = np.flatnonzero(~rule.holds)
                 if broken.size:
                     variant = int(broken[0])
+                    # the rules once more for this variant alone: a refusal shows single numbers
                     refusal = next(islice(rules(_plain(block, variant)), place, None)).refusal()
                     raise ParameterError(
                         f"variant {variant} of 0 .. {rule.holds.size - 1}, {broken.size} of which break this rule: "
@@ -516,6 +519,7 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
     if declaration.bounds():
         for i, number in enumerate(row.tolist()):
             check_bounds(f"{where}[{i}]", declaration, number)
+    # a block is a value: numpy would let a caller change its row
     row.flags.writeable = False
     return row
 

@@ -12,6 +12,7 @@ from feeddrive.language.text import Text, capitalized, keeps_marks, marked, mark
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return `; did you mean a or b?`, or `; there are: ...` (at most 20 names) if no name is similar."""
     known = list(allowed)
+    # a name in the other case has no letter in common for get_close_matches
     near = get_close_matches(name, known, 3) or [candidate for candidate in known if candidate.lower() == name.lower()]
     if near:
         return f"; did you mean {' or '.join(near)}?"

@@ -309,6 +309,7 @@ def _called() -> str:
     frame = _frame()
     if frame is None:
         return ""
+    # f_lasti counts bytes; an instruction has two
     first, last, begin, end = list(frame.f_code.co_positions())[frame.f_lasti // 2]
     if first is None or first != last:
         return ""

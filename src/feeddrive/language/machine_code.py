@@ -93,6 +93,7 @@ def linked_code(
         code = _stored(key)
         if stored and code is None:
             return None
+        # under the lock: LLVM has one table of external symbols for the whole process
         for name, address in symbols.items():
             binding.add_symbol(name, address)
         compiled = _made(key, code, source, names, effort, passes)

@@ -41,6 +41,7 @@ HALF_PI = tuple(
 )
 
 # Beyond these arguments eˣ is taken as infinite (2¹⁰²³·⁵) and as 0 (2⁻¹⁰²¹).
+# 1e-9 less: k = floor(x/ln 2 + ½) must not become 1024, for which there is no 2ᵏ
 EXP_MOST = 1023.5 * math.log(2.0) - 1e-9
 EXP_LEAST = -1021.0 * math.log(2.0)
 
@@ -82,6 +83,7 @@ def exp(x: Any) -> Any:
 
 def expm1(x: Any) -> Any:
     """eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
+    # e⁻⁴⁰ is below half a last digit of 1: the result is -1
     held = clip(x, -40.0, EXP_MOST)
     k, p = _reduced_exp(held)
     scale = power_of_two(k)
@@ -91,6 +93,7 @@ def expm1(x: Any) -> Any:
 
 def tanh(x: Any) -> Any:
     """m / (m + 2) with m = e²ˣ - 1, for |x|; then the sign of x."""
+    # tanh 20 rounds to 1
     m = expm1(2.0 * minimum(absolute(x), 20.0))
     size = m / (m + 2.0)
     return where(x < 0.0, -size, size)
@@ -176,6 +179,7 @@ def atan(x: Any) -> Any:
     """By |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8:  z - z³/3 + z⁵/5 - ..."""
     size = absolute(x)
     inverted = size > 1.0
+    # the other branch of a choice is computed, too: it must not divide by 0
     y = where(inverted, 1.0 / maximum(size, 1e-300), size)
     turned = y > TAN_PI_8
     z = where(turned, (y - 1.0) / (y + 1.0), y)

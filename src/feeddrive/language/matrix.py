@@ -196,6 +196,7 @@ def decays(a: Sequence[Sequence[Any]]) -> Any:
         for _ in range(SQUARINGS):
             sizes = np.abs(power)
             norm = sizes[:, 0]
+            # in a fixed order, unlike numpy's sums and products: the same verdict on every processor and on a target
             for k in columns[1:]:
                 norm = norm + sizes[:, k]
             below = np.all(norm < 1.0, axis=0)

@@ -45,6 +45,7 @@ class Names:
         self._before: Any = None
 
     def __enter__(self) -> Names:
+        # a debugger or the measurement of coverage goes on afterwards
         self._before = sys.gettrace()
         sys.settrace(self._called)
         return self

@@ -179,6 +179,7 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
     with np.errstate(over="ignore"):
         bits = np.uint64(0)
         for number, stride in zip((seed, sample, channel), STRIDES, strict=True):
+            # + 1: the mixing maps 0 to 0, and seed, sample and channel all start at 0
             bits = bits + np.asarray(number).astype(np.uint64) + np.uint64(1)
             bits = bits * np.uint64(stride)
             bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(MIX[0])

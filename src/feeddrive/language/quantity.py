@@ -70,6 +70,7 @@ def number(value: float | None, digits: int = _DIGITS) -> str:
 
 def _places(value: float, digits: int) -> int:
     """Return the number of digits before the decimal point of a rounded number: 1 for 9.4, 0 for 0.94."""
+    # by the formatted number, which is rounded: 9.96 to two digits has two places before the point
     return int(f"{value:.{digits - 1}e}".partition("e")[2]) + 1
 
 

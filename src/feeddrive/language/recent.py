@@ -31,6 +31,7 @@ class Recent(Generic[Value]):
             if key in self._held:
                 self._held.move_to_end(key)
                 return self._held[key]
+        # not under the lock: what takes long to make must not keep other keys waiting
         value = make()
         with self._lock:
             kept = self._held.setdefault(key, value)

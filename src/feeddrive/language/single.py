@@ -88,6 +88,7 @@ def exp(x: Any) -> Any:
 
 def expm1(x: Any) -> Any:
     """eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
+    # e⁻²⁰ is below half a last digit of 1: the result is -1
     k, p = _reduced_exp(clip(x, -20.0, EXP_MOST))
     scale = power_of_two(k)
     result = scale * p + (scale - 1.0)
@@ -96,6 +97,7 @@ def expm1(x: Any) -> Any:
 
 def tanh(x: Any) -> Any:
     """m / (m + 2) with m = e²ˣ - 1, for |x|; then the sign of x."""
+    # tanh 10 rounds to 1
     m = expm1(2.0 * minimum(absolute(x), 10.0))
     size = m / (m + 2.0)
     return where(x < 0.0, -size, size)

@@ -104,6 +104,7 @@ def measure(unit: str) -> tuple[float, Dimension]:
     return size, dimension
 
 
+# the parser is recursive, and a unit may come from any file
 _DEEPEST = 8  # nesting depth of parentheses
 
 

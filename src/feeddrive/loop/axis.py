@@ -98,6 +98,7 @@ class Axis(Block):
                 f"{Quantity(least):6} to {Quantity(most):6} at a sample time of {Quantity(T, 's'):6 SI}: run them as "
                 "separate batches"
             )
+        # each whole sample is one more number of the state, in every trace and export
         if most > 1000:
             raise StructureError(
                 f"axis.actuator.dead_time is {Quantity(most):6} samples of {Quantity(T, 's'):6 SI}; the longest that "
@@ -224,6 +225,7 @@ def slow_enough(
                 f"{Quantity(MOST_DECAY / (2.0 * math.pi * h), 'Hz'):6}"
             ),
         )
+    # ω² are the eigenvalues of M⁻¹ K: a scaled spectral radius below 1 can be tested in a trace, too
     squares = matrix.solve(mechanics.mass, mechanics.stiffness)
     turn = h / MOST_TURN
     yield Rule(

@@ -175,6 +175,7 @@ class Work:
         """
         names = tuple(name for name, _ in code.plan.inputs)
         begin = SETPOINT.index(names[0]) if self._single and names and names[0] in SETPOINT else 0
+        # setpoints alone, in their order: a view of the sampled rows, no copy
         if self._single and names == SETPOINT[begin : begin + len(names)]:
             stretch = self.sample(first, count)
             (path,) = self._paths.values()
@@ -200,6 +201,7 @@ def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int
     times: Any = (near[:, None] + (-1.0, 0.0, 1.0)) * T
     held = Stretch(Way(*columns[:way]), Piece(*columns[way:piece])).holds(times)
     begins = np.clip(near + 2.0 - np.sum(held, axis=1) - first, 0.0, count).astype(np.int64)
+    # the first stretch holds before its begin, too
     begins[0] = 0
     constants, outputs = rows.ctypes.data, out.ctypes.data
     for place, (low, high) in enumerate(pairwise([*begins.tolist(), count])):
@@ -229,6 +231,7 @@ def _sampler() -> Native:
         sample=sample.index,
         tables={},
     )
+    # numpy keeps subnormal numbers, and both samplers must give the same bits
     return native(plan(program), flush=False)
 
 
@@ -327,6 +330,7 @@ def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str
             seen.code = NativeBeginning(system, timing, row)
         trees = seen.code.run(row)
         if trees is None:
+            # these numbers need more iterations than those of the trace: one without a limit serves all that follow
             seen.code = NativeBeginning(system, timing, None)
             trees = cast(tuple[dict[str, Any], dict[str, Any]], seen.code.run(row))
         return Beginning(timing, *trees, {}, shape, lambda: by_python().trees)
@@ -440,6 +444,7 @@ class NativeBeginning:
 
         def counted(symbol: Symbol) -> float:
             assert row is not None
+            # a loop of fixed count ends in the trace where it ends for these numbers
             (count,) = evaluate(symbol.graph, [symbol.index], dict(zip(names, row, strict=True)))
             return counts.setdefault(symbol.index, float(count))
 
@@ -455,6 +460,7 @@ class NativeBeginning:
             sample=None,
             tables={},
         )
+        # quick: what runs once a start never earns back the time of optimizing it
         self._native: Native = native(plan(program), flush=False, quick=True)
 
     def run(self, row: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]] | None:

@@ -275,6 +275,7 @@ class Control(Block):
             added = force if i == 0 else added + force
         target = setpoint if self.feedback_delay is None else setpoint.shifted(-self.feedback_delay)
         if velocity is not None:
+            # a law has no input for a velocity: a shift of the set position passes its position gain
             target = target._replace(position=target.position + velocity / self.law.position_gain())
         law, feedback = _answered(self.law, memory.law, self.law.step(prepared.law, memory.law, target, reading, T))
         filters: list[Any] = []
@@ -287,6 +288,7 @@ class Control(Block):
             held, force = block.step(held, setpoint, T)
             fed.append(held)
             forward = force if i == 0 else forward + force
+        # an absent part adds no operation, not even x + 0
         requested = feedback + forward if self.feedforward else feedback
         requested = requested + added if self.compensation else requested
         applied = requested

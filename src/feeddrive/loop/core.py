@@ -298,6 +298,7 @@ def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag:
         moved = change[lag][lag] * state.drive[0] + columns.new[index][lag] * at.new
         if at.old is not None:
             moved = moved + columns.old[index][lag] * at.old
+        # mean of both ends: of second order in the substep, as the forces that it is for
         return state.drive[0] + 0.5 * moved
     return at.new if at.old is None else at.old + columns.share[index] * (at.new - at.old)
 

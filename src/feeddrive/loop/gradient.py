@@ -110,6 +110,7 @@ class LinearModel(NamedTuple):
         ones = np.broadcast_to(np.eye(p), (at.size, p, p)), np.broadcast_to(np.eye(m), (at.size, m, m))
         left, right = np.concatenate([w, ones[0]], axis=2), np.concatenate([x, ones[1]], axis=1)
         rows, columns = self.places.T
+        # most entries depend on no leaf that varies: only the others are multiplied
         moving = np.any(self.slopes != 0.0, axis=1)
         pairs = left[:, :, None, rows[moving]] * right[:, columns[moving], :].transpose(0, 2, 1)[:, None]
         slopes = self.slopes[moving]
@@ -233,6 +234,7 @@ def rule(name: str, values: Sequence[Any], result: Any, tangents: Sequence[Any])
             a = zero if tangents[1] is None else tangents[1]
             b = zero if tangents[2] is None else tangents[2]
             return ops.where(values[0], a, b)
+        # a slope of 0 would open the loop at its encoder
         case "quantise":
             return tangents[0]
         case "get":  # the tangent of a ring is a ring
@@ -360,6 +362,7 @@ def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -
     """Return the rounding error of each number below some nodes, to first order; for readings it is the encoder
     count.
     """
+    # 4 ε: above the rounding of one operation, ε/2, and of the elementary functions
     unit, errors = 2.0**-50, dict[int, float]()
     for index in reachable(graph, outputs):
         node, own = graph.nodes[index], values[index]

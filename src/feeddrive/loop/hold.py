@@ -37,6 +37,7 @@ def samples_of(dead_time: Number, T: Number) -> Number:
     """Return a dead time in samples, rounded if it differs from a whole number by rounding errors only."""
     samples = dead_time / T
     near = ops.floor(samples + 0.5)
+    # a quotient of two decimal numbers misses a whole one by some 1e-16 of it; a delay of 1e-9 samples changes nothing
     return ops.where(ops.absolute(samples - near) < 1e-9 * (1.0 + near), near, samples)
 
 
@@ -207,6 +208,7 @@ def _joined(mechanics: Mechanics, ports: Sequence[Port]) -> Matrix:
 
 
 def _times(a: Any, b: Any) -> Any:
+    # a literal zero stays one: no operation in a trace
     return 0.0 if matrix.is_zero(b) else a * b
 
 

@@ -176,6 +176,7 @@ def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: 
             f"the loop repeats itself every {N} samples: loop gain and margins are computed for at most {MOST}; "
             f"set position_every <= {MOST}, or take a longer sample time"
         )
+    # N × N matrices at all frequencies at once would fill the memory
     blocks = np.array_split(frequency, max(1, -(-frequency.size * N * N // _BLOCK)))
     parts = [images_closed(-model.harmonics(block, output, input)) for block in blocks if block.size]
     gain, rest = (np.concatenate([part[i] for part in parts]) for i in range(2))

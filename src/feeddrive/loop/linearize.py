@@ -187,6 +187,7 @@ class StateSpace(Result):
 
 def check_below_nyquist(frequency: np.ndarray, sample_time: float) -> None:
     """Raise ParameterError for a frequency in Hz above half the sample rate."""
+    # 1e-9: grids end at Nyquist, and its rounding is not an error
     if frequency.size and frequency.max() > 0.5 / sample_time * (1 + 1e-9):
         raise ParameterError(
             f"frequency {Quantity(frequency.max(), 'Hz'):6} is beyond Nyquist, {Quantity(0.5 / sample_time, 'Hz'):6}: "
@@ -402,6 +403,7 @@ def _settled(loop: System, prepared: Prepared, at: Mapping[str, tuple[float, flo
     program = prepared.program(load=False, enable=False)
     compiled = prepared.native(program, record=())
     rows = np.zeros((count, len(compiled.plan.inputs)))
+    # the motion ends at the operating point at t = 0
     k = np.arange(count) - count
     ports = dict(zip(loop.ports(), at.values(), strict=True))
     for column, (name, _) in enumerate(compiled.plan.inputs):

@@ -460,6 +460,7 @@ def each_controlled(coupling: Coupling) -> tuple[str, ...]:
 
 def noise_of(noise: Noise, place: int) -> Noise:
     """Return the noise of the axis with this index."""
+    # the first axis has the noise of its loop alone
     return noise if place == 0 else Noise(noise.seed + place * _SEEDS, noise.sample)
 
 

@@ -255,6 +255,7 @@ def cores() -> int:
     """Return the number of processors that this process may use."""
     import os
 
+    # a container or an affinity mask may leave fewer cores than the computer has
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -300,6 +301,7 @@ class Groups:
             begun = time.perf_counter()
             self._run(0, 0, inputs[:_TRIAL], states)
             spans.append(time.perf_counter() - begun)
+        # the least: other work on the computer only adds time
         return min(spans) / self.lanes
 
 
@@ -319,6 +321,7 @@ def grouped(
     if lanes is not None or variants == 1:
         return Groups(prepared, native(lanes or 1), variants)
     work = variants * samples
+    # vectors of which more than half is used
     fitting = [width for width in WIDTHS if width < 2 * variants] or [WIDTHS[0]]
     if work < WIDE:
         return Groups(prepared, native(fitting[0]), variants)

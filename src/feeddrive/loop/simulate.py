@@ -63,6 +63,7 @@ def _sample(key: int | float, T: float, count: int) -> int:
     if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
         sample = int(key)
     elif isinstance(key, (float, np.floating)) and math.isfinite(key):
+        # a time on a sample, up to rounding, is that sample and not the next one
         sample = math.ceil(float(key) / T * (1.0 - 1e-12) - 1e-9)
     else:
         raise ParameterError(f"changes: {key!r} must be a sample (whole number) or a time in s (float)")
@@ -423,6 +424,7 @@ def simulate_batch(
             for size in groups.advance(pool, first, inputs):
                 done += size
                 if progress is not None:
+                    # each variant is advanced once a stretch
                     progress.step("variants", done // len(stretches), groups.variants)
     named = groups.ends()
     return Batch(

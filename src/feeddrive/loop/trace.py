@@ -172,6 +172,7 @@ def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any])
             node = graph.nodes[index]
             match node[0]:
                 case "const":
+                    # numpy numbers divide by 0 as IEEE 754 says; a Python float raises
                     results[index] = np.float64(float.fromhex(node[1]))
                 case "truth":
                     results[index] = node[1]

@@ -24,5 +24,6 @@ class Actuator(Block):
 
     def delay(self) -> Number:
         """Return the delay in s behind a slowly changing command: dead time plus the lag 1/(2π current_loop)."""
+        # for slow commands the phase of 1/(1 + τ s) is that of a dead time τ
         lag = 0.0 if self.current_loop is None else 1.0 / (2.0 * ops.pi * self.current_loop)
         return self.dead_time + lag

@@ -41,4 +41,5 @@ class Screw(Motor):
         """Return the speed of the table at the motor's rated speed, m/s."""
         if self.rated_speed is None:
             return None
+        # π/30: data sheets state rpm
         return self.rated_speed * (ops.pi / 30.0) / (self.gear * radians_per_metre(self.lead))

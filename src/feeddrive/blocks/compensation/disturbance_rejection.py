@@ -20,7 +20,7 @@ _LEAST = 1e-30  # least share, so that there is no division by 0
 
 
 class DisturbanceRejection(Compensation):
-    """Subtracts the disturbance estimated by an observer from the force, after the filters of the law.
+    """Subtraction of an observer's disturbance estimate from the force, behind the filters of the law.
 
         force = -share · F̂d(k),    share rises from 0 over blend_time after the start, along a straight line
 
@@ -55,6 +55,7 @@ class DisturbanceRejection(Compensation):
         forms = [Beside(cls.title, cls(observer=inverse)), Beside("DOB", cls(observer=twice))]
         if noise > 0.0:
             slow = 1.2 * axis.rate * axis.sample_time
+            # the walk per sample for which the steady filter has the bandwidth `slow`, see KalmanRecovery
             walk = slow * slow * slow * axis.mass * noise / (axis.sample_time * axis.sample_time)
             filtered = begun(KalmanRecovery, axis, resolution=_COUNT * noise, force_step=walk, encoder=encoder)
             forms.append(Beside("Kalman recovery", cls(observer=filtered)))

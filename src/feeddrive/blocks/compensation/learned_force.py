@@ -11,7 +11,7 @@ from feeddrive.language.block import Number, table
 
 
 class LearnedForce(Compensation):
-    """A table of forces, one a sample, counted from the sample in which the loop was enabled.
+    """A table of forces, one per sample, counted from the sample in which the loop was enabled.
 
         force(k) = row k of the table, afterwards its last row, which should be 0
 

@@ -108,6 +108,7 @@ class ModeCompensation(Compensation):
     def _predictable(self, i: int, lead: Number) -> Rule:
         """Return the rule that `matrix.expm1` can compute the motion of a mode over the lead."""
         mode = self.modes[i]
+        # 2 (1 + ζ) ω lead is the largest row sum of the matrix in `_hold`
         most = matrix.LARGEST_NORM / (2.0 * (1.0 + mode.damping_ratio) * mode.omega())
         whose = "lead_time, the lag of its observer," if self.lead_time is None else "lead_time"
         return Rule(
@@ -128,6 +129,7 @@ class ModeCompensation(Compensation):
         for mode in self.modes:
             w = mode.omega()
             samples.append(_hold(mode, T))
+            # the base is driven by the force that has acted, which is not late
             leads.append(() if mode.place == "base" or matrix.is_zero(lead) else _hold(mode, lead))
             modes.append((1.0 / mode.modal_mass(), 2.0 * mode.damping_ratio * w, w * w))
         return self.Prepared(made, tuple(samples), tuple(leads), tuple(modes))
@@ -179,6 +181,7 @@ def _hold(mode: MachineMode, span: Number) -> Matrix:
     """Return the two rows (Φ - 1, Γ) of x'' + 2ζω x' + ω² x = F/m over `span` in s, using velocities scaled by 1/ω."""
     w = mode.omega()
     turn = w * span
+    # all entries are of the order of ω span; in SI the ω² of a fast mode would dominate the norm
     change = matrix.expm1(((0.0, turn, 0.0), (-turn, -2.0 * mode.damping_ratio * turn, turn), (0.0, 0.0, 0.0)))
     give = 1.0 / (mode.modal_mass() * w * w)
     (a, b, c), (d, e, f) = change[0], change[1]

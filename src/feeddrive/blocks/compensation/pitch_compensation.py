@@ -12,7 +12,7 @@ from feeddrive.language.errors import ParameterError
 
 
 class PitchCompensation(Compensation):
-    """Pitch errors and backlash, taken out of the set position by two tables: one for each direction of motion.
+    """Compensation of pitch errors and backlash by two tables, one for each direction of motion.
 
         side(k)  = side(k-1) + 2 T v_set / reversal_distance, held to -1 .. 1
         shift    = (forward + backward)/2 + side (forward - backward)/2,   both at x_set
@@ -64,6 +64,7 @@ class PitchCompensation(Compensation):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
+        # 2: the direction changes from -1 to 1 over the reversal distance
         side = ops.clip(state.side + 2.0 * T * setpoint.velocity / self.reversal_distance, -1.0, 1.0)
         # looked up again, not stored: after a live change of the table's position the old shift would cause a jump
         before, shift = self._shift(state.side, state.position), self._shift(side, setpoint.position)

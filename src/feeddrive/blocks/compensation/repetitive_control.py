@@ -82,6 +82,7 @@ class RepetitiveControl(Compensation):
         zero = ops.zero(setpoint.position)
         kept = self.period_samples - self.lead_samples - self.passes
         wait = zero + (2.0 * float(self.period_samples) if self.waits else 0.0)
+        # one shift at least: the velocity of the setpoint needs the last one
         shifts = (zero,) * max(1, self.lead_samples)
         return self.State(shifts, (zero,) * (2 * self.passes + 1), History.start(kept, zero), wait)
 
@@ -116,6 +117,7 @@ def taps(weight: Number, count: int) -> tuple[Number, ...]:
     for _ in range(count):
         wide = [*weights, 0.0, 0.0]
         weights = [
+            # the kernel is symmetric: the left neighbor of its center equals the right one
             middle * wide[i] + weight * ((wide[1] if i == 0 else wide[i - 1]) + wide[i + 1])
             for i in range(len(weights) + 1)
         ]

@@ -20,7 +20,7 @@ _SURE = 1.0 - 1e-9  # largest growth of a proposed remedy: beyond it rounding de
 
 
 class ActiveDisturbanceRejection(Law):
-    """The axis is modeled as a mass with a disturbance, q'' = u + ξ; u cancels ξ and places two poles.
+    """A PD law for a mass with a disturbance, q'' = u + ξ: u cancels ξ and places two poles.
 
         u     = a_set - α1 (v̂ - v_set) - α0 (x - x_set) - share · disturbance / mass
         force = mass · u,        α1 = 2 zeta_c omega_c,  α0 = omega_c²
@@ -72,7 +72,7 @@ class ActiveDisturbanceRejection(Law):
         return tuple(starts)
 
     class State(NamedTuple):
-        """Of the observer."""
+        """The state of the observer."""
 
         observer: Any
 
@@ -160,6 +160,7 @@ class ActiveDisturbanceRejection(Law):
         still = after(first)
         rows: list[list[Any]] = []
         for i in range(len(first)):
+            # the sample is affine in its state, so that a step of 1 gives the column without a truncation error
             moved = after([value + 1.0 if i == j else value for j, value in enumerate(first)])
             rows.append([a if matrix.is_zero(b) else a - b for a, b in zip(moved, still, strict=True)])
         return rows
@@ -167,5 +168,6 @@ class ActiveDisturbanceRejection(Law):
 
 def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
     """Return the largest admissible value below a rejected one, by small, then large steps; None if none."""
+    # 0.7²⁰ covers three decades closely; a value that is wrong by its unit lies further off
     steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
     return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

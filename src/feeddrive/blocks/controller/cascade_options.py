@@ -72,5 +72,6 @@ def expected_velocity(
     if not state or mass is None:
         return (), wanted
     before = state[0]
+    # the velocity loop reads mean velocities of a sample: under held forces they change by the mean of two forces
     velocity = before.velocity + (0.5 * T / mass) * (before.forces[-2] + before.forces[-1])
     return (ReferenceModel(velocity, (Kp * (wanted - velocity), *before.forces[:-1])),), velocity

@@ -130,6 +130,7 @@ class CascadePPI(Law):
         position = self._position(reading)
         zero = ops.zero(position)
         passed = prepared.T * reading.velocity
+        # a past at constant velocity: enabled in motion, the first difference is the true velocity
         positions = (position, *(position - float(i) * passed for i in range(1, self.velocity_samples)))
         model = () if self.model_mass is None else (reference_model(self.model_samples, reading.velocity, zero),)
         return self.State(positions, reading.applied, interpolator(self.position_every, zero), model)

@@ -18,7 +18,7 @@ _HORIZON = 7.5  # horizon per sample from a reading to the end of its force: the
 
 
 class GeneralizedPredictive(Law):
-    """The force of the next sample is the first of those that bring the predicted path nearest to the set path.
+    """Generalized predictive control: the first of the forces that bring the predicted path closest to the set path.
 
         A y(k) = q B u(k-1) + C ξ(k)/Δ,   Δ = 1 - q,   q one sample late;   y'' m + y' b = u, held, d samples late
         C = (1 - e^(-omega_o T) q)²       the observer of the prediction
@@ -116,6 +116,7 @@ class GeneralizedPredictive(Law):
         for i in range(1, len(S)):
             S[i] = S[i] + matrix.dot(g, [_rest(quotients, steps, B, C, j, i - 1) for j in counted])
         preview, weights = list[Any](), g
+        # τ of position to snap, all that a setpoint holds
         for i in range(5):
             preview.append(matrix.dot(weights, (1.0,) * len(weights)))
             weights = [weight * (T * (float(j) / (i + 1.0))) for j, weight in enumerate(weights, first)]

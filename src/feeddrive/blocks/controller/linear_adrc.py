@@ -12,7 +12,7 @@ from feeddrive.language.block import Number, choice, parameter
 
 
 class LinearADRC(Law):
-    """Linear ADRC of a rigid axis m x'' = F + F_d: all that is not the force is one disturbance, and subtracted.
+    """Linear ADRC of a rigid axis m x'' = F + F_d: all other forces are one disturbance, which is subtracted.
 
         predict   f = (F(k-1-d) + F̂d)/m,   x⁻ = x̂ + T v̂ + ½T² f,   v⁻ = v̂ + T f,   d = delay_samples
         correct   e = y(k) - x⁻,   (x̂, v̂, F̂d) = (x⁻, v⁻, F̂d) + l e,   β = e^(-omega_o T)
@@ -75,6 +75,7 @@ class LinearADRC(Law):
     def prepare(self, T: Number) -> Prepared:
         """Compute the observer's gains."""
         turn = self.omega_o * T
+        # expm1: 1 - β and 1 - β³ as differences would lose the digits of a slow observer
         kept, faded = ops.exp(-turn), -ops.expm1(-turn)
         square = faded * faded
         gain = (-ops.expm1(-3.0 * turn), 1.5 * square * (1.0 + kept) / T, self.mass * square * faded / (T * T))
@@ -101,6 +102,7 @@ class LinearADRC(Law):
         disturbance = state.disturbance + prepared.gain[2] * missed
         nearer = setpoint.position - reading.position_load
         if self.position == "estimate":
+            # the difference of the two large positions first: it is exact where they are close
             nearer = (setpoint.position - y) - behind
         damped = 2.0 * self.zeta_c * self.omega_c * (setpoint.velocity - velocity)
         wanted = setpoint.shifted(0.5 * T).acceleration + damped + self.omega_c * self.omega_c * nearer

@@ -77,7 +77,7 @@ class LinuxcncPid(Law):
         T: Number
 
     class State(NamedTuple):
-        """Of the pids, the motor's position in machine units, and the filters."""
+        """The states of the pids, the motor's position in machine units, and the filters."""
 
         position: Any
         velocity: tuple[Any, ...]
@@ -147,6 +147,7 @@ class LinuxcncPid(Law):
         for block, state in zip(self.filters, states, strict=True):
             held, output = block.step(state, output)
             after.append(held)
+        # the pid's own limit acts before the filters, whose output may exceed it
         return tuple(after), limited(output + beside, last.maxoutput)
 
     def _forward(self, setpoint: Setpoint) -> Number | None:

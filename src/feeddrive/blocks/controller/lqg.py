@@ -37,6 +37,7 @@ def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
     one = tuple(tuple(1.0 if i == j else 0.0 for j in range(n)) for i in range(n))
     for _ in range(DOUBLINGS):
         turned = _transposed(a)
+        # N⁻¹ A and N⁻¹ P Aᵀ in one elimination
         both = matrix.solve(
             matrix.add(one, matrix.multiply(p, y)),
             [[*row, *other] for row, other in zip(a, matrix.multiply(p, turned), strict=True)],
@@ -71,7 +72,7 @@ _STRAY = 1e-3  # velocity noise of two masses over omega_o² T, so that the filt
 
 
 class LQG(Law):
-    """State feedback of the least quadratic cost on a Kalman filter, with the disturbance as one more state.
+    """Linear-quadratic state feedback on a Kalman filter that has the disturbance as an additional state.
 
         predict   z⁻ = Φ z + Γ F(k-1-d),   z = (x, v, F̂),  F̂ walks at random         exact hold of `model`
         correct   z  = z⁻ + L (y - C z⁻)

@@ -162,6 +162,7 @@ class PolePlacement(Law):
             ("rigid_frequency", self._rigid(), self.rigid_damping),
             ("axial_frequency", self._axial(), self.axial_damping),
         ):
+            # with a damping above 1 the pair is two real poles, the faster one at ω (ζ + √(ζ² - 1))
             spread = ops.maximum(damping, 1.0) + ops.sqrt(ops.maximum(damping * damping - 1.0, 0.0))
             yield _below_nyquist(self.kind, name, frequency, damping, spread, 0.5 / T)
 
@@ -192,6 +193,7 @@ class PolePlacement(Law):
             return self.Prepared(self.gains())
         samples = ops.maximum(lag(two_bodies(self.kind, self.model)) / T, 1e-15)  # no division by 0 without damping
         kept = ops.exp(-1.0 / samples)
+        # first-order hold: the lag answers a ramp between two samples exactly
         mean = samples * (1.0 - kept)
         return self.Prepared(self.gains(), kept, mean - kept, 1.0 - mean)
 

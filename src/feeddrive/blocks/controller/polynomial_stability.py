@@ -15,6 +15,7 @@ def is_stable(coefficients: Sequence[Number]) -> Any:
     holds: Any = True
     while below:
         holds = ops.both(holds, ops.both(below[0] > 0.0, above[0] > 0.0))
+        # where below[0] <= 0 the answer is no already: the 1 only avoids a division by 0 in the unused rest
         ratio = above[0] / ops.where(below[0] > 0.0, below[0], 1.0)
         rest = [*below[1:], 0.0]
         above, below = below, [a - ratio * b for a, b in zip(above[1:], rest, strict=False)]
@@ -36,6 +37,7 @@ def largest_share(admits: Callable[[float], bool]) -> float:
     All smaller shares must be admissible too.
     """
     low, high = 0.0, 1.0
+    # 2⁻⁶⁰ is below the spacing of doubles near 1
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if admits(middle) else (low, middle)

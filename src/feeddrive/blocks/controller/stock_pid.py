@@ -95,6 +95,7 @@ class StockPid(Block):
         A pin that is None is not connected: without `enable` the pid is enabled. A connected `bias` replaces the
         parameter.
         """
+        # the component multiplies by the reciprocal; a division gives other last bits
         per_second = 1.0 / T
         falls = None if index_enable is None else ops.both(state.index_enable > 0.5, ops.no(index_enable > 0.5))
 
@@ -119,6 +120,7 @@ class StockPid(Block):
         commandDDD = limited((commandDD - state.commandDD) * per_second, self.maxcmdDDD)
 
         constant = self.bias if bias is None else bias
+        # in the component's order of summation, for equal bits
         feedback_part = constant + self.Pgain * error + self.Igain * errorI + self.Dgain * errorD
         forward_part = command * self.FF0 + commandD * self.FF1 + commandDD * self.FF2 + commandDDD * self.FF3
         wanted = feedback_part + forward_part

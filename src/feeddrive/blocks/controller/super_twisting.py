@@ -21,7 +21,7 @@ _USUAL = 5e4  # m/s³: a disturbance that changes by 5 g in a millisecond
 
 
 class SuperTwisting(Law):
-    """Super-twisting: a sliding line that is reached in finite time by a continuous force.
+    """Super-twisting control: a continuous force reaches a sliding line in finite time.
 
         s     = e_v + λ e_x,   e_x = x_r - x,   e_v = x_r' - x'
         force = m (x_r'' + λ e_v + u) + b x'
@@ -82,8 +82,10 @@ class SuperTwisting(Law):
         reading.
         """
         zone_time = 0.6 / axis.rate
+        # √2: the velocity is a difference of two readings
         noise = 1.4142135623730951 * axis.reading_noise / axis.sample_time
         fastest = 0.25 * zone_time  # the tuning may make the zone narrower
+        # h² k2 >= 3 σ(s), with k2 = 1.1 L
         rate = max(_USUAL, _QUIET * noise / (1.1 * fastest * fastest))
         law = begun(cls, axis, zone_time=zone_time, disturbance_rate=rate)
         return (Start(cls.title, law, Text(f"{axis.sentence()}; L = {Quantity(rate, 'm/s3')}")),)

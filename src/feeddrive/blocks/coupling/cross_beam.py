@@ -8,7 +8,7 @@ from feeddrive.language.errors import StructureError
 
 
 class CrossBeam(Coupling):
-    """Two drives move one axis; the beam between them resists when one runs ahead, with its guides as a spring.
+    """The cross beam of an axis with two drives, a spring and a damper against their skew.
 
         f = stiffness (x_axis - x_follower) + damping (x_axis' - x_follower'),   on both tables, against each other
 

@@ -70,6 +70,7 @@ class CrossCoupled(Coupling):
         speeds = tuple(each.velocity for each in setpoints.values())
         square = _dot(speeds, speeds)
         moves = square > self.freeze_velocity * self.freeze_velocity
+        # 1 at standstill: both branches of a choice are computed, and neither may divide by 0
         squared = ops.where(moves, square, 1.0)
         feed = ops.sqrt(squared)
         found = tuple(ops.where(moves, each / feed, held) for each, held in zip(speeds, last, strict=True))

@@ -22,7 +22,7 @@ class Settings(NamedTuple):
 
 
 class CutSections(Block):
-    """Depth, engagement, spindle speed and direction of the feed by sections of time, constant in each.
+    """Depth of cut, engagement, spindle speed and feed direction, constant within each section of time.
 
     A row that is absent leaves what the cut and its cutter say.  Section i holds for start[i] <= t < start[i+1], the
     last one to the end, the first one also before; a section is not shorter than a substep.  An axial_depth of 0 m is
@@ -88,6 +88,7 @@ class CutSections(Block):
     def section(self, before: Any, time: Number) -> Any:
         """Return the section at a time in s, at most one after that of the previous substep."""
         start: Any = self.start
+        # no section is shorter than a substep, so that the table need not be searched
         after = before + 1.0
         there = ops.both(after < float(ops.length(start)), time >= ops.gather(start, after))
         return ops.where(there, after, before)

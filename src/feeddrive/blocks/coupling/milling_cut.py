@@ -20,7 +20,7 @@ _SLOWEST = 1e-6  # 1/s; a slower spindle counts as stopped
 
 
 class MillingCut(Coupling):
-    """Cutting forces on three axes; a tooth cuts what the tool has moved since earlier teeth stood where it stands.
+    """Regenerative milling forces on three axes: the chip is the tool motion since earlier teeth were at this angle.
 
         τ        = 60 / (teeth spindle_speed)
         step_m   = r(t) - r(t - mτ),  r = (x, y) of the tool against the workpiece, actual, m = 1 .. surfaces
@@ -130,8 +130,9 @@ class MillingCut(Coupling):
     def substep_rules(self, h: Number) -> Iterator[Rule]:
         """Yield the rules that the stored substeps cover the tooth periods and that a turn has at least 4 substeps."""
         period, turn = self.period(), 60.0 / self._speeds()[-1]
-        told = self.direction is not None or (self.sections is not None and self.sections.direction is not None)
-        count = self.surfaces if told else max(self.surfaces, self.cutter.teeth)
+        directed = self.direction is not None or (self.sections is not None and self.sections.direction is not None)
+        # without a direction the step of a whole turn of the spindle is the direction of the feed
+        count = self.surfaces if directed else max(self.surfaces, self.cutter.teeth)
         yield Rule(
             float(count) * period / h <= float(self.remembered - 2),
             "the substeps that the cut stores are not shorter than the tooth periods that it looks back",
@@ -142,6 +143,7 @@ class MillingCut(Coupling):
             ),
         )
         yield Rule(
+            # the turn in a substep is the width of a slice in `cut`, whose closed forms hold up to a quarter of a turn
             turn >= 4.0 * h,
             "the spindle turns by at most a quarter of a turn in a substep",
             lambda: Text(
@@ -188,6 +190,7 @@ class MillingCut(Coupling):
             path, turns = state.path.push(ends, velocity), rate * time
         else:
             path, turns = state.path.push([*ends, state.turns], [*velocity, rate]), state.turns + 0.5 * rate * h
+        # reduced to one turn first: after many turns the product with 2π would lose the digits of the angle
         angle = self.start_angle + 2.0 * ops.pi * (turns - ops.floor(turns))
         steps = [self._moved(place, path, self._ago(m, path, turns, rate, h), h) for m in range(1, self.surfaces + 1)]
         if now.direction is None:
@@ -201,6 +204,7 @@ class MillingCut(Coupling):
         if self.process_damping is not None:
             before = path.rates_ago(0.0)  # extrapolated linearly from there to the middle of the substep
             x, y = (v + 0.5 * (v - old) for v, old in zip(velocity, before, strict=False))
+            # 1e-9 1/s: a stopped spindle must not divide by 0
             speed = ops.pi * now.edge.diameter * ops.maximum(rate, 1e-9)
             rubbing = Rubbing(x * along + y * across, y * along - x * across, self.process_damping / speed)
         found = cut(

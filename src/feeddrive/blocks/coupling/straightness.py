@@ -9,7 +9,7 @@ from feeddrive.language.block import Block, Number, choice, parameter, table
 
 
 class Straightness(Block):
-    """How far the guideway of one axis carries the tool point aside: a row of errors along its travel.
+    """The lateral error of the tool point along a guideway, as a table over its travel.
 
         error = row((position - start) / spacing)
 

@@ -51,6 +51,7 @@ def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *
     else:
         wall = path_radius - radius + radial_depth
         cosine = (path_radius * path_radius + radius * radius - wall * wall) / (2.0 * path_radius * radius)
+    # arccos; rounding may put the cosine of a full engagement just beyond ±1
     return ops.atan2(ops.sqrt(ops.maximum(1.0 - cosine * cosine, 0.0)), cosine)
 
 
@@ -71,6 +72,7 @@ def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) 
     for _ in range(4):  # Newton; the relative error of the first guess is chip_load / radius
         left = radius * ops.sin(delta) - (chip_load - feed * delta) * cosine
         delta = delta - left / (radius * ops.cos(delta) + feed * cosine)
+    # 1 - cos δ = 2 sin²(δ/2), which keeps the digits of a small δ
     half = ops.sin(0.5 * delta)
     return 2.0 * radius * half * half + (chip_load - feed * delta) * sine
 
@@ -132,6 +134,7 @@ def cut(
     slices, teeth = float(edge.slices), float(edge.teeth)
     turn = lag(edge)
     width = ops.maximum(turn / slices, ops.maximum(sweep, LEAST_ANGLE))
+    # the edge that is widened to the sweep keeps its middle
     tip = angle + 0.5 * (slices * width - turn)
     moved = _with_run_out(edge, angle, steps)
     arms = _Arms.of(edge)
@@ -272,4 +275,5 @@ def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:
 def _of_tooth(tooth: int, teeth: int) -> tuple[float, float]:
     """Return sine and cosine of the angle of a tooth from the first one."""
     angle = 2.0 * ops.pi * (float(tooth % teeth) / float(teeth))
+    # exact for the first tooth, which `_turned` then leaves as it is
     return (0.0, 1.0) if tooth % teeth == 0 else (float(ops.sin(angle)), float(ops.cos(angle)))

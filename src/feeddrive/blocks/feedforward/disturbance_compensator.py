@@ -57,15 +57,18 @@ class DisturbanceCompensator(Feedforward):
             raise StructureError("the axis has no dry friction to be fed forward: leave the compensator out")
         levels = [sum(row) / len(row) for row in forces]
         best, fitted = _left(forces, levels, (0.0,) * len(_SPEEDS), 0.0), (levels, None, None)
+        # levels that fit within 0.1 % (RMS) need no Stribeck column
         enough = 1e-6 * max(level * level for level in levels) * len(_SPEEDS)
         for place in _SPEEDS if best > enough else ():
             extra = tuple(ops.exp(-(speed / place) * (speed / place)) for speed in _SPEEDS)
             mean = sum(extra) / len(extra)
+            # centered, so that the share and the two levels are fitted independently of each other
             moved = [e - mean for e in extra]
             across = sum(m * force for row in forces for m, force in zip(moved, row, strict=True))
             share = across / (2.0 * sum(m * m for m in moved))
             under = [level - share * mean for level in levels]
             left = _left(forces, under, extra, share)
+            # a level below 0 would push the axis
             if left < best and min(under) >= 0.0:
                 best, fitted = left, (under, share, place)
         (up, down), share, place = fitted

@@ -123,6 +123,7 @@ class FrictionStops(Feedforward):
         assert self.residual_width is not None
         assert self.residual_limit is not None
         total: Any = 0.0
+        # without any bell nothing was learned: outside
         nearest: Any = _WIDTHS + 1.0
         for j in range(ops.length(self.residual_velocity)):
             away = (v - ops.gather(self.residual_velocity, float(j))) / self.residual_width

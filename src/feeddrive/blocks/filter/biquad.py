@@ -70,6 +70,7 @@ def section(numerator: Polynomial, denominator: Polynomial, gain: Number) -> Sec
 def notch_section(frequency: Number, damping_zero: Number, damping_pole: Number, T: Number) -> Section:
     """Return a notch section, whose numerator and denominator share the middle coefficient to save a product."""
     zeros, poles = tustin(frequency, damping_zero, T), tustin(frequency, damping_pole, T)
+    # both middle coefficients are 2 (w² - 1) over the same c0
     return section(zeros, poles, 1.0)._replace(a1=None)
 
 

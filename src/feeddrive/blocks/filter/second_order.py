@@ -7,7 +7,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class SecondOrder(SecondOrderSection):
-    """Two zeros and two poles with unit gain at 0 Hz, each pair prewarped at its own frequency.
+    """A filter with two zeros, two poles and unit gain at 0 Hz, each pair prewarped at its own frequency.
 
         H(s) = (s²/ωz² + 2 damping_zero s/ωz + 1) / (s²/ωp² + 2 damping_pole s/ωp + 1),   ω = 2π frequency
 

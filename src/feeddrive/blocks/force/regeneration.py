@@ -14,8 +14,7 @@ from feeddrive.language.text import Text
 
 
 class Regeneration(Force):
-    """The force of a chip on the load's body; the chip is what lies between the present cut and the cut one delay
-    before.
+    """The cutting force of a chip on the load's body; the chip is the motion since the cut one delay earlier.
 
         F(t) = -stiffness · (x(t) - x(t - delay))
 
@@ -32,6 +31,7 @@ class Regeneration(Force):
     def substep_rules(self, h: Number) -> Iterator[Rule]:
         """Yield the rule that the stored substeps cover the delay."""
         yield Rule(
+            # the interpolation reads the two stored positions around the delay
             self.delay / h <= float(self.remembered - 1),
             "the substeps that the regeneration stores are not shorter than its delay",
             lambda: Text(

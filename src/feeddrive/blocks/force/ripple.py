@@ -12,7 +12,7 @@ from feeddrive.language.errors import StructureError
 
 
 class Ripple(Force):
-    """The force constant depends on the position: a part of the drive force varies along the travel.
+    """A force constant that depends on the position: a part of the drive force varies along the travel.
 
         F = drive · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
 

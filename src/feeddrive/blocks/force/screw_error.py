@@ -12,7 +12,7 @@ from feeddrive.language.block import Number, part
 
 
 class ScrewError(Force):
-    """The lead error deflects the spring between screw and table.
+    """The lead error of a screw, which deflects the spring between screw and table.
 
         spring force = stiffness (x_motor + e(x_motor) - x_load),  so  F_motor = -stiffness e,   F_load = +stiffness e
 

@@ -142,6 +142,7 @@ def _end(lines: list[tuple[Any, ...]], free: Number, mobility: Number) -> Any:
             below, under = ops.where(nearer, corner, below), ops.where(nearer, miss, under)
             nearer = ops.both(miss >= 0.0, corner < above)
             above, over = ops.where(nearer, corner, above), ops.where(nearer, miss, over)
+    # both ends are one corner where the root lies on it
     wide = over - under
     return below - under * ((above - below) / ops.where(wide > 0.0, wide, 1.0))
 

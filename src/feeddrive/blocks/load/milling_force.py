@@ -66,6 +66,7 @@ class MillingForce(Load):
     def at(self, t: np.ndarray) -> np.ndarray:
         times = np.asarray(t, dtype=np.float64)
         turns = (self.spindle_speed / 60.0) * times
+        # reduced to one turn first: after many turns the product with 2π would lose the digits of the angle
         angle: Any = self.start_angle + 2.0 * np.pi * (turns - np.floor(turns))
         chip_load, along_x, along_y = self._feed(times)
         feed, normal, axial = self.cutter.forces(angle, chip_load)

@@ -27,4 +27,5 @@ class RecordedForce(Load):
         place, _ = rows_at(np.asarray(t, dtype=np.float64), self.sample_time)
         row = np.floor(place)
         inside = (row >= 0.0) & (row < self.force.size)
+        # numpy reads the rows before it selects: an index outside of the table must not occur
         return np.where(inside, self.force[np.where(inside, row, 0.0).astype(np.int64)], 0.0)

@@ -34,5 +34,6 @@ class SineForce(Load):
         if self.end is not None:
             acts = acts & ~since(times, self.end)
         turns = self.frequency * (times - self.start)
+        # reduced to one period, for the same digits late in a long run
         swing = self.amplitude * np.sin(2.0 * np.pi * (turns - np.floor(turns)) + self.phase)
         return np.where(acts, swing, 0.0)

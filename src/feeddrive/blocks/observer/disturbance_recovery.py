@@ -134,5 +134,6 @@ class DisturbanceRecovery(Observer):
         if prepared.pole:
             samples = samples + float(self._poles()) * (prepared.pole[0] / (1.0 - prepared.pole[0]))
         if prepared.section:
+            # slope of the phase at 0 Hz: Tustin makes 2 ζ s/ω of the denominator ζ T s/w
             samples = samples + _BUTTERWORTH / prewarped(self.frequency, T)
         return samples * T

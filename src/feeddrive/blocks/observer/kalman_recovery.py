@@ -61,6 +61,7 @@ class KalmanRecovery(Observer):
         """Compute hold and gain from a normalized problem: position noise 1, and a force that walks by w = ∛ρ."""
         noise = 0.2886751345948129 * self.resolution  # 1/√12
         ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)
+        # cube root, in operations that a trace records
         w = ops.exp(ops.log(ratio) / 3.0)
         rate = ((0.0, w, 0.0), (0.0, -self.viscous * T / self.mass, w), (0.0, 0.0, 0.0))
         change = matrix.expm1(rate)

@@ -28,6 +28,7 @@ def chain(
         shape[i][i] = 1.0
     for i, (k, c) in enumerate(springs):
         for table, value in ((stiffness, k), (damping, c)):
+            # a literal 0.0 is replaced, not added to: each term is an operation of the traced step
             table[i][i] = value if matrix.is_zero(table[i][i]) else table[i][i] + value
             table[i + 1][i + 1] = value if matrix.is_zero(table[i + 1][i + 1]) else table[i + 1][i + 1] + value
             table[i][i + 1] = table[i + 1][i] = -value

@@ -9,7 +9,7 @@ from feeddrive.language.block import Block, Number, parameter, table
 
 
 class LeadError(Block):
-    """How much farther the nut is than the screw's angle says: x_nut = x_screw + e(x_screw).
+    """The lead error e of a screw: the nut is at x_nut = x_screw + e(x_screw).
 
     e is interpolated linearly between entries at start, start + spacing, ... and held beyond the ends of the row.
     """

@@ -9,7 +9,7 @@ from feeddrive.language.block import Number, parameter, part
 
 
 class Modal(Plant):
-    """A rigid mass and any number of modes, each driven by the same forces, their motions added.
+    """A rigid mass with any number of modes in parallel: the same forces drive all, and their motions add up.
 
         mass q'' + viscous q' = f_motor + f_load
         x_motor = q + Σ motorᵢ ηᵢ,    x_load = q + Σ loadᵢ ηᵢ,    with ηᵢ of `Mode`

@@ -7,7 +7,7 @@ from feeddrive.language.block import Block, Number, parameter
 
 
 class Mode(Block):
-    """One mode η of a structure, scaled by its modal mass, and how much of it each end of the axis feels.
+    """One structural mode η, scaled by its modal mass, with its shape at both ends of the axis.
 
         mass (η'' + 2 damping_ratio ω η' + ω² η) = motor f_motor + load f_load,      ω = 2π frequency
         it adds motor · η to the position of the motor's body and load · η to that of the load's

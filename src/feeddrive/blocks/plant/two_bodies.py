@@ -125,12 +125,14 @@ def _uncontrollable(where: str, bodies: TwoBodies, control: float) -> str:
     """Return the error text: how far the model is from a controllable one, and the nearest admissible value."""
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
+        # with little damping control = (led/m22)²
         near = -bodies.m22 * (1.0 - ops.sqrt(LEAST_CONTROL) * (1.0 if led >= 0.0 else -1.0))
         remedy = Text(
             f"coupling_mass = {Quantity(bodies.m12, 'kg'):6} cancels mass_load; the nearest admissible value is "
             f"{Quantity(near, 'kg'):6}"
         )
     else:
+        # without m12 control = 1 - c dragged/(k m22); twice the least lies on the admissible side
         near = -k * bodies.m22 / bodies.c12 * (1.0 - 2.0 * LEAST_CONTROL)
         remedy = Text(
             f"the damping of the guideway is {Quantity(dragged, 'N s/m'):6}; the nearest admissible value is "

@@ -8,7 +8,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class TrajectoryPrefilter(Prefilter):
-    """Adds parts of the set motion's own derivatives to it, on each derivative alike, cut off above the snap.
+    """A prefilter that adds shares of the higher derivatives to the set motion, truncated above the snap.
 
         x_out = x + θ1 v + θ2 a + θ3 j + θ4 s
         v_out = v + θ1 a + θ2 j + θ3 s

@@ -60,6 +60,7 @@ class Chirp(Reference):
         first, last = 2.0 * np.pi * self.first_frequency, 2.0 * np.pi * self.last_frequency
         growth = np.log(last / first) / self.sweep_time
         if self.sweep == "linear" or growth == 0.0:
+            # equal frequencies: (eᵍᵗ - 1)/g would be 0/0
             slope = (last - first) / self.sweep_time
             still = np.zeros_like(t)
             return t * (first + 0.5 * slope * t), first + slope * t, np.full_like(t, slope), still, still

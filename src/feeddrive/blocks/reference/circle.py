@@ -67,6 +67,7 @@ class Circle(Reference):
         times = np.asarray(t, dtype=np.float64)
         turned = 2.0 * np.pi * self.turns * (1.0 if self.direction == "counterclockwise" else -1.0)
         angle, *rates = run_up_angle(np.clip(times, 0.0, self.duration), turned, self.duration, self._run_up())
+        # cos(θ - phase) = sin(θ + π/2 - phase): one rule for the derivatives of both
         ahead = 0.0 if self.phase == 90 else 0.5 * np.pi
         moved = stretched(sine_of((angle + ahead, *rates)), self.radius, 1.0)  # type: ignore[arg-type]
         first, last = (self.center + self.radius * np.sin(end + ahead) for end in (0.0, turned))

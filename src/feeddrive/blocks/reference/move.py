@@ -65,6 +65,7 @@ class Move(Reference, ABC):
                 travel = self.leg(way.inside(times[chosen]))  # type: ignore[arg-type]
                 for row, values in zip(out, way.placed(travel), strict=True):
                     row[chosen] = values
+            # the exact end, without the rounding of the leg
             out[0][times >= way.ends()] = last
         return Setpoint(*out)  # type: ignore[arg-type]
 

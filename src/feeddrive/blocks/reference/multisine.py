@@ -76,6 +76,7 @@ class Multisine(Reference):
             )
 
     def _all_lines(self) -> np.ndarray:
+        # 1e-12: a line on an edge of the band belongs to it, however the product is rounded
         low = np.ceil(self.lowest * self.period * (1.0 - 1e-12))
         return np.arange(max(low, 1.0), np.floor(self.highest * self.period * (1.0 + 1e-12)) + 1.0)
 
@@ -106,6 +107,7 @@ class Multisine(Reference):
         places = k.astype(np.int64)
         spectrum[0, places] = weights * np.exp(1j * (phases - 0.5 * np.pi))
         spectrum[1] = spectrum[0] * 1j * np.arange(count // 2 + 1)
+        # irfft counts each line twice and divides by the number of points
         fine, slope = np.fft.irfft(spectrum, count) * (0.5 * count)
         peak = float(np.max(np.abs(fine))) / np.cos(np.pi / _FINE)
         crossing = np.flatnonzero((fine <= 0.0) != (np.roll(fine, -1) <= 0.0))
@@ -148,6 +150,7 @@ class Multisine(Reference):
 
     def _sum(self, place: np.ndarray) -> Derivatives:
         """Return the sum and its derivatives at times in periods."""
+        # whole periods are dropped first, so that late ones keep their digits
         share = place - np.floor(place)
         sums = np.zeros((5, *share.shape))
         for k, height, phase in zip(self.numbers, *self._waves, strict=True):

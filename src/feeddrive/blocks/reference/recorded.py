@@ -82,6 +82,7 @@ class Recorded(Reference):
         rows: list[np.ndarray] = []
         for order, row in enumerate(self._rows):
             value = row[above]
+            # a velocity from differences is constant between two rows, as the slope of the line is
             if self.between == "linear" and (order != 1 or self.velocity is not None):
                 value = np.where(share > 0.0, value + share * (row[below] - value), value)
             rows.append(value if order == 0 else np.where(inside, value, 0.0))

@@ -15,7 +15,7 @@ from feeddrive.language.errors import StructureError
 
 
 class Sequence(Reference):
-    """Each reference begins when the one before it ends, and where that one ends.
+    """References in sequence: each one begins at the time and the position at which the previous one ends.
 
         x(t) = rᵢ(t - tᵢ) - rᵢ(0) + x(tᵢ)   for tᵢ <= t < tᵢ₊₁,   tᵢ₊₁ = tᵢ + duration of rᵢ,   t₀ = 0,   x(0) = r₀(0)
 
@@ -42,6 +42,7 @@ class Sequence(Reference):
         """The position offset of each reference, m."""
         offsets = [0.0]
         for before, after in zip(self.references, self.references[1:], strict=False):
+            # just after the end, where every reference rests at its last position
             end = np.asarray(before.at(np.array([np.nextafter(before.duration, np.inf)])).position)[0]
             start = np.asarray(after.at(np.zeros(1)).position)[0]
             offsets.append(offsets[-1] + float(end - start))
@@ -61,6 +62,7 @@ class Sequence(Reference):
             mine = running == place
             if np.any(mine):
                 local = times[mine] - self._starts[place]
+                # a difference of two times may be rounded below the duration: the end would be missed
                 ended = np.where(times[mine] >= self._starts[place + 1], reference.duration, -np.inf)
                 rows = np.stack(reference.at(np.maximum(local, ended)))  # type: ignore[arg-type]
                 rows[0] += self._offsets[place]

@@ -52,6 +52,7 @@ class Sine(Reference):
         turns = self.frequency * inside
         rate = np.full_like(turns, 2.0 * np.pi * self.frequency)
         still = np.zeros_like(turns)
+        # reduced to one cycle, so that late ones keep their digits
         wave = sine_of((2.0 * np.pi * (turns - np.floor(turns)), rate, still, still, still))
         moved = stretched(product(window(inside, self.duration, self.blend_time), wave), self.amplitude, 1.0)
         return resting(times, self.duration, (self.center + moved[0], *moved[1:]), self.center, self.center)

@@ -15,7 +15,7 @@ from feeddrive.language.errors import ParameterError
 
 
 class Encoder(Sensor):
-    """Position to the nearest count, after the faults that are given, in this order.
+    """An encoder that shows the position to the nearest count, after the given faults in this order.
 
         jitter          r = x + v · jitter · T · n₁(k)         the sample is taken a little early or late
         lead error      r = r - e(r)                           a rotary encoder on a rigid axis sees the screw
@@ -70,6 +70,7 @@ class Encoder(Sensor):
         """Compute the reading with all errors."""
         seen = position
         if self.jitter is not None:
+            # the next channel: n₁ is independent of n₀
             seen = seen + velocity * (self.jitter * T * noise.on(noise.channel + 1.0).normal())
         reading = self._counted(seen, noise)
         if self.largest_rate is not None and self.resolution is not None:

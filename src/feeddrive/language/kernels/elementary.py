@@ -29,6 +29,7 @@ def left_over(x: float, y: float) -> float:
     """
     rest, part = abs(x), abs(y)
     if not (rest < _INFINITY and part > 0.0):
+        # the NaN of x or y, or of infinity - infinity
         return x - x if part == part else y
     if part == _INFINITY:
         return x
@@ -68,6 +69,7 @@ def floor_division(x: float, y: float) -> float:
     down = float(int(quotient))
     if down > quotient:
         down = down - 1.0
+    # the division may have rounded to just below a whole number, as in CPython's own float_divmod
     if quotient - down > 0.5:
         down = down + 1.0
     return down

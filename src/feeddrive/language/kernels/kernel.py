@@ -43,6 +43,7 @@ from feeddrive.language.kernels.source import (
 from feeddrive.language.kernels.text import Failure, Function, struct_type
 from feeddrive.language.machine_code import MachineCode, linked_code, target
 
+# no-builtins: no loop becomes a call of the C library.  branch_weights: checks hardly ever fail
 _INTRINSICS = """
 declare double @llvm.sqrt.f64(double)
 declare double @llvm.fabs.f64(double)
@@ -79,6 +80,7 @@ _LONG = 0.25  # s in quickly compiled code, after which a process recompiles tho
 _KERNEL, _FAILURE = 10, 13  # bits of a status for the index of a kernel in its file, and of a failure in its kernel
 _ENTRY = "entry{}"
 _IDLE = re.compile(r"\s*(#.*)?$")  # lines on which the code does not depend
+# reentrant: the files of called kernels are compiled while that of the caller is
 _lock = RLock()
 
 
@@ -400,6 +402,7 @@ class Kernel(Generic[_P, _R]):
     def _run(self, values: Sequence[Any]) -> _R:
         """Check the arguments and run the machine code."""
         unit, compiled, words = self.unit, self._compiled, list[Any]()
+        # recompiled since the last call: the function has moved
         if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
         for place, ((cell, dimensions, width), value) in enumerate(zip(compiled.kinds, values, strict=True)):
@@ -409,6 +412,7 @@ class Kernel(Generic[_P, _R]):
                 continue
             if not (
                 type(value) is np.ndarray
+                # dtypes in native byte order are single objects; any other takes the slow check below
                 and value.dtype is cell
                 and value.flags.carray
                 and (value.ndim == dimensions if not width else value.shape[dimensions:] == (width,))
@@ -419,6 +423,7 @@ class Kernel(Generic[_P, _R]):
         memory = ctypes.create_string_buffer(compiled.size)
         compiled.arguments.pack_into(memory, 0, *words)
         if unit.quick:
+            # of this thread: neither waiting nor other threads count
             begun = thread_time()
             status = compiled.call(memory)
             unit.ran(thread_time() - begun)

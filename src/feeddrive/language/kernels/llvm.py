@@ -68,6 +68,7 @@ class RecordArithmetic(Arithmetic):
         """Load the number in a cell."""
         if cell.type == BOOL:
             stored = self.emit(f"load double, ptr {cell.text}")
+            # unordered: a NaN is true, as bool(nan) is
             return Value(BOOL, self.value(f"fcmp une double {stored}, {number(0.0)}"))
         return Value(cell.type, self.emit(f"load {cell.type.llvm}, ptr {cell.text}"))
 
@@ -409,6 +410,7 @@ class Expressions(Names):
         left: list[str] = []
         for place, size in places:
             if not (place.isdigit() and size.isdigit() and int(place) < int(size)):
+                # unsigned: one comparison refuses negative indices, too
                 good = self.value(f"icmp ult i64 {place}, {size}")
                 if not self.known(good):
                     left.append(good)
@@ -504,6 +506,7 @@ class Expressions(Names):
     def sqrt(self, node: ast.Call) -> Value:
         """Print the correctly rounded square root; a negative number raises an error."""
         x = self.as_float(self.number(self.one(node)))
+        # unordered: a NaN passes, as through math.sqrt
         self.check(self.value(f"fcmp uge double {x}, {number(0.0)}"), ValueError, "math domain error", node)
         return Value(FLOAT, self.value(f"call double @llvm.sqrt.f64(double {x})"))
 
@@ -618,6 +621,7 @@ class Assignments(Expressions):
             parts = tuple(self.variable(part, f"{name}{place}.") for place, part in enumerate(value.parts))
             return Variable(value.type, (), parts)
         slots = tuple(f"{name}{place}" for place in range(len(value.operands)))
+        # in the entry block: elsewhere LLVM keeps them in memory, and a loop would grow the stack
         self.memory += [f"  {slot} = alloca {kind}" for slot, (kind, _) in zip(slots, value.operands, strict=True)]
         return Variable(value.type, slots)
 

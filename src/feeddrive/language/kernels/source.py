@@ -257,6 +257,7 @@ class Source:
         place = ast.Pass(lineno=code.co_firstlineno)
         if self.python.__qualname__ != self.name or self.name == "<lambda>":
             self.refuse(place, "a kernel stands at the top level of its file", "move it there, without a closure")
+        # the file may have changed since its lines were first read
         linecache.checkcache(self.file)
         try:
             tree = _alone(linecache.getlines(self.file), code.co_firstlineno)

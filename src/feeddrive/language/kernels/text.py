@@ -230,6 +230,7 @@ def shown(node: ast.AST) -> str:
 
 _FLOATS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul"}
 _WHOLES = {ast.Add: "sadd", ast.Sub: "ssub", ast.Mult: "smul"}
+# with a NaN Python's != is true and every other comparison false
 _FLOAT_ORDER: dict[type[ast.cmpop], str] = {
     ast.Lt: "olt",
     ast.LtE: "ole",
@@ -300,6 +301,7 @@ class Arithmetic(Text):
         """Print integer `//` or `%`: the processor rounds to zero, Python down; division by -1 may trap."""
         a, b = left.text, right.text
         self.check(self.value(f"icmp ne i64 {b}, 0"), ZeroDivisionError, "division by zero", node)
+        # -2⁶³ by -1 overflows, which is undefined in LLVM: divide by 1, and change the sign below
         negated = self.value(f"icmp eq i64 {b}, -1")
         divisor = self.value(f"select i1 {negated}, i64 1, i64 {b}")
         rest = self.value(f"srem i64 {a}, {divisor}")
@@ -364,6 +366,7 @@ class Arithmetic(Text):
             return order
         equal = self.value(f"fcmp oeq double {rounded}, {real.text}")
         below = self.value(f"fcmp olt double {rounded}, {_TOP}")
+        # the conversion of 2⁶³ to an integer is undefined
         inside = self.value(f"select i1 {below}, double {rounded}, double {number(0.0)}")
         back = self.value(f"fptosi double {inside} to i64")
         exact = self.value(f"icmp {_ORDER[kind]} i64 {whole.text}, {back}")
@@ -385,6 +388,7 @@ class Arithmetic(Text):
 
     def rounded(self, x: str, function: object, node: ast.AST) -> Value:
         """Print the conversion of a float to an integer: towards zero, down or up."""
+        # 2⁶³ is too large, -2⁶³ is not; a NaN fails both
         below = self.value(f"fcmp olt double {x}, {_TOP}")
         above = self.value(f"fcmp oge double {x}, {number(-(2.0**63))}")
         bad, good = self.label(), self.label()

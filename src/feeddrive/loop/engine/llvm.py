@@ -27,6 +27,7 @@ from feeddrive.language.primitives import MIX, STRIDES
 from feeddrive.loop.engine.plan import Branch, Plan, lazy_branches
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+# ordered comparisons: with a NaN they are false, as in Python
 _COMPARE = {"lt": "olt", "le": "ole", "eq": "oeq"}
 _LOGIC = {"and": "and", "or": "or"}
 _INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"}
@@ -39,6 +40,7 @@ class Printer:
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
+        # lanes may take different branches: with several lanes both sides are computed
         self.branches = lazy_branches(plan) if plan.lanes == 1 else {}
         self.aside = {index for inner in self.branches.values() for index in inner}
         self.lines: list[str] = []
@@ -239,6 +241,7 @@ class Printer:
             down = self.emit(f"lshr {whole} {bits}, {self.whole(31, vector)}")
             bits = self.emit(f"xor {whole} {bits}, {down}")
         upper = self.emit(f"lshr {whole} {bits}, {self.whole(12, vector)}")
+        # the middle of one of 2⁵² intervals: never 0 or 1, whose logarithm a normal number could not take
         centred = self.minus(self.from_whole(upper, vector), -0.5, vector)
         return self.emit(f"fmul {kind} {centred}, {self.real(2.0**-52, vector)}")
 
@@ -416,6 +419,7 @@ class _TimeLoop:
     def body(self) -> list[str]:
         """Write one sample."""
         plan, printer = self.plan, self.printer
+        # a vector that is made in the loop does not exist behind it
         outside = dict(printer.spread)
         printer.block = "loop"
         for state in self.carried:
@@ -470,6 +474,7 @@ def _flush(target: str) -> tuple[list[str], list[str], list[str]]:
                 "  %mode.new = alloca i32, align 4",
                 "  call void @llvm.x86.sse.stmxcsr(ptr %mode.old)",
                 "  %mode = load i32, ptr %mode.old, align 4",
+                # 0x8040: results flush to zero, and subnormal operands are zero
                 "  %mode.set = or i32 %mode, 32832",
                 "  store i32 %mode.set, ptr %mode.new, align 4",
                 "  call void @llvm.x86.sse.ldmxcsr(ptr %mode.new)",
@@ -481,6 +486,7 @@ def _flush(target: str) -> tuple[list[str], list[str], list[str]]:
             ["declare i64 @llvm.aarch64.get.fpcr()", "declare void @llvm.aarch64.set.fpcr(i64)"],
             [
                 "  %mode = call i64 @llvm.aarch64.get.fpcr()",
+                # bit 24 of FPCR: flush to zero, for operands and results
                 "  %mode.set = or i64 %mode, 16777216",
                 "  call void @llvm.aarch64.set.fpcr(i64 %mode.set)",
             ],

@@ -252,6 +252,7 @@ def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> 
 def _inside(place: Symbol, length: int) -> Symbol:
     """Return the index clamped to the valid memory range."""
     held = ops.clip(place, 0.0, float(length - 1))
+    # a NaN passes the clip, and its conversion to an address is undefined
     return ops.where(ops.equal(held, held), held, 0.0)
 
 
