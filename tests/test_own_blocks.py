@@ -16,7 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 import feeddrive as fd
-from feeddrive.blocks.catalogue import OWN, catalogue, with_blocks
+from feeddrive.blocks.catalogue import VARIABLE, catalogue, with_blocks
 from feeddrive.blocks.families import Law
 from feeddrive.cli.commands import app
 from feeddrive.language.errors import ParameterError, StructureError
@@ -68,7 +68,7 @@ following_error_limit_mm = 2
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty directory in which one works; what is imported from it is forgotten."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv(OWN, raising=False)
+    monkeypatch.delenv(VARIABLE, raising=False)
     monkeypatch.setattr(sys, "path", [*sys.path])
     yield tmp_path
     own = (str(tmp_path), str(EXAMPLES))
@@ -102,12 +102,12 @@ def test_blocks_are_named_by_file_module_or_class(place: str, folder: Path) -> N
         assert fd.read_machine("machine.toml").loop("x").control.law.kind == "own_law"
         assert "own law" in {each.name for each in candidates(fd.read_machine("machine.toml").loop("x"))[0]}
     assert "own_law" not in catalogue()[Law]
-    assert OWN not in os.environ
+    assert VARIABLE not in os.environ
 
 
 def test_the_environment_names_them_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = written(folder, "PlainLaw", "plain_law")
-    monkeypatch.setenv(OWN, str(file))
+    monkeypatch.setenv(VARIABLE, str(file))
     assert fd.read_machine("machine.toml").loop("x").control.law.kind == "plain_law"
     law = catalogue()[Law]["plain_law"]
     loop = fd.read_machine("machine.toml").loop("x")

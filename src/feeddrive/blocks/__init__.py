@@ -27,6 +27,7 @@ def by_file() -> Mapping[str, str]:
     for module in modules_below(__name__):
         package, _, stem = module.rpartition(".")
         text = (get_data(package, f"{stem}.py") or b"").decode()
+        # classes beside a block, such as its states and prepared numbers, do not have the name of the file
         places |= {name: module for name in re.findall(r"(?m)^class (\w+)\(", text) if snake_case(name) == stem}
     return places
 

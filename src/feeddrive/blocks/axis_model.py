@@ -130,7 +130,7 @@ def begun(block: type[B], axis: AxisModel, **stated: Any) -> B:
 
     Raises StructureError for any other field: the block must give its start value in a method `begin`.
     """
-    known = {
+    from_axis = {
         "mass": axis.mass,
         "viscous": axis.viscous,
         "delay_samples": axis.delay_samples,
@@ -141,8 +141,8 @@ def begun(block: type[B], axis: AxisModel, **stated: Any) -> B:
     for spec in dataclasses.fields(block):  # type: ignore[arg-type]
         if spec.name in values:
             continue
-        if spec.name in known:
-            values[spec.name] = known[spec.name]
+        if spec.name in from_axis:
+            values[spec.name] = from_axis[spec.name]
         elif spec.default is MISSING:
             values[spec.name] = _by_unit(block, spec.name, declared[spec.name].unit, axis)
     return block(**values)

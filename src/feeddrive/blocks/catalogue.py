@@ -32,8 +32,8 @@ B = TypeVar("B", bound=Block)
 # old and new names of kinds; until 1.0 error messages give the new one
 RENAMED = MappingProxyType({"shaped": "input_shaped"})
 ENTRY_POINTS = "feeddrive.blocks"  # entry-point group of packages with blocks
-OWN = "FEEDDRIVE_BLOCKS"  # environment variable: files and modules with blocks, separated by commas
-OPT_IN = f"a block of your own is found by --blocks FILE.py, by {OWN}, or once its package is installed"
+VARIABLE = "FEEDDRIVE_BLOCKS"  # environment variable: files and modules with blocks, separated by commas
+OPT_IN = f"a block of your own is found by --blocks FILE.py, by {VARIABLE}, or once its package is installed"
 
 
 @cache
@@ -52,11 +52,12 @@ def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
     Raises ParameterError for a place that cannot be imported or holds no block, and StructureError for two blocks of
     one kind.
     """
-    return _with_own(os.environ.get(OWN, ""))
+    # cached by the value of the variable, which `with_blocks` changes within a process
+    return _with_user_blocks(os.environ.get(VARIABLE, ""))
 
 
 @cache
-def _with_own(places: str) -> Mapping[type[Block], Mapping[str, type[Block]]]:
+def _with_user_blocks(places: str) -> Mapping[type[Block], Mapping[str, type[Block]]]:
     families = {family: dict(members) for family, members in shipped().items()}
     for origin, block in (*_installed(), *_of_places(places)):
         members = families.setdefault(family_of(block), {})
@@ -82,7 +83,7 @@ def _installed() -> Iterator[tuple[str, type[Block]]]:
 
 def _of_places(places: str) -> Iterator[tuple[str, type[Block]]]:
     for place in filter(None, map(str.strip, places.split(","))):
-        for block in _held(f"{OWN} or --blocks names '{place}'", place):
+        for block in _held(f"{VARIABLE} or --blocks names '{place}'", place):
             yield f"'{place}'", block
 
 
@@ -90,7 +91,7 @@ def _held(origin: str, place: str) -> list[type[Block]]:
     """Return the concrete blocks at a place: those defined by a module and its submodules, or a single class."""
     try:
         module, name = module_at(place)
-        blocks = [getattr(module, name)] if name else _own_blocks(module)
+        blocks = [getattr(module, name)] if name else _defined_blocks(module)
     except FeeddriveError as error:
         raise type(error)(f"{origin}: {error}") from None
     # the import runs foreign code, which may raise anything: the message must name its source
@@ -109,6 +110,7 @@ def _line_in(error: BaseException) -> str:
     trace, place = error.__traceback__, ""
     while trace is not None:
         code = trace.tb_frame.f_code
+        # <frozen importlib._bootstrap> and the like are no files of a user
         if not code.co_filename.startswith("<") and "feeddrive" not in trace.tb_frame.f_globals.get("__name__", ""):
             place = f"{trace.tb_lineno} of {os.path.basename(code.co_filename)}"
         trace = trace.tb_next
@@ -137,7 +139,7 @@ def module_at(place: str) -> tuple[ModuleType, str]:
     return module, name
 
 
-def fault_of_own(error: Exception) -> FeeddriveError | None:
+def fault_of_user_code(error: Exception) -> FeeddriveError | None:
     """Return an exception in the code of a user-defined block as one sentence with file and line; None for any other.
 
     Python users get the error itself; the command line has no traceback to show.
@@ -145,13 +147,13 @@ def fault_of_own(error: Exception) -> FeeddriveError | None:
     trace, line = error.__traceback__, ""
     while trace is not None:
         # no break: the innermost frame of the user's code is the line to correct
-        if _holds_own(trace.tb_frame.f_globals):
+        if _defines_blocks(trace.tb_frame.f_globals):
             line = f"{os.path.basename(trace.tb_frame.f_code.co_filename)}, line {trace.tb_lineno}"
         trace = trace.tb_next
     return StructureError(f"{line}: {type(error).__name__}: {error}") if line else None
 
 
-def _holds_own(module: Mapping[str, Any]) -> bool:
+def _defines_blocks(module: Mapping[str, Any]) -> bool:
     """Return True if the globals are those of a module outside this package that defines blocks."""
     name = str(module.get("__name__", ""))
     return name.partition(".")[0] != "feeddrive" and any(
@@ -169,7 +171,7 @@ def _is_concrete(value: Any) -> bool:
     return isinstance(value, type) and issubclass(value, Block) and not inspect.isabstract(value)
 
 
-def _own_blocks(module: ModuleType) -> list[type[Block]]:
+def _defined_blocks(module: ModuleType) -> list[type[Block]]:
     """Return the concrete blocks in the namespace of a module that are defined in it or in one of its submodules."""
     below = f"{module.__name__}."
     return [
@@ -183,20 +185,22 @@ def with_blocks(places: Sequence[str]) -> Generator[None]:
 
     Raises the errors of `catalogue`.
     """
-    before = os.environ.get(OWN)
+    before = os.environ.get(VARIABLE)
+    # absolute: a child process may run in another folder
     resolved = [str(Path(place).resolve()) if place.endswith(".py") else place for place in places]
     if resolved:
         # in the environment, which child processes inherit
-        os.environ[OWN] = ",".join([*filter(None, [before]), *resolved])
+        os.environ[VARIABLE] = ",".join([*filter(None, [before]), *resolved])
     try:
         if resolved:
+            # a place that cannot be imported is refused here, not at the first use of a block
             catalogue()
         yield
     finally:
         if resolved:
-            os.environ.pop(OWN)
+            os.environ.pop(VARIABLE)
             if before is not None:
-                os.environ[OWN] = before
+                os.environ[VARIABLE] = before
 
 
 def members(family: type[B]) -> Mapping[str, type[B]]:
@@ -253,9 +257,9 @@ def find(family: type[B], kind: str) -> type[B]:
 
     Raises ParameterError, with similar names, for an unknown kind.
     """
-    known = members(family)
-    if kind in known:
-        return known[kind]
-    near = [RENAMED[kind]] if RENAMED.get(kind) in known else get_close_matches(kind, known, 3)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(known) or 'none'}"
+    kinds = members(family)
+    if kind in kinds:
+        return kinds[kind]
+    near = [RENAMED[kind]] if RENAMED.get(kind) in kinds else get_close_matches(kind, kinds, 3)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(kinds) or 'none'}"
     raise ParameterError(f"there is no {family.kind.replace('_', ' ')} of kind '{kind}'; {hint}; {OPT_IN}")

@@ -221,6 +221,7 @@ class Law(Block, Retuned, ABC):
             for spec, declaration in fields
             if spec.default is dataclasses.MISSING and declaration.above == 0.0
         ]
+        # mass and friction are those of the axis, not settings
         return cls.tunables or tuple(name for name in free if name not in ("mass", "viscous"))
 
     @classmethod

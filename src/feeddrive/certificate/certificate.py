@@ -31,6 +31,7 @@ class Certificate(Result):
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Certificate:
         """Return the certificate of a document, with the digest of its content."""
+        # as a reader of the file gets it: the digest of tuples and numpy numbers would be another one
         plain = json.loads(json.dumps(content))
         return cls({**plain, "sha256": check.digest(plain)})
 
@@ -70,9 +71,9 @@ class Certificate(Result):
         """The loop response (control and plant) by plant name, for figures and plots."""
         T, control = self.sample_time, self.document["control"]
         readings = control["readings"]
-        own = control_of(control, T)
+        control_model = control_of(control, T)
         return {
-            plant["name"]: LoopResponse(own, matrices(plant["model"], ["cut"], readings, T), plant["radius"])
+            plant["name"]: LoopResponse(control_model, matrices(plant["model"], ["cut"], readings, T), plant["radius"])
             for plant in self.document["plants"]
         }
 

@@ -547,6 +547,7 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
     need(not any(x for line in model["D"] for x in line), "a plant responds without delay")
     bands, reserve = Bands(plant["radius"], {"one": 1, "each": readings}[plant["discs"]], T), plant["reserve"]
     reserve = None if reserve is None else plain(reserve, "reserve", 1.0, 1e9)
+    # with a reserve hardly above 1 the discs as stated must hold, too
     factor = max(Fraction(1), Fraction(reserve or 1) * KEPT)
     f = plain(plant["reserve_at_Hz"], "reserve_at_Hz", 0.0, 0.5 / T * (1.0 + 1e-9))
     Dp, Np = polynomials(model)
@@ -599,6 +600,7 @@ def verified(document: Mapping[str, Any]) -> list[str]:
     need("saturation" in outside and "friction" in outside, "it does not list saturation and friction as outside")
     control, plants, sentences = prepared(document["control"]), row(document["plants"], None, "plants"), []
     need(0 < len(plants) <= 100, "there is no plant, or more than a hundred")
+    # no finite disc holds a normal error with certainty
     confidence = plain(document["confidence"], "confidence", 0.0, 1.0 - 1e-12)
     count = sum(len(lines) for plant in plants for lines in plant["lines"])
     sure = math.sqrt(math.log(max(count, 1) / (1.0 - confidence)))  # P(|dG|² > q var) = e^-q, all lines (Bonferroni)

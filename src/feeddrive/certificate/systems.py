@@ -112,17 +112,17 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
         if not gone:
             raise
         raise ParameterError(f"{arithmetic} has too few digits for this control: {gone[0]} becomes zero") from None
-    own = [i for i, name in enumerate(samples[0].states) if name.startswith("control.")]
-    used = [i for i in (1, 2) if any(np.any(sample.B[own, i]) or np.any(sample.D[:, i]) for sample in samples)]
+    kept = [i for i, name in enumerate(samples[0].states) if name.startswith("control.")]
+    used = [i for i in (1, 2) if any(np.any(sample.B[kept, i]) or np.any(sample.D[:, i]) for sample in samples)]
     if not used:
         raise ParameterError(f"the law '{law.kind}' does not use any reading: there is no loop to certify")
-    _check_size(len(own))
-    states = tuple(samples[0].states[i].removeprefix("control.") for i in own)
+    _check_size(len(kept))
+    states = tuple(samples[0].states[i].removeprefix("control.") for i in kept)
     models = tuple(
         StateSpace(
-            sample.A[np.ix_(own, own)],
-            sample.B[np.ix_(own, used)],
-            sample.C[:, own],
+            sample.A[np.ix_(kept, kept)],
+            sample.B[np.ix_(kept, used)],
+            sample.C[:, kept],
             sample.D[:, used],
             float(sample_time),
             states,
@@ -189,6 +189,7 @@ def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float)
     weight = 1.0 / np.sqrt(noise + (_SHARE * np.abs(G)) ** 2 + 1e-300)
     best: tuple[float, np.ndarray] | None = None
     for count in range(_MOST + 1):
+        # six real numbers for each coefficient, or one more mode fits the noise alone
         if 2 * f.size * len(G) < 6 * (2 + 2 * count) * len(G):
             break
         candidate = _refined(f, G, weight, T, count)
@@ -296,14 +297,14 @@ def _sampled(
     axis = Axis(plant=plant, actuator=Actuator(dead_time=float(values[-1])))
     loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=T)
     sampled = linearize(loop, ["cut"], ["reading_motor", "reading_load"][:count], velocity=0.05)
-    own = [i for i, state in enumerate(sampled.states) if state.startswith(("axis.position.", "axis.velocity."))]
+    moving = [i for i, state in enumerate(sampled.states) if state.startswith(("axis.position.", "axis.velocity."))]
     z = np.exp(2j * np.pi * f * T)
     n = len(sampled.states)
     states = np.linalg.solve(z[:, None, None] * np.eye(n) - sampled.A, np.broadcast_to(sampled.B, (z.size, n, 1)))[
-        :, own, 0
+        :, moving, 0
     ]
     C = np.zeros((count, n))
-    C[:, own] = _solved(states, G, weight)[0]
+    C[:, moving] = _solved(states, G, weight)[0]
     return replace(sampled, C=C)
 
 

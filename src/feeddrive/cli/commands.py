@@ -215,9 +215,9 @@ def _in_one_line() -> Generator[None]:
     except (FeeddriveError, typer.Exit, typer.Abort):
         raise
     except Exception as error:
-        from feeddrive.blocks.catalogue import fault_of_own
+        from feeddrive.blocks.catalogue import fault_of_user_code
 
-        fault = fault_of_own(error)
+        fault = fault_of_user_code(error)
         if fault is None:
             raise
         raise fault from error

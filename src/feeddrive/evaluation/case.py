@@ -29,7 +29,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
 
-from feeddrive.blocks.catalogue import fault_of_own
+from feeddrive.blocks.catalogue import fault_of_user_code
 from feeddrive.files.run_files import versions
 from feeddrive.language import tree
 from feeddrive.language.block import Block
@@ -109,7 +109,7 @@ def computed(case: Case[T], progress: Progress) -> T:
     except FeeddriveError:
         raise
     except Exception as error:
-        fault = fault_of_own(error)
+        fault = fault_of_user_code(error)
         if fault is None:
             raise
         raise fault from error

@@ -350,14 +350,14 @@ def _lines(block: Block, place: str) -> list[list[Cell]]:
         for name, declared in declarations(type(block)).items()
         if declared.role != "part" and getattr(block, name) is not None
     ]
-    own = [[place or "-", block.kind, joined(", ", parameters)]] if parameters or place else []
+    rows = [[place or "-", block.kind, joined(", ", parameters)]] if parameters or place else []
     for name, part in _parts(block):
-        own += _lines(part, f"{place}.{name}" if place else name)
-    return own
+        rows += _lines(part, f"{place}.{name}" if place else name)
+    return rows
 
 
 def _parameters(block: Block, place: str) -> list[list[Cell]]:
-    own = [
+    rows = [
         [
             f"{place}.{name}" if place else name,
             *_cells(getattr(block, name), declared.unit),
@@ -368,8 +368,8 @@ def _parameters(block: Block, place: str) -> list[list[Cell]]:
         if declared.role != "part" and getattr(block, name) is not None
     ]
     for name, part in _parts(block):
-        own += _parameters(part, f"{place}.{name}" if place else name)
-    return own
+        rows += _parameters(part, f"{place}.{name}" if place else name)
+    return rows
 
 
 def _cells(value: Any, unit: str) -> tuple[Cell, Cell]:
@@ -396,19 +396,19 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
             make(self, *args, **values)
         # Python's message counts positions of `__init__`; a user knows the names of parameters
         except TypeError:
-            known = declarations(cls)
-            wrong = [name for name in values if name not in known]
+            declared = declarations(cls)
+            wrong = [name for name in values if name not in declared]
             fields = dataclasses.fields(cls)  # type: ignore[arg-type]
             needed = [spec.name for spec in fields if spec.default is MISSING and spec.name not in values]
             if args:
-                raise ParameterError(f"{cls.__name__} takes its parameters by name: {', '.join(known)}") from None
+                raise ParameterError(f"{cls.__name__} takes its parameters by name: {', '.join(declared)}") from None
             if wrong:
                 raise ParameterError(
-                    f"{cls.__name__} has no parameter '{wrong[0]}'{nearest(wrong[0], known)}"
+                    f"{cls.__name__} has no parameter '{wrong[0]}'{nearest(wrong[0], declared)}"
                 ) from None
             if needed:
                 raise ParameterError(
-                    f"{cls.__name__} needs {', '.join(f'{name} ({known[name].meaning})' for name in needed)}"
+                    f"{cls.__name__} needs {', '.join(f'{name} ({declared[name].meaning})' for name in needed)}"
                 ) from None
             raise
 

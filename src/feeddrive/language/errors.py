@@ -11,14 +11,14 @@ from feeddrive.language.text import Text, capitalized, keeps_marks, marked, mark
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return `; did you mean a or b?`, or `; there are: ...` (at most 20 names) if no name is similar."""
-    known = list(allowed)
+    names = list(allowed)
     # a name in the other case has no letter in common for get_close_matches
-    near = get_close_matches(name, known, 3) or [candidate for candidate in known if candidate.lower() == name.lower()]
+    near = get_close_matches(name, names, 3) or [candidate for candidate in names if candidate.lower() == name.lower()]
     if near:
         return f"; did you mean {' or '.join(near)}?"
-    if not known:
+    if not names:
         return "; nothing is expected here"
-    return f"; there are: {', '.join(known[:20])}{', ...' if len(known) > 20 else ''}"
+    return f"; there are: {', '.join(names[:20])}{', ...' if len(names) > 20 else ''}"
 
 
 class FeeddriveError(Exception):

@@ -47,7 +47,7 @@ EXP_LEAST = -1021.0 * math.log(2.0)
 
 
 def series(x: Any, coefficients: Sequence[float]) -> Any:
-    """Σ cᵢ xⁱ, summed in pairs: (c₀ + c₁x) + (c₂ + c₃x)x² + ..."""
+    """Return Σ cᵢ xⁱ, summed in pairs: (c₀ + c₁x) + (c₂ + c₃x)x² + ..."""
     terms: list[Any] = list(coefficients)
     while len(terms) > 1:
         pairs = [terms[i] + terms[i + 1] * x for i in range(0, len(terms) - 1, 2)]
@@ -60,7 +60,7 @@ _EXP = [1.0 / math.factorial(i) for i in range(14)]
 
 
 def _reduced_exp(x: Any) -> tuple[Any, Any]:
-    """k and p with eˣ = 2ᵏ (1 + p) and |p| <= √2 - 1."""
+    """Return k and p with eˣ = 2ᵏ (1 + p) and |p| <= √2 - 1."""
     k = floor(x * (1.0 / math.log(2.0)) + 0.5)
     r = (x - k * LN2_HIGH) - k * LN2_LOW
     # Σ rⁱ/i! from 1 to 13: three parts that are summed at the same time, since friction waits for this function, and r
@@ -74,7 +74,7 @@ def _reduced_exp(x: Any) -> tuple[Any, Any]:
 
 
 def exp(x: Any) -> Any:
-    """eˣ = 2ᵏ (1 + p). Results below 2⁻¹⁰²¹ are 0, above 2¹⁰²³·⁵ infinite."""
+    """Return eˣ = 2ᵏ (1 + p). Results below 2⁻¹⁰²¹ are 0, above 2¹⁰²³·⁵ infinite."""
     k, p = _reduced_exp(x)
     scale = power_of_two(k)  # not valid beyond the bounds, where it is not selected
     result = scale + p * scale
@@ -82,7 +82,7 @@ def exp(x: Any) -> Any:
 
 
 def expm1(x: Any) -> Any:
-    """eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
+    """Return eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
     # e⁻⁴⁰ is below half a last digit of 1: the result is -1
     held = clip(x, -40.0, EXP_MOST)
     k, p = _reduced_exp(held)
@@ -92,7 +92,7 @@ def expm1(x: Any) -> Any:
 
 
 def tanh(x: Any) -> Any:
-    """m / (m + 2) with m = e²ˣ - 1, for |x|; then the sign of x."""
+    """Return tanh x = m / (m + 2) with m = e²ˣ - 1 of |x|, with the sign of x."""
     # tanh 20 rounds to 1
     m = expm1(2.0 * minimum(absolute(x), 20.0))
     size = m / (m + 2.0)
@@ -103,7 +103,7 @@ _ATANH = [2.0 / (2 * i + 1) for i in range(1, 11)]
 
 
 def log(x: Any) -> Any:
-    """With x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1):  ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...)."""
+    """Return ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...) with x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1)."""
     small = x < 1e-300  # near the end of the normal numbers the exponent cannot be read: scale up
     scaled = where(small, x * 2.0**54, x)
     k = exponent(scaled)
@@ -120,7 +120,7 @@ def log(x: Any) -> Any:
 
 
 def _log_ends(x: Any, result: Any) -> Any:
-    """ln 0 = -inf, ln inf = inf, and NaN (as √-1) below 0 or for NaN."""
+    """Return ln x at its ends: -inf for 0, inf for inf, and NaN (as √-1) below 0 or for NaN."""
     result = where(x > 1.7976931348623157e308, math.inf, result)
     result = where(x <= 0.0, where(x < 0.0, sqrt(-1.0 - absolute(x)), -math.inf), result)
     return where(equal(x, x), result, x)
@@ -131,7 +131,7 @@ _COS = [(-1.0) ** i / math.factorial(2 * i) for i in range(2, 10)]
 
 
 def _reduced_angle(x: Any) -> tuple[Any, Any]:
-    """k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
+    """Return k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
     held = where(absolute(x) <= 1e9, x, 0.0)
     k = floor(held * (2.0 / math.pi) + 0.5)
     r = held
@@ -151,7 +151,7 @@ def _cosine_part(r: Any) -> Any:
 
 
 def _wave(x: Any, quarter: float) -> Any:
-    """sin(x + quarter · π/2)."""
+    """Return sin(x + quarter · π/2)."""
     k, r = _reduced_angle(x)
     turn = k + quarter
     place = turn - 4.0 * floor(0.25 * turn)  # 0, 1, 2 or 3
@@ -162,12 +162,12 @@ def _wave(x: Any, quarter: float) -> Any:
 
 
 def sin(x: Any) -> Any:
-    """sin x by quarter turns."""
+    """Return sin x by quarter turns."""
     return _wave(x, 0.0)
 
 
 def cos(x: Any) -> Any:
-    """cos x by quarter turns."""
+    """Return cos x by quarter turns."""
     return _wave(x, 1.0)
 
 
@@ -176,7 +176,7 @@ TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
 def atan(x: Any) -> Any:
-    """By |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8:  z - z³/3 + z⁵/5 - ..."""
+    """Return z - z³/3 + z⁵/5 - ... by |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8."""
     size = absolute(x)
     inverted = size > 1.0
     # the other branch of a choice is computed, too: it must not divide by 0

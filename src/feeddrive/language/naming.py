@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from feeddrive.language.block import Block
 from feeddrive.language.graph import Graph, Symbol
 
-_OWN = __name__.rpartition(".")[0]  # the package `language`, whose variable names do not belong to a law
+_LANGUAGE = __name__.rpartition(".")[0]  # the package `language`, whose variable names do not belong to a law
 
 
 class Name(NamedTuple):
@@ -57,7 +57,7 @@ class Names:
 
     def _called(self, frame: FrameType, event: str, argument: Any) -> Any:
         """Return the line tracer for a called function; None for functions of the language package itself."""
-        inside = str(frame.f_globals.get("__name__", "")).startswith(_OWN)
+        inside = str(frame.f_globals.get("__name__", "")).startswith(_LANGUAGE)
         return None if inside else self._line
 
     def _line(self, frame: FrameType, event: str, argument: Any) -> Any:

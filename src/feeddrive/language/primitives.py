@@ -28,6 +28,7 @@ def where(condition: Any, a: Any, b: Any) -> Any:
         return symbol
     if isinstance(condition, np.ndarray) or isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return np.where(condition, a, b)
+    # numpy's number in a single run, too: it divides by 0 as IEEE 754 says
     return np.float64(a) if condition else np.float64(b)
 
 
@@ -110,6 +111,7 @@ def power_of_two(k: Any) -> Any:
         return symbol
     if isinstance(k, np.ndarray):
         inside = (k >= -1022.0) & (k <= 1023.0)
+        # numpy computes before it selects, and a huge k is no integer
         return np.where(inside, np.ldexp(1.0, np.where(inside, k, 0.0).astype(np.int64)), math.nan)
     return np.float64(math.ldexp(1.0, int(k))) if -1022.0 <= k <= 1023.0 else np.float64(math.nan)
 

@@ -43,6 +43,7 @@ class Ring:
         if isinstance(self.cells, tuple):
             first, *others = self.cells
             cells = (where(equal(place, float(i)), value, cell) for i, cell in enumerate(others, 1))
+            # not equal(place, 0): a NaN as index reaches cell 0, as in memory
             return Ring(self.length, (where(place > 0.5, first, value), *cells))
         symbol = next((operand for operand in (self.cells, place, value) if isinstance(operand, Symbol)), None)
         if symbol is not None:
@@ -225,12 +226,12 @@ class Track(NamedTuple):
         gained = s * s * (3.0 - 2.0 * s) + ahead * (6.0 * s * rest)
         from_old = h * (s * rest * rest + ahead * (rest * (1.0 - 3.0 * s)))
         from_new = h * (ahead * (s * (3.0 * s - 2.0)) - s * s * rest)
-        known = newer < self.filled, older < self.filled
+        stored = newer < self.filled, older < self.filled
         places = self.head - 1.0 - newer, self.head - 1.0 - older
         results: list[Any] = []
         for value, rate, initial in zip(self.values, self.rates, self.initial, strict=True):
-            new, old = (where(is_, value.get(at), initial) for is_, at in zip(known, places, strict=True))
-            fast, slow = (where(is_, rate.get(at), 0.0) for is_, at in zip(known, places, strict=True))
+            new, old = (where(is_, value.get(at), initial) for is_, at in zip(stored, places, strict=True))
+            fast, slow = (where(is_, rate.get(at), 0.0) for is_, at in zip(stored, places, strict=True))
             results.append(old + gained * (new - old) + (from_new * fast + from_old * slow))
         return tuple(results)
 

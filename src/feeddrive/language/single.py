@@ -72,14 +72,14 @@ _HALF_LOW = held(0.5 * math.pi - _HALF_HIGH)
 
 
 def _reduced_exp(x: Any) -> tuple[Any, Any]:
-    """k and p with eˣ = 2ᵏ (1 + p) and |p| <= √2 - 1."""
+    """Return k and p with eˣ = 2ᵏ (1 + p) and |p| <= √2 - 1."""
     k = floor(x * PER_LN2 + 0.5)
     r = (x - k * LN2_HIGH) - k * LN2_LOW
     return k, r + (r * r) * series(r, _EXP[2:])
 
 
 def exp(x: Any) -> Any:
-    """eˣ = 2ᵏ (1 + p). Results below 2⁻¹²⁵ are 0, above 2¹²⁷·⁵ infinite."""
+    """Return eˣ = 2ᵏ (1 + p). Results below 2⁻¹²⁵ are 0, above 2¹²⁷·⁵ infinite."""
     k, p = _reduced_exp(x)
     scale = power_of_two(k)  # not valid beyond the bounds, where it is not selected
     result = (1.0 + p) * scale  # p · scale alone could be below the normal numbers
@@ -87,7 +87,7 @@ def exp(x: Any) -> Any:
 
 
 def expm1(x: Any) -> Any:
-    """eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
+    """Return eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
     # e⁻²⁰ is below half a last digit of 1: the result is -1
     k, p = _reduced_exp(clip(x, -20.0, EXP_MOST))
     scale = power_of_two(k)
@@ -96,7 +96,7 @@ def expm1(x: Any) -> Any:
 
 
 def tanh(x: Any) -> Any:
-    """m / (m + 2) with m = e²ˣ - 1, for |x|; then the sign of x."""
+    """Return tanh x = m / (m + 2) with m = e²ˣ - 1 of |x|, with the sign of x."""
     # tanh 10 rounds to 1
     m = expm1(2.0 * minimum(absolute(x), 10.0))
     size = m / (m + 2.0)
@@ -104,7 +104,7 @@ def tanh(x: Any) -> Any:
 
 
 def log(x: Any) -> Any:
-    """With x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1):  ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...)."""
+    """Return ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...) with x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1)."""
     k = exponent(x)
     m = (0.5 * x) * power_of_two(1.0 - k)  # in two factors, since 2⁻¹²⁷ is no normal number
     m = where(x < 2.0 * LEAST_NORMAL, x * 2.0**126, m)  # here the half would not be normal
@@ -122,7 +122,7 @@ def log(x: Any) -> Any:
 
 
 def _reduced_angle(x: Any) -> tuple[Any, Any]:
-    """k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
+    """Return k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
     r = where(absolute(x) <= MOST_ANGLE, x, 0.0)
     k = floor(r * PER_QUARTER + 0.5)
     for piece in HALF_PI:
@@ -141,7 +141,7 @@ def _cosine_part(r: Any) -> Any:
 
 
 def _wave(x: Any, quarter: float) -> Any:
-    """sin(x + quarter · π/2)."""
+    """Return sin(x + quarter · π/2)."""
     k, r = _reduced_angle(x)
     turn = k + quarter
     place = turn - 4.0 * floor(0.25 * turn)  # 0, 1, 2 or 3
@@ -152,17 +152,17 @@ def _wave(x: Any, quarter: float) -> Any:
 
 
 def sin(x: Any) -> Any:
-    """sin x by quarter turns."""
+    """Return sin x by quarter turns."""
     return _wave(x, 0.0)
 
 
 def cos(x: Any) -> Any:
-    """cos x by quarter turns."""
+    """Return cos x by quarter turns."""
     return _wave(x, 1.0)
 
 
 def atan(x: Any) -> Any:
-    """By |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8:  z - z³/3 + z⁵/5 - ..."""
+    """Return z - z³/3 + z⁵/5 - ... by |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8."""
     size = absolute(x)
     inverted = size > 1.0
     y = where(inverted, 1.0 / maximum(size, 1.0), size)
@@ -196,9 +196,9 @@ def single_lowered(graph: Graph, roots: Sequence[int]) -> tuple[Graph, dict[int,
 
 
 def single_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[np.ndarray]:
-    """The values of some nodes in single precision, for inputs and tables by name as numbers or arrays of one length.
+    """Return the values of some nodes in single precision, for inputs and tables by name: numbers, or arrays.
 
-    Constants and leaves are rounded to float first.  Raises KeyError for a leaf that is not given.
+    Arrays have one length.  Constants and leaves are rounded to float first.  Raises KeyError for a leaf that is not given.
     """
     lowered, place = single_lowered(graph, outputs)
     values_: dict[int, Any] = {}
@@ -219,7 +219,7 @@ def single_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any
 
 
 def _flushed(x: Any) -> Any:
-    """x, with the sign of 0 in place of numbers below the normal ones."""
+    """Return x with 0 of the same sign in place of subnormal numbers."""
     return np.where(np.abs(x) < np.float32(LEAST_NORMAL), np.copysign(np.float32(0.0), x), x)
 
 

@@ -70,6 +70,7 @@ def _mark(content: str) -> Mark | None:
     parts: Sequence[str] = content.split(_BETWEEN)
     mark = Mark(*parts) if len(parts) == len(Mark._fields) else None
     return (
+        # a text that a user wrote may hold these characters, too
         mark if mark and all(not number or _NUMBER.fullmatch(number) for number in (mark.value, mark.error)) else None
     )
 

@@ -147,8 +147,8 @@ def parameters(tree: Any) -> dict[str, Any]:
 def path_of(tree: Any, name: str) -> str:
     """Convert a name by fields to a path: `control.law.Kv` of a loop -> `axis.x.control.law.Kv`."""
     first, dot, rest = name.partition(".")
-    known = isinstance(tree, Block) and first in declarations(type(tree))
-    return f"{tree.place_of(first)}{dot}{rest}" if known else name
+    is_field = isinstance(tree, Block) and first in declarations(type(tree))
+    return f"{tree.place_of(first)}{dot}{rest}" if is_field else name
 
 
 def in_paths(block: Block, text: str) -> str:
@@ -331,6 +331,7 @@ def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
     if kept is None:
         values: list[Any] = []
         shape = Shape((_shape(tree, values),))
+        # equal structures are one object, so that dictionaries compare them by identity
         kept = _shapes.get(shape, lambda: shape), values
         if isinstance(tree, Block):
             vars(tree)[STRUCTURE] = kept

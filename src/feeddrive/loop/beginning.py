@@ -127,6 +127,7 @@ class Work:
         """Sample the inputs over a range unless the cached range contains it; return its slice of the cached range."""
         start = first - self._first
         if start < 0 or start + count > self._count:
+            # made when first needed: along a path that is cached it is not
             t = cache(lambda: (first + np.arange(count)) * self.T)
             self._paths = {axis: self._along(self.reference[axis], t, first, count) for axis in self._ports}
             self._forces = {

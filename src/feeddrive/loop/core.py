@@ -343,14 +343,14 @@ def settle(
             mobility = matrix.dot(contact.row, contact.column[n : 2 * n])
             start = matrix.dot(contact.row, velocity)
             answers[i] = Answer(*contact.friction.contact(h, contact.state, start, end, mobility))
-    known = [answer for answer in answers if answer is not None]
+    solved = [answer for answer in answers if answer is not None]
     after = list(free)
-    for contact, answer in zip(contacts, known, strict=True):
+    for contact, answer in zip(contacts, solved, strict=True):
         after = [plus(x, column, answer.force) for x, column in zip(after, contact.column, strict=True)]
-    for contact, answer in zip(contacts, known, strict=True):
+    for contact, answer in zip(contacts, solved, strict=True):
         if answer.stuck is not False:
             _stop(contact.row, answer.stuck, after, position, velocity, h)
-    return after, known
+    return after, solved
 
 
 def plus(x: Any, column: Any, force: Any) -> Any:
@@ -378,17 +378,17 @@ def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h:
     friction force, a mean over the substep, would let it creep while a spring on it is loaded.  Where two bodies share
     a coordinate, as in a modal model, the second is exact and the first is at rest up to rounding.
     """
-    own = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
-    if own is None:
+    last = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
+    if last is None:
         return
     n = len(position)
-    others = [*row[:own], *row[own + 1 :]]
-    moving = matrix.dot(others, [*end[n : n + own], *end[n + own + 1 : 2 * n]])
-    end[n + own] = ops.where(stuck, 0.0 if matrix.is_zero(moving) else -moving, end[n + own])
+    others = [*row[:last], *row[last + 1 :]]
+    moving = matrix.dot(others, [*end[n : n + last], *end[n + last + 1 : 2 * n]])
+    end[n + last] = ops.where(stuck, 0.0 if matrix.is_zero(moving) else -moving, end[n + last])
     if n > 1:
         place = matrix.dot(row, position) + (0.5 * h) * matrix.dot(row, velocity)
-        aside = matrix.dot(others, [*end[:own], *end[own + 1 : n]])
-        end[own] = ops.where(stuck, place if matrix.is_zero(aside) else place - aside, end[own])
+        aside = matrix.dot(others, [*end[:last], *end[last + 1 : n]])
+        end[last] = ops.where(stuck, place if matrix.is_zero(aside) else place - aside, end[last])
 
 
 class Joint:
@@ -423,6 +423,7 @@ class Joint:
             modes, springs = coupling.modes(), coupling.springs()
             if modes or springs:
                 joined = [group for group in groups if set(group[0]) & set(coupling.axes())]
+                # a coupling between several groups makes them one
                 first = joined[0]
                 for other in joined[1:]:
                     for mine, theirs in zip(first, other, strict=True):
@@ -431,7 +432,7 @@ class Joint:
                 first[1].extend(modes)
                 first[2].extend(springs)
         axes = ({name: axis for name, axis in self.axes.items() if name in names} for names, *_ in groups)
-        return [Core(own, modes, springs) for own, (_, modes, springs) in zip(axes, groups, strict=True)]
+        return [Core(group_axes, modes, springs) for group_axes, (_, modes, springs) in zip(axes, groups, strict=True)]
 
     def substeps(self) -> int:
         """Return the number of substeps, which is the same for every axis."""
@@ -499,9 +500,9 @@ class Joint:
             for name, push in pushes.items():
                 loads[name].append(push.load)
             for place, core in enumerate(self.cores):
-                own = {name: moved[name] for name in core.axes}
+                members = {name: moved[name] for name in core.axes}
                 after, shared[place], steps = core.substep(
-                    prepared.cores[place], own, shared[place], at, pushes, index, now, h
+                    prepared.cores[place], members, shared[place], at, pushes, index, now, h
                 )
                 moved.update(after)
                 done.update(steps)
@@ -525,8 +526,8 @@ class Joint:
                 if name not in motions:
                     core = self.cores[self._where[name]]
                     motions[name] = core.middle(name, states, shared[self._where[name]], h)
-            own = {name: motions[name] for name in coupling.axes()}
-            remembered[i], forces = coupling.step(coefficients, remembered[i], own, middle, h)
+            involved = {name: motions[name] for name in coupling.axes()}
+            remembered[i], forces = coupling.step(coefficients, remembered[i], involved, middle, h)
             for name, pair in forces.items():
                 pushes[name] = pushes.get(name, Push()) + pair
         return pushes

@@ -89,6 +89,7 @@ class FRF(Result):
                 f"an FRF needs one response for each frequency, not {response.shape} for {frequency.shape}"
             )
         self._check_finite(frequency, response)
+        # from 0 on: the first frequency must be positive, too
         wrong = np.flatnonzero(np.diff(frequency, prepend=0.0) <= 0.0)
         if wrong.size:
             i = int(wrong[0])
@@ -161,9 +162,10 @@ class FRF(Result):
         return self.variance
 
     def _with(self, response: Any, variance: Any) -> FRF:
+        # a coherence belongs to the two signals that were measured
         return replace(self, response=response, coherence=None, variance=variance)
 
-    def _known(self, other: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
+    def _variances(self, other: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Return the variances of both operands; None for both if both have one, since errors may be correlated."""
         theirs = other.variance if isinstance(other, FRF) else None
         return (self.variance, theirs) if self.variance is None or theirs is None else (None, None)
@@ -177,7 +179,7 @@ class FRF(Result):
 
     def __mul__(self, other: Any) -> FRF:
         factor = self._other(other)
-        mine, theirs = self._known(other)
+        mine, theirs = self._variances(other)
         variance = None if mine is None else np.abs(factor) ** 2 * mine
         if theirs is not None:
             variance = np.abs(self.response) ** 2 * theirs
@@ -186,7 +188,7 @@ class FRF(Result):
     __rmul__ = __mul__
 
     def __add__(self, other: Any) -> FRF:
-        mine, theirs = self._known(other)
+        mine, theirs = self._variances(other)
         return self._with(self.response + self._other(other), theirs if mine is None else mine)
 
     __radd__ = __add__
@@ -225,6 +227,7 @@ class FRF(Result):
         return control.frd(
             self.response,
             2.0 * np.pi * self.frequency,
+            # 0 is continuous time in python-control
             self.sample_time or 0,
             inputs=[self.input],
             outputs=[self.output],

@@ -24,7 +24,7 @@ from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.machine import System, check_system
 from feeddrive.loop.runner import Prepared, by_lane
-from feeddrive.loop.simulate import known, sample_count
+from feeddrive.loop.simulate import checked_signals, sample_count
 from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
 
 
@@ -298,9 +298,9 @@ def require_slopes(
     steep += [index for index in there if graph.name(index) == "select" and graph.lines[index].kind in kinds]
     if not steep:
         return
-    asked = {index: _asked(graph, index) for index in steep}
-    rounding = _rounding(graph, [node for index in steep for node in (index, *asked[index])], values)
-    zeros = [index for index in steep if asked[index] and _at_edge(graph, index, asked[index], values, rounding)]
+    operands = {index: _operands(graph, index) for index in steep}
+    rounding = _rounding(graph, [node for index in steep for node in (index, *operands[index])], values)
+    zeros = [index for index in steep if operands[index] and _at_edge(graph, index, operands[index], values, rounding)]
     if not zeros:
         return
     with np.errstate(all="ignore"):
@@ -318,7 +318,7 @@ def require_slopes(
     for index in zeros:
         jumps = graph.name(index) == "select"
         slopes = outside if jumps else tangents
-        moved = any(np.any(slopes.get(i, 0.0) != 0.0) for i in asked[index])  # NaN is not 0 either
+        moved = any(np.any(slopes.get(i, 0.0) != 0.0) for i in operands[index])  # NaN is not 0 either
         if index in seen and moved and (not jumps or _felt(graph, index, outputs, values)):
             raise NoSlopeError(_no_slope(graph.lines[index], graph.name(index)))
 
@@ -334,7 +334,7 @@ def _felt(graph: Graph, index: int, outputs: Sequence[int], values: Mapping[int,
     )
 
 
-def _asked(graph: Graph, index: int) -> tuple[int, ...]:
+def _operands(graph: Graph, index: int) -> tuple[int, ...]:
     """Return the argument of a root, or the two operands that a choice compares; empty for other conditions."""
     first = arguments(graph.nodes[index])[0]
     if graph.name(index) != "select":
@@ -343,18 +343,18 @@ def _asked(graph: Graph, index: int) -> tuple[int, ...]:
 
 
 def _at_edge(
-    graph: Graph, index: int, asked: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
+    graph: Graph, index: int, operands: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
 ) -> bool:
     """True if the argument of a root is 0, or if a choice at its threshold has two different values, within
     rounding.
     """
-    if len(asked) == 1:
-        return bool(abs(values[asked[0]]) <= rounding[asked[0]])
+    if len(operands) == 1:
+        return bool(abs(values[operands[0]]) <= rounding[operands[0]])
     first, second = arguments(graph.nodes[index])[1:]
-    if any(isinstance(values[i], Ring | bool | np.bool_) for i in (*asked, first, second)):
+    if any(isinstance(values[i], Ring | bool | np.bool_) for i in (*operands, first, second)):
         return False
-    apart, jump = abs(values[asked[0]] - values[asked[1]]), abs(values[first] - values[second])
-    room = rounding[asked[0]] + rounding[asked[1]]
+    apart, jump = abs(values[operands[0]] - values[operands[1]]), abs(values[first] - values[second])
+    room = rounding[operands[0]] + rounding[operands[1]]
     return bool(apart <= room and jump > rounding[first] + rounding[second] + room)
 
 
@@ -365,8 +365,8 @@ def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -
     # 4 ε: above the rounding of one operation, ε/2, and of the elementary functions
     unit, errors = 2.0**-50, dict[int, float]()
     for index in reachable(graph, outputs):
-        node, own = graph.nodes[index], values[index]
-        if isinstance(own, Ring | bool | np.bool_) or np.ndim(own):
+        node, value = graph.nodes[index], values[index]
+        if isinstance(value, Ring | bool | np.bool_) or np.ndim(value):
             errors[index] = 0.0
             continue
         inner = [i for i in arguments(node) if i in errors]
@@ -374,7 +374,7 @@ def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -
             case "mul":
                 moved = abs(values[inner[0]]) * errors[inner[1]] + abs(values[inner[1]]) * errors[inner[0]]
             case "div":
-                moved = (errors[inner[0]] + abs(own) * errors[inner[1]]) / abs(values[inner[1]])
+                moved = (errors[inner[0]] + abs(value) * errors[inner[1]]) / abs(values[inner[1]])
             case "select":
                 moved = errors[inner[1] if values[inner[0]] else inner[2]]
             case "quantise":
@@ -383,7 +383,7 @@ def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -
                 moved = sum(errors[i] for i in inner)
             case _:
                 moved = 0.0
-        errors[index] = float(moved + unit * abs(float(own)))
+        errors[index] = float(moved + unit * abs(float(value)))
     return errors
 
 
@@ -458,7 +458,7 @@ def gradient(
     a root or logarithm at 0 in the run leaves no finite gradient.
     """
     check_system(loop)
-    known(loop, (), arithmetic)
+    checked_signals(loop, (), arithmetic)
     if isinstance(parameters, str):
         raise ParameterError(f"parameters must be a list of paths: [{parameters!r}]")
     names = tuple(tree.name_of(loop, path) for path in parameters)
@@ -492,6 +492,7 @@ def gradient(
         derivative.run(count, 0, constants, inputs, memory, None, prepared.rows(derivative))
         places = {state.name: i for i, state in enumerate(derivative.plan.states)}
         cost = float(memory[places[COST], 0]) / count
+        # a cost that no parameter reaches has no tangent in the program
         row = memory[places[f"d.{COST}"]] if f"d.{COST}" in places else np.zeros(LANES)
         slopes.extend(row[: part.stop - part.start] / count)
     graph = program.graph

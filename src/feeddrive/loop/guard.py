@@ -201,6 +201,7 @@ class Guard(Block):
             setpoint = cases(
                 (usual, setpoint), (good_setpoint, setpoint), otherwise=self._set_on(prepared, state, load)
             )
+        # first: whatever the readings are, a trip stays until `enable` falls
         latched = [(state.mode < 0.0, state.mode), (good, 1.0)]
         if self.holds:
             latched.append((ops.both(ran, state.mode <= self.hold_samples), state.mode + 1.0))
@@ -267,6 +268,7 @@ class Guard(Block):
         self, after: State, verdict: Verdict, last: Number, applied: Number, requested: Number
     ) -> tuple[State, Outcome]:
         """Return state, forces and trip code after the law has run; `last` is the command of the last sample in N."""
+        # a NaN fails the comparison
         sound = ops.absolute(requested) <= COMMAND_LIMIT
         usual_command = ops.both(verdict.usual, sound)
         next_mode = cases(

@@ -235,13 +235,14 @@ def samples_of_a_period(
     prepared = Prepared(loop, setpoint, start)
     probes = tuple(f"{port}{name}" for port in loop.ports() for name in Probe._fields if f"{port}{name}" in inputs)
     program = prepared.program(load=True, enable=False, probes=probes)
+    # histories are full: a model of small deviations has no first samples after a start
     first = prepared.settled()
     if settle:
         first.update(_settled(loop, prepared, at, settle))
     numbers = prepared.numbers
     if stored is not None:
-        own = {name: stored(name, value) for name, value in numbers.items() if _OF_CONTROL.match(name)}
-        numbers = {**numbers, **{name: np.float64(value) for name, value in own.items()}}
+        rounded = {name: stored(name, value) for name, value in numbers.items() if _OF_CONTROL.match(name)}
+        numbers = {**numbers, **{name: np.float64(value) for name, value in rounded.items()}}
     T = float(loop.sample_time)
     ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]
     sizes = [lengths(program.graph, state.before) for state in program.states]
@@ -265,8 +266,8 @@ def samples_of_a_period(
         seeds = {program.inputs[name]: eye[n + i] for i, name in enumerate(inputs) if name in program.inputs}
         row = 0
         for state, size in zip(program.states, sizes, strict=True):
-            own = eye[row : row + (size or 1)]
-            seeds[state.before] = own[0] if size is None else Ring(size, own[_ages(first, state.name, size)])
+            seed = eye[row : row + (size or 1)]
+            seeds[state.before] = seed[0] if size is None else Ring(size, seed[_ages(first, state.name, size)])
             row += size or 1
         with np.errstate(all="ignore"):
             seeds = {node: seed for node, seed in seeds.items() if node in values}

@@ -116,8 +116,8 @@ class Loop(Block):
         """Return the path of a field as in a machine file: `axis.x` for the physics, `axis.x.control` for the
         control.
         """
-        own = f"axis.{self.name}"
-        return {"axis": own, "control": f"{own}.control"}.get(field, field)
+        place = f"axis.{self.name}"
+        return {"axis": place, "control": f"{place}.control"}.get(field, field)
 
     def require(self) -> None:
         """Check the block, and add the name of the axis to errors of control and axis."""

@@ -21,7 +21,7 @@ from feeddrive.loop.hold import JointHold
 from feeddrive.loop.loop import SETPOINT, Loop, Signals, inputs_of, reported
 
 
-class Given(NamedTuple):
+class ControlInputs(NamedTuple):
     """The inputs of a control in a sample: setpoint, the readings of motor and load in m, and enable."""
 
     setpoint: Setpoint
@@ -50,7 +50,7 @@ class Controls:
         prepared: Sequence[Any],
         states: Mapping[str, Any],
         between: tuple[Any, ...],
-        readings: Mapping[str, Given],
+        readings: Mapping[str, ControlInputs],
         T: Number,
     ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:
         """Compute one sample: the states of the controls and of their couplings, and the commands by axis."""
@@ -105,8 +105,8 @@ class Controller(Block):
 
     def place_of(self, field: str) -> str:
         """Return the path of a field in the loop."""
-        own = f"axis.{self.name}"
-        return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
+        place = f"axis.{self.name}"
+        return {"control": f"{place}.control", "motor": f"{place}.actuator.motor"}.get(field, field)
 
     def inputs(self) -> tuple[str, ...]:
         """Return the names of the inputs of a sample."""
@@ -118,11 +118,11 @@ class Controller(Block):
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> Any:
         """Return the initial state at the position of the axis."""
-        return self.control.start(prepared, *_given(inputs, "")[:3])
+        return self.control.start(prepared, *_control_inputs(inputs, "")[:3])
 
     def step(self, prepared: Any, state: Any, inputs: Mapping[str, Any], T: Number) -> tuple[Any, dict[str, Any]]:
         """Compute one sample: the state, and the outputs by name."""
-        answer = self.control.step(prepared, state, *_given(inputs, ""), T)
+        answer = self.control.step(prepared, state, *_control_inputs(inputs, ""), T)
         return answer[0], _outputs(answer[1], self.motor, "")
 
     def retune(self, state: Any, old: Controller, old_prepared: Any, prepared: Any) -> Any:
@@ -182,7 +182,7 @@ class Controllers(Block):
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> State:
         """Return the initial states at the positions of the axes."""
-        readings = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
+        readings = {name: _control_inputs(inputs, f"{name}.") for name in self.axis._fields}
         begun = (
             axis.control.start(coefficients, *readings[name][:3])
             for name, axis, coefficients in zip(self.axis._fields, self.axis, prepared, strict=True)
@@ -192,7 +192,7 @@ class Controllers(Block):
 
     def step(self, prepared: Any, state: State, inputs: Mapping[str, Any], T: Number) -> tuple[State, dict[str, Any]]:
         """Compute one sample: the state, and the outputs by name."""
-        readings = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
+        readings = {name: _control_inputs(inputs, f"{name}.") for name in self.axis._fields}
         answer = self.controls().step(prepared, state.axis._asdict(), state.couplings, readings, T)
         outputs = {
             key: value
@@ -223,12 +223,12 @@ def _readings(encoders: int) -> tuple[str, ...]:
     return ("reading_motor", "reading_load") if encoders == 2 else ("reading",)
 
 
-def _given(inputs: Mapping[str, Any], port: str) -> Given:
+def _control_inputs(inputs: Mapping[str, Any], port: str) -> ControlInputs:
     """Return the inputs of one control, by prefix; a single encoder gives both readings."""
     setpoint = Setpoint(*(inputs[f"{port}{field}"] for field in SETPOINT))
     single = inputs.get(f"{port}reading")
     motor, load = (inputs[f"{port}{field}"] for field in _readings(2)) if single is None else (single, single)
-    return Given(setpoint, motor, load, inputs[f"{port}enable"])
+    return ControlInputs(setpoint, motor, load, inputs[f"{port}enable"])
 
 
 def _outputs(command: Control.Command, motor: Any, port: str) -> dict[str, Any]:
@@ -295,6 +295,7 @@ class Machine(Block):
     def __post_init__(self) -> None:
         if isinstance(self.axis, Mapping):
             axes: Mapping[str, DrivenAxis] = self.axis
+            # a named tuple is a node of a tree, whose leaves have paths; a mapping is not
             object.__setattr__(self, "axis", named(axes))
         super().__post_init__()
 
@@ -424,14 +425,14 @@ class Machine(Block):
         moved: dict[str, Axis.State] = {name: held.axis for name, held in states.items()}
         before = Joint.State(named(moved), state.shared, state.couplings)
         read: dict[str, Any] = {}
-        readings: dict[str, Given] = {}
+        readings: dict[str, ControlInputs] = {}
         at: dict[str, Acting] = {}
         for i, (name, axis) in enumerate(axes.items()):
             setpoint, load, enable, probe = inputs_of(inputs, f"{name}.")
             motion = joint.motion(name, before)
             moved[name], motor, reading = axis.axis.read(moved[name], motion, noise_of(noise, i), T)
             motor, reading = probe.read(motor, reading)
-            readings[name] = Given(setpoint, motor, reading, enable)
+            readings[name] = ControlInputs(setpoint, motor, reading, enable)
             read[name] = setpoint, motion, motor, reading, probe, load
         held = {name: loop.control for name, loop in states.items()}
         controls, between, commands = self.controls().step(prepared.control, held, state.coordination, readings, T)

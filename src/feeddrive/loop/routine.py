@@ -240,7 +240,9 @@ def on_target(system: System) -> Controller | Controllers:
         for name, loop in system.axes().items()
     }
     return Controllers(
-        axis=named(axes), couplings=tuple(coupling if coupling.controls else None for coupling in system.couplings)
+        # absent, not left out: the others keep their place, which is part of their path
+        axis=named(axes),
+        couplings=tuple(coupling if coupling.controls else None for coupling in system.couplings),
     )
 
 
@@ -431,6 +433,7 @@ class _Traced:
         values = dict(tree.leaves(self.block))
         node = self.graph.symbol
         for signal, (_, _, value) in outputs.items():
+            # a result without a variable in the text of the law has the name of its output
             self.words.by_node.setdefault(node(value).index, Name("", signal))
         after_nodes = [node(value).index for _, value in spread(after)]
         before_nodes = [self.graph.input(f"state.{state}").index for state in states]

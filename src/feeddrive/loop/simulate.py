@@ -201,12 +201,12 @@ class Run(Result):
 
         Raises ParameterError for an unknown axis.
         """
-        own = {quantity(signal): signal for signal in self.signals if signal == f"{name}.{quantity(signal)}"}
-        if not own:
+        by_quantity = {quantity(signal): signal for signal in self.signals if signal == f"{name}.{quantity(signal)}"}
+        if not by_quantity:
             there = dict.fromkeys(signal.rpartition(".")[0] for signal in self.signals)
             raise ParameterError(f"the run has no axis '{name}'; it has {', '.join(filter(None, there))}")
         turning = frozenset({""} if f"{name}." in self.turning else ())
-        signals = {short: self.signals[signal] for short, signal in own.items()}
+        signals = {short: self.signals[signal] for short, signal in by_quantity.items()}
         return Run(f"{self.name}, axis {name}", signals, self.sample_time, self.samples, self.first, turning)
 
     @property
@@ -307,7 +307,7 @@ def simulate(
     return Run(name, Recorded(names, rows), first.sample_time, len(rows), 0, first.turning)
 
 
-def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
+def checked_signals(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
     """Return the names of signals as a list. Raises ParameterError for an unknown signal or arithmetic."""
     if arithmetic not in ARITHMETIC:
         raise ParameterError(f"arithmetic = {arithmetic!r} must be one of {', '.join(ARITHMETIC)}")
@@ -397,7 +397,7 @@ def simulate_batch(
     variants are done, and may cancel.
     """
     check_system(loop)
-    gather = known(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)
+    gather = checked_signals(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(work, duration)
     prepared = Prepared(loop, work.first(), start, seed, _bound(work, bound, count))
@@ -462,7 +462,7 @@ def stream(
     reused.
     """
     check_system(loop)
-    record = known(loop, loop.signals() if record is None else record, arithmetic)
+    record = checked_signals(loop, loop.signals() if record is None else record, arithmetic)
     work = Work(loop, reference, load, enable, added_force)
     count = sample_count(work, duration)
     if chunk is None:

@@ -105,9 +105,9 @@ def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Progr
     states = [name for name, _ in tree.leaves(begun)]
     before = tree.rebuild(begun, (leaf(graph, f"state.{name}", value) for name, value in tree.leaves(begun)))
     sample = graph.input("sample")
-    known = {name: signal(name) for name in names}
+    signals_in = {name: signal(name) for name in names}
     noise = Noise(constant("seed"), cast(Number, sample))
-    after, signals = symbolic.sample(prepared, before, known, noise, cast(Number, sample * symbolic.sample_time))
+    after, signals = symbolic.sample(prepared, before, signals_in, noise, cast(Number, sample * symbolic.sample_time))
     carried = tuple(
         Carried(name, node(graph, first), node(graph, value))
         for name, (_, first), (_, value) in zip(states, tree.leaves(before), tree.leaves(after), strict=True)

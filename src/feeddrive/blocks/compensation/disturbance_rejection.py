@@ -124,5 +124,6 @@ class DisturbanceRejection(Compensation):
         observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
         if not state.reached:
             return self.State(observer, ())
+        # an unchanged share must not change a bit, and old/new need not be exactly 1
         ratio = ops.where(ops.equal(old.share, self.share), 1.0, old.share / ops.maximum(self.share, _LEAST))
         return self.State(observer, (ops.minimum(ratio * state.reached[0], 1.0),))

@@ -95,6 +95,7 @@ class LinuxcncPid(Law):
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Return the state of pids that were disabled until now: differences are up to date, integrals are zero."""
+        # a pid differences its command: it must have seen that of one sample before
         before, units = setpoint.shifted(-prepared.T), self.units
         motor, moved = units * reading.position_motor, units * reading.velocity
         position = self.position.start(

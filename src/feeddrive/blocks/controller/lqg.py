@@ -213,6 +213,7 @@ class LQG(Law):
         at_load = tuple(1.0 if i == n // 2 - 1 else 0.0 for i in range(n))
         cost = steady(tuple(zip(*transition, strict=True)), outer(drive), outer(at_load))
         pulled = matrix.multiply([drive], cost)
+        # the force has the weight 1 in these units
         share = 1.0 + matrix.dot(pulled[0], drive)
         row: Row = tuple(x / share for x in matrix.multiply(pulled, transition)[0])
         pending = list[Any]()

@@ -83,6 +83,7 @@ class PolePlacement(Law):
         model = two_mass_model(axis.plant)
         shown = two_bodies(cls.kind, model)
         mode = shown.mode / (2.0 * ops.pi)
+        # a crossover below a third of the mode leaves it to the damping pair
         law = cls(model=model, bandwidth=ops.minimum(0.3 * mode, axis.rate / (2.0 * ops.pi)))
         remark = Text(
             f"model: {Quantity(shown.m11, 'kg'):5} and {Quantity(shown.m22, 'kg'):5}, spring "

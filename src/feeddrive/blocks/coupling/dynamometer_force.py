@@ -49,6 +49,7 @@ class DynamometerForce(Coupling):
         for component in self.components:
             row: Any = component.row
             last = float(ops.length(row) - 1)
+            # `interpolate` alone would hold the ends of the record
             inside = ops.both(place >= 0.0, place <= last)
             forces[component.axis] = 0.0, ops.where(inside, self.gain * ops.interpolate(row, place), 0.0)
         return state, forces

@@ -183,6 +183,7 @@ class MillingCut(Coupling):
     ) -> tuple[State, tuple[Any, Any], Cut]:
         """Return the state after a substep, the direction of the feed, and the forces, active or not."""
         place, velocity = self._relative(motions)
+        # motions are those predicted for the middle of the substep; the track keeps its start, which is exact
         ends: list[Any] = [x - 0.5 * h * v for x, v in zip(place, velocity, strict=True)]
         section, now = self._section(state.section, time)
         rate = now.spindle_speed / 60.0

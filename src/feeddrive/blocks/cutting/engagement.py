@@ -149,19 +149,19 @@ def cut(
         s, c = _turned(sine, cosine, *_of_tooth(tooth, edge.teeth))
         place = begin + float(tooth) / teeth
         before = arms.end(s, c, place)
-        tip_end, own = before, [ops.zero(sine)] * len(total)
+        tip_end, sums = before, [ops.zero(sine)] * len(total)
         for slice_ in range(1, edge.slices + 1):
             s, c = s * back[1] - c * back[0], c * back[1] + s * back[0]
             after = arms.end(s, c, place - float(slice_) * step)
-            own = [a + b for a, b in zip(own, _slice(after, before, moved), strict=True)]
+            sums = [a + b for a, b in zip(sums, _slice(after, before, moved), strict=True)]
             before = after
         # in a single run an edge out of the cut costs nothing, and one in full contact as much as one slice
         past = place - begin_of_work
         works = past - ops.floor(past) < arms.half / ops.pi + slices * step
         whole = ops.both(short, _in_contact(before, tip_end, moved))
         at_once = _slice(before, tip_end, moved[:1])
-        own = [ops.where(whole, a, b) for a, b in zip(at_once, own, strict=True)]
-        total = [a + ops.where(works, b, 0.0) for a, b in zip(total, own, strict=True)]
+        sums = [ops.where(whole, a, b) for a, b in zip(at_once, sums, strict=True)]
+        total = [a + ops.where(works, b, 0.0) for a, b in zip(total, sums, strict=True)]
     return _forces(edge, total, edge.axial_depth / (slices * width), rubbing)
 
 

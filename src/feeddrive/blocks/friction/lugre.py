@@ -78,6 +78,7 @@ class Lugre(Friction):
         A = mobility * (self.bristle_stiffness + self.bristle_damping / h)
         B = free_velocity + mobility * self.bristle_damping * z / h
         pull = B - A * z
+        # not `sign`: at 0 it would make the velocity 0 for any B
         s = ops.where(pull < 0.0, -1.0, 1.0)
         b = 1.0 + A * h - s * a * B
         root = ops.sqrt(b * b + 4.0 * a * ops.absolute(pull))

@@ -55,6 +55,7 @@ def _longest(goal: float, place: int, span: float) -> float:
     if place == 0:
         return goal
     if place == 1:
+        # the positive root without the difference of two nearly equal numbers
         return 2.0 * goal / (span + math.sqrt(span * span + 4.0 * goal))
     if span == 0.0:
         return math.cbrt(0.5 * goal) if place == 2 else math.sqrt(math.sqrt(0.125 * goal))

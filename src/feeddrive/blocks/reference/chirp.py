@@ -70,6 +70,7 @@ class Chirp(Reference):
     def at(self, t: np.ndarray) -> Setpoint:
         times = np.asarray(t, dtype=np.float64)
         moved = self._moved(np.clip(times, 0.0, self.duration))
+        # without a blend the sweep ends at any phase
         last = self.center if self._blend() > 0.0 else float(self._moved(np.array([self.duration]))[0][0])
         return resting(times, self.duration, moved, self.center, last)
 

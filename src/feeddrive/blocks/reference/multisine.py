@@ -130,6 +130,7 @@ class Multisine(Reference):
             return float(np.sum(weights * np.sin(2.0 * np.pi * self.numbers * share + phases)))
 
         sign = value(low) <= 0.0
+        # 2⁻⁶⁰ of a period is below the rounding of any time in it
         for _ in range(60):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if (value(middle) <= 0.0) == sign else (low, middle)

@@ -147,9 +147,9 @@ class Unit:
     def function(self, source: Source) -> Function:
         """Return the LLVM function of a kernel, printed at the first call, after the functions that it calls."""
         with _lock:
-            known = self._functions.get(source)
-            if known is not None:
-                return known
+            function = self._functions.get(source)
+            if function is not None:
+                return function
             if source in _open:
                 names = " -> ".join(caller.name for caller in [*_open[_open.index(source) :], source])
                 remedy = "write a loop, with a stack in an array of the caller"
@@ -165,9 +165,9 @@ class Unit:
 
     def text(self, effort: Effort = QUICK) -> str:
         """Return the LLVM module, with its target triple in the first line."""
-        own = [self.function(source) for source in self.sources]
+        functions = [self.function(source) for source in self.sources]
         declared, copied = list[str](), dict[str, Function]()
-        left, seen = [callee for function in own for callee in function.called], set(self.sources)
+        left, seen = [callee for function in functions for callee in function.called], set(self.sources)
         while left:
             source = left.pop()
             if source in seen:
@@ -180,13 +180,13 @@ class Unit:
             else:
                 declared.append(f"declare {function.head}\n")
         angles = dict[str, str]()
-        wanted = [elementary for function in (*own, *copied.values()) for elementary in function.elementary]
+        wanted = [elementary for function in (*functions, *copied.values()) for elementary in function.elementary]
         while wanted:
             elementary = wanted.pop()
             if elementary.name not in angles:
                 angles[elementary.name], called = elementary.printed()
                 wanted += called
-        defined = [f"define {function.text}" for function in own] + [
+        defined = [f"define {function.text}" for function in functions] + [
             f"define internal {function.text}" for function in copied.values()
         ]
         entries = [_entry(place, source, self.symbol(source)) for place, source in enumerate(self.sources)]
@@ -257,13 +257,13 @@ class Unit:
 
     def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
         """Return machine code of an effort, linked to that of other files; with `stored`, None if it is not on disk."""
-        own = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
+        names = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
         below = [unit.code for unit in self.units[:-1]]
         symbols = {name: place for code in below for name, place in code.addresses.items() if name.startswith("k")}
         return linked_code(
             self.key,
             lambda: self.text(effort),
-            own,
+            names,
             symbols,
             below,
             effort=effort.selection,
@@ -284,6 +284,7 @@ def _entry(place: int, source: Source, symbol: str) -> str:
     results = [kind for result in source.signature.results for _, kind in result.leaves("")]
     lines, operands = list[str](), list[str]()
     for at, kind in enumerate(words):
+        # a bool takes a whole word, as all arguments do
         loaded = kind.llvm.replace("i1", "i64")
         lines.append(f"%p{at} = getelementptr i64, ptr %words, i64 {at}")
         lines.append(f"%w{at} = load {loaded}, ptr %p{at}")
@@ -559,8 +560,8 @@ def _address(array: np.ndarray) -> int:
 def _reads_the_object() -> bool:
     """Return True if the array object stores the address where `_address` reads it, as all NumPy versions so far do."""
     probe = np.zeros(1)
-    known = sys.implementation.name == "cpython"
-    return known and ctypes.c_size_t.from_address(id(probe) + _DATA).value == probe.ctypes.data
+    is_cpython = sys.implementation.name == "cpython"
+    return is_cpython and ctypes.c_size_t.from_address(id(probe) + _DATA).value == probe.ctypes.data
 
 
 _READS_THE_OBJECT = _reads_the_object()

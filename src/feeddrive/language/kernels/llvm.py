@@ -237,8 +237,8 @@ class Names(RecordArithmetic):
             return self.loaded(place)
         if not isinstance(first, ast.Name):
             return self.inside(self.expression(first), fields, node)
-        known = self.outside(first) if first.id not in self.names else None
-        if first.id in self.names or is_record(type(known)):
+        value = self.outside(first) if first.id not in self.names else None
+        if first.id in self.names or is_record(type(value)):
             return self.name(first, fields, node)
         value = self.outside(node)
         if value is None:
@@ -313,6 +313,7 @@ class Expressions(Names):
                 onward = self.label()
                 ends.append(("false", self.block))
                 self.choose(truth, onward, after)
+                # only what the first comparison needs is computed on every path
                 before = dict(self.facts) if len(ends) == 1 else before
                 self.begin(onward)
                 left = right
@@ -412,7 +413,7 @@ class Expressions(Names):
             if not (place.isdigit() and size.isdigit() and int(place) < int(size)):
                 # unsigned: one comparison refuses negative indices, too
                 good = self.value(f"icmp ult i64 {place}, {size}")
-                if not self.known(good):
+                if not self.holds(good):
                     left.append(good)
         both = left[0] if left else ""
         for condition in left[1:]:
@@ -453,9 +454,9 @@ class Expressions(Names):
             return self.kernel(called, node)
         if isinstance(function, Elementary):
             return [self.angle(function, node)]
-        printers = [print_it for known, print_it in _CALLS if function is known]
+        printers = [print_it for built_in, print_it in _CALLS if function is built_in]
         if not printers:
-            names = ", ".join(known.__name__ for known, _ in _CALLS)
+            names = ", ".join(built_in.__name__ for built_in, _ in _CALLS)
             remedy = f"call kernels, {names}, zeros, or sin and the like of {Elementary.__module__}"
             self.refuse(node, f"'{shown(node.func)}' is no kernel", remedy)
         return [printers[0](self, node)]
@@ -875,9 +876,9 @@ class Statements(Assignments):
         yes, no, after = self.label(), self.label(), self.label()
         self.choose(self.truth(node.test), yes, no)
         before, outcomes = self.assigned, list[frozenset[str] | None]()
-        known, facts = self.facts, list[dict[str, str]]()
+        outer, facts = self.facts, list[dict[str, str]]()
         for label, body in ((yes, node.body), (no, node.orelse)):
-            self.assigned, self.facts = before, dict(known)
+            self.assigned, self.facts = before, dict(outer)
             self.begin(label)
             self.inner(body)
             self.jump(after)
@@ -887,7 +888,7 @@ class Statements(Assignments):
         if len(facts) == 1:
             self.facts = facts[0]
         else:
-            self.facts = {fact: value for fact, value in known.items() if all(way.get(fact) == value for way in facts)}
+            self.facts = {fact: value for fact, value in outer.items() if all(way.get(fact) == value for way in facts)}
         self.begin(after)
 
     def repeat(self, node: ast.While) -> None:
@@ -917,6 +918,7 @@ class Statements(Assignments):
         start, stop = (Value(INT, "0"), limits[0]) if len(limits) == 1 else limits[:2]
         head, body, onward, after = self.label(), self.label(), self.label(), self.label()
         number, left = self.slot(start.text), ""
+        # a step of 1 meets the end; a longer one could pass it, and 64 bits with it
         if abs(step) > 1:
             left = self.slot(self.turns(start.text, stop.text, step))
         self.jump(head)

@@ -177,12 +177,12 @@ class Text:
 
     def check(self, good: str, kind: type[Exception], text: str, node: ast.AST) -> None:
         """Continue if `good`, else end with the error; a condition known to hold is not tested again."""
-        if not self.known(good):
+        if not self.holds(good):
             self.failed.append((str(self.failure(kind, text, node)), self.block))
             self.go_on_if(good, "fail")
             self.learn(good)
 
-    def known(self, good: str) -> bool:
+    def holds(self, good: str) -> bool:
         """Return True if a condition is known to hold on every path to the current point."""
         return f"true {good}" in self.facts
 

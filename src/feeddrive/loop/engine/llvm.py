@@ -88,6 +88,7 @@ class Printer:
 
     def whole(self, value: int, vector: bool) -> str:
         """Return a 64-bit integer constant as an operand."""
+        # LLVM reads decimal constants as signed
         signed = value - 2**64 if value >= 2**63 else value
         return str(signed) if not vector else "<" + ", ".join([f"i64 {signed}"] * self.plan.lanes) + ">"
 
@@ -99,6 +100,7 @@ class Printer:
     def load(self, base: str, place: int, vector: bool) -> str:
         """Load a number from memory that is laid out by lanes."""
         at = self.emit(f"getelementptr double, ptr {base}, i64 {place * self.plan.lanes}")
+        # the memory is numpy's, which aligns numbers, not vectors
         return self.emit(f"load {self.type(vector)}, ptr {at}, align 8")
 
     def taken(self) -> list[str]:
@@ -191,6 +193,7 @@ class Printer:
             for one in self.branches.get(Branch(first, branch), ()):
                 self.node(one)
             for index in group:
+                # the block in which the branch ends, which is another one after an inner branch
                 ends[index].append(f"[ {self.names[arguments(nodes[index])[branch]]}, %{self.block} ]")
             self.lines.append(f"  br label %after{first}")
         self.begin(f"after{first}")

@@ -90,6 +90,7 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
     carried = tuple(Carried(s.name, place[s.before], place[s.after]) for s in program.states)
     states = tuple(state for state in carried if graph.name(state.before) != "ring")
     sample = None if program.sample is None else place.get(program.sample)
+    # a state that never changes is a constant of the run
     moved = [state for state in carried if state.before != state.after]
     needed = reachable(graph, [*(place[n] for n in program.outputs.values()), *(s.after for s in moved)])
     rings = [index for index in needed if graph.name(index) == "ring"]
