@@ -198,7 +198,9 @@ def single_lowered(graph: Graph, roots: Sequence[int]) -> tuple[Graph, dict[int,
 def single_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[np.ndarray]:
     """Return the values of some nodes in single precision, for inputs and tables by name: numbers, or arrays.
 
-    Arrays have one length.  Constants and leaves are rounded to float first.  Raises KeyError for a leaf that is not given.
+    All arrays have one length.  Constants and leaves are rounded to float first.
+
+    Raises KeyError for a missing leaf.
     """
     lowered, place = single_lowered(graph, outputs)
     values_: dict[int, Any] = {}

@@ -101,13 +101,13 @@ class Guard(Block):
         fastest: tuple[Number, ...]
 
     class State(NamedTuple):
-        """What the guard stores from the sample before.
+        """The guard's memory of the last sample.
 
         mode          1 + broken samples in a row while the loop runs, 0 disabled, -code tripped
-        position      last readings of motor and load, m; where one was broken, where the axis went on to
+        position      last readings of motor and load, m; extrapolated where one was broken
         offset        between the two encoders, m
         travel        motion in the last sample, m; smoothed while the loop does not run
-        set_position  last good one, m; where it was broken, where it went on to
+        set_position  last set position, m; extrapolated where it was broken
         """
 
         mode: Number

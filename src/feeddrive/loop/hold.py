@@ -59,7 +59,7 @@ class Port(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """What the forces of one axis do to the state over a substep.
+    """The effect of the forces of one axis on the state over a substep.
 
     `new` and `old` are the columns of the drive's command in each substep: after and before the instant at which the
     dead time hands over from one command to the next; `share` is the part of each substep that lies after it.  `old`
@@ -91,7 +91,7 @@ class Hold(NamedTuple):
 
 
 class JointHold(NamedTuple):
-    """The same of several axes that move as one: x = (all q, all q', the drive forces that lag)."""
+    """The exact hold of several axes that move as one: x = (all q, all q', the drive forces that lag)."""
 
     change: Matrix
     axes: tuple[Columns, ...]

@@ -37,7 +37,7 @@ class PitchCompensation(Compensation):
     reversal_distance: Number = parameter("m", "set path over which a reversal comes in", above=0, default=1e-5)
 
     class State(NamedTuple):
-        """The direction, -1 to 1; what was added to the set position in the last sample, and that position (m)."""
+        """The direction, -1 to 1; the shift of the set position in the last sample, and that position (m)."""
 
         side: Number
         shift: Number

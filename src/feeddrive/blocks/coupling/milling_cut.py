@@ -71,7 +71,7 @@ class MillingCut(Coupling):
     remembered: int = choice("substeps of motion that are stored; they must cover the surfaces", default=4096, least=4)
 
     class State(NamedTuple):
-        """Past of tool against workpiece along x, y (m, m/s), and of the turns where their speed changes; section."""
+        """The track of tool against workpiece (m, m/s), with the spindle's turns if its speed changes; the section."""
 
         path: Track
         section: Any = None
