@@ -19,6 +19,7 @@ from feeddrive.loop.machine import Machine
 
 _SLOW = 1e-2  # Hz: where a lag in s is read from the response; its square is lost in rounding
 _FEED = 0.05  # m/s along the path, for friction
+# eigenvalues of a small matrix are uncertain by some 1e-12
 _EDGE = 1.0 - 1e-9  # of |z|
 _WORTH_SAYING = 1e-6  # m off a line at 45 degrees
 
@@ -188,6 +189,7 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
     for tangent in _directions(len(names), directions):
         frame = np.eye(len(names)) - np.outer(tangent, tangent)
         crossings.append((_largest(lambda gain, frame=frame: stable(gain, frame)), tangent))
+        # the projection has one singular value 0, along the path: it is the last
         across = np.linalg.svd(frame)[0][:, :-1]
         opened = np.eye(len(names) - 1) + across.T @ loop @ across
         peak = max(peak, float(1.0 / np.min(np.linalg.svd(opened, compute_uv=False))))
@@ -209,6 +211,7 @@ def _largest(stable) -> float:  # type: ignore[no-untyped-def]
     low = 0.0
     if not stable(0.0):
         return 0.0
+    # upward in steps of a quarter, not down from above: beyond an unstable range a loop may be stable again
     high = 1e-2
     while stable(high):
         low, high = high, 1.25 * high
@@ -228,8 +231,10 @@ def _directions(axes: int, count: int) -> list[np.ndarray]:
     i = np.arange(count)
     height = (i + 0.5) / count
     turn = np.pi * (1.0 + np.sqrt(5.0)) * i  # a spiral of equal areas
+    # equal steps of height have equal areas on a sphere (Archimedes)
     flat = np.sqrt(1.0 - height**2)
     spiral = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    # the axes themselves, since parts move along them most of the time
     return [*np.eye(3), *spiral]
 
 

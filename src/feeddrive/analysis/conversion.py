@@ -41,6 +41,7 @@ def as_frf(
     lines = None if frequency is None else np.asarray(frequency, float)
     if isinstance(source, StateSpace):
         return source.response(_required(lines, "a linear model"))
+    # by name: python-control is an extra that need not be installed
     if type(source).__module__.partition(".")[0] == "control":
         return _from_control(source, lines, unit)
     if isinstance(source, tuple) and len(source) == 2:
@@ -75,6 +76,7 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
         raise ParameterError("the object of python-control is sampled but has no sample time (dt = True): give it a dt")
     if hasattr(source, "omega"):
         omega = np.asarray(source.omega, float)
+        # older versions of python-control name it fresp
         values = np.asarray(source.frdata if hasattr(source, "frdata") else source.fresp).reshape(-1)
         order = np.argsort(omega)
         order = order[omega[order] != 0.0]  # a line at zero has no place on a logarithmic axis

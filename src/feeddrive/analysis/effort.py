@@ -82,6 +82,7 @@ def fastest_mode(loop: Loop) -> float:
     mechanics = loop.axis.mechanics()
     mass = np.array(mechanics.mass, dtype=float)
     stiffness = np.array(mechanics.stiffness, dtype=float)
+    # a free body has the eigenvalue 0, which rounding makes negative
     squares = np.linalg.eigvals(np.linalg.solve(mass, stiffness))
     return float(np.sqrt(np.max(np.abs(squares), initial=0.0)) / (2.0 * np.pi))
 

@@ -55,17 +55,20 @@ def friction_map(
             f"{position.size}"
         )
     offsets = np.arange(-half, half + 1) * sample_time
+    # one pseudoinverse serves all windows, so that the fit is a convolution
     fit = np.linalg.pinv(np.vander(offsets, 3, increasing=True))
     velocity = np.convolve(position, fit[1][::-1], mode="valid")
     acceleration = 2.0 * np.convolve(position, fit[2][::-1], mode="valid")
     mean_force = np.convolve(force, np.full(offsets.size, 1.0 / offsets.size), mode="valid")
     friction = mean_force - mass * acceleration
+    # no reversal within the window
     away = np.abs(velocity) > np.abs(acceleration) * half * sample_time
     # no parabola fits a window in which the acceleration changes
     spread = np.full(acceleration.size, np.inf)
     spread[half:-half] = np.abs(acceleration[2 * half :] - acceleration[: -2 * half])
     away &= spread < 0.2 * float(np.max(np.abs(acceleration), initial=0.0))
     top = float(np.max(np.abs(velocity), initial=0.0))
+    # close to standstill friction depends on the past, not on the velocity
     away &= np.abs(velocity) > 0.02 * top
     edges = np.linspace(-top, top, 2 * bins + 1)
     place = np.clip(np.digitize(velocity, edges) - 1, 0, 2 * bins - 1)
@@ -79,6 +82,7 @@ def friction_map(
     return FrictionMap(table[:, 0], table[:, 1], table[:, 2], table[:, 3])
 
 
+# rounding of a stored set position differentiates to velocities that are not quite 0
 STANDING = 1e-3  # of the largest set velocity: slower than this does not count as motion
 
 
@@ -118,6 +122,7 @@ def worst_window(runs: Sequence[Run], signal: str = "following_error") -> Window
     if not places.size:
         centre = int(np.argmax(errors[-1]))
         return _window(first, centre, half, half, None)
+    # divided by its own peak: otherwise the worst law alone would choose the reversal
     scores = [sum(float(np.max(e[max(k - half, 0) : k + half]) / (np.max(e) or 1.0)) for e in errors) for k in places]
     centre = int(places[int(np.argmax(scores))])
     return _window(first, centre, half, 2 * half, float(first.time[centre]))

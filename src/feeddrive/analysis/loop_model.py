@@ -35,8 +35,10 @@ class LoopModel:
         """Return frequencies in Hz up to Nyquist, spaced evenly over ln f and more densely around each resonance."""
         nyquist = 0.5 / self.open.sample_time
         spread = np.geomspace(_LOWEST * nyquist, nyquist, round(-np.log10(_LOWEST) * per_decade))
+        # over a period the frequencies of poles are folded: those of a single sample show the resonances
         one = [model if isinstance(model, StateSpace) else model.samples[-1] for model in (self.open, self.closed)]
         poles = np.concatenate([model.poles() for model in one])
+        # a pole near 0 is a delay and one on the real axis no resonance: neither needs lines of its own
         poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
         s = np.log(poles) / self.open.sample_time
         beside = np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE
@@ -106,6 +108,7 @@ def gain_edge(model: Lifted) -> float | None:
     def stable(gain: float) -> bool:
         return abs(Lifted(tuple(close(sample, gain) for sample in model.samples)).poles()[0]) < 1.0
 
+    # 6 % from step to step: an unstable range narrower than that could be passed over
     steps = np.geomspace(1.0, _HIGHEST, _STEPS)
     first = next((i for i, gain in enumerate(steps) if i > 0 and not stable(gain)), None)
     if first is None:

@@ -42,6 +42,7 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
             f"crossover = {Quantity(crossover, 'Hz'):6} must lie on the lines, {Quantity(f[0], 'Hz', bare=True):6} to "
             f"{Quantity(f[-1], 'Hz'):6}"
         )
+    # b depends on the units of P and C: at the crossover |P| = 1 weighs input and output alike
     scale = np.exp(np.interp(np.log(crossover), np.log(f), np.log(np.abs(plant.response))))
     P, C = plant.response / scale, controller.response * scale
     return float(np.min(np.abs(1.0 + P * C) / np.sqrt((1.0 + np.abs(P) ** 2) * (1.0 + np.abs(C) ** 2))))
@@ -55,6 +56,7 @@ def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     left, right = x[k - 1] - x[k], x[k + 1] - x[k]
     slope_left, slope_right = (y[k - 1] - y[k]) / left, (y[k + 1] - y[k]) / right
     bend = (slope_right - slope_left) / (right - left)
+    # three points on a line, or rounding of equal values: there is no vertex
     if not bend > 0.0:
         return float(x[k]), float(y[k])
     slope = slope_left - bend * left
@@ -63,6 +65,7 @@ def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(x[k] + step), float(y[k] + 0.5 * slope * step)
 
 
+# far above the rounding of a response, some 1e-15 of it, and far below what any margin is read to
 _ROUNDING = 1e-9  # in rad, and in ln |L|: a line nearer to a crossing than this counts as on it
 
 
@@ -95,7 +98,9 @@ class Logarithms(NamedTuple):
 
 def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
     """Return ln L over ln f (Hz), to be interpolated linearly; values within rounding of 0 are set to 0."""
+    # tiny, since a zero of L has no logarithm
     level = _snapped(np.log(np.maximum(np.abs(loop_gain), np.finfo(float).tiny)))
+    # from the ratio of neighbors and not np.unwrap: it needs no branch cut, and each step stands for itself
     turn = np.angle(loop_gain[1:] * np.conj(loop_gain[:-1]))
     return Logarithms(np.log(frequency), level, _snapped(np.angle(-loop_gain)), turn)
 
@@ -113,6 +118,7 @@ def phase_crossings(lines: Logarithms) -> list[tuple[int, float, PhaseCrossover]
     """Return the phase crossovers, L < 0: index of the interval, fraction of it, and the gain margin there."""
     x, level, lead, turn = lines
     crossings: list[tuple[int, float, PhaseCrossover]] = []
+    # the end of each interval is its start plus its turn: lead itself jumps by 2π where L crosses the positive axis
     for i, part in _crossings(lead[:-1], _snapped(lead[:-1] + turn)):
         gain = -20.0 / np.log(10.0) * (level[i] + part * (level[i + 1] - level[i]))
         crossings.append((i, part, PhaseCrossover(float(np.exp(x[i] + part * (x[i + 1] - x[i]))), float(gain) + 0.0)))
@@ -126,6 +132,7 @@ def _snapped(values: np.ndarray) -> np.ndarray:
 def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
     """Return interval and fraction at which the line from a[i] to b[i] is zero; a line that stays zero counts once."""
     crosses = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
+    # an interval counts where it ends on zero; the first line has no interval before it
     crosses[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
     return [(int(i), float(a[i] / (a[i] - b[i]))) for i in np.flatnonzero(crosses)]
 
@@ -189,9 +196,11 @@ class Margins(Result):
         T = L/(1 + L).  None if |T| is nowhere above ½: no dead time then violates the condition.
         """
         size = np.abs(self.loop_gain.response / (1.0 + self.loop_gain.response))
+        # |T| |e^(-jωτ) - 1| <= 2 |T| for any τ
         high = size > 0.5
         if not np.any(high):
             return None
+        # |e^(-jωτ) - 1| = 2 sin(ωτ/2)
         return float(np.min(np.arcsin(0.5 / size[high]) / (np.pi * self.loop_gain.frequency[high])))
 
     @cached_property
@@ -267,6 +276,7 @@ def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) ->
 
 
 def _real_at_nyquist(L: FRF) -> np.ndarray:
+    # rounding of e^(-jπ) leaves an imaginary part of either sign, which decides whether a crossing counts
     if L.sample_time is None or L.frequency[-1] * L.sample_time < 0.5 * (1.0 - 1e-9):
         return L.response
     response = L.response.copy()
@@ -332,6 +342,7 @@ def bandwidth(frequency: np.ndarray, loop_gain: np.ndarray) -> float | None:
 
 def tracking_bandwidth(response: FRF) -> float | None:
     """Return the frequency in Hz at which the setpoint response first falls below -3 dB, √½; None if it never does."""
+    # a fall of the response is a rise of its inverse
     rise = _first_rise(np.log(_HALF_POWER) - np.log(np.maximum(response.magnitude, np.finfo(float).tiny)))
     if rise is None:
         return None
@@ -359,8 +370,11 @@ def _check(L: FRF) -> None:
         )
 
 
+# geometric: the bias of a parabola grows with a power of the width, so equal steps would be needlessly fine
 _HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # lines on each side that are tried
+# high, since each line tests up to ten windows: at 95 % many lines would stop at a window that is right
 _LEVEL = 0.999  # of the χ² test that a parabola explains the lines
+# the normal equations lose as many digits as the weights differ by: ten of sixteen at most
 _EXACT = 1e-10  # of the largest variance in a window: a smaller variance is raised to this
 _CENTER, _SPREAD = 1, 2  # steps by which a window is narrower than the widest that passes the test
 
@@ -396,6 +410,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
             f"the response to {frf.output} has no variance: estimate it from several periods or averages, or give it"
         )
     n, x = frf.frequency.size, np.log(frf.frequency)
+    # a variance of 0 claims exactness, which rounding denies: (1e-12 of the response)²
     variance = np.maximum(frf.variance, np.maximum(1e-24 * frf.magnitude**2, 1e-200))
     reach = np.full(n, -1)  # index of the widest window that holds
     growing = np.ones(n, bool)
@@ -407,6 +422,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
         start = np.clip(np.arange(n) - half, 0, n - width)
         places = start[:, None] + np.arange(width)
         offset = x[places] - x[:, None]
+        # columns of like size keep the normal equations solvable for any spacing of the lines
         offset = offset / np.max(np.abs(offset), axis=1, keepdims=True)
         columns = np.stack([np.ones_like(offset), offset, offset**2], axis=2)
         # a line where the response is zero (a sampled one at Nyquist) has no noise and would otherwise get nearly all
@@ -525,11 +541,13 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     center = center_by(L.response)
     margins_ = margins(replace(L, response=center, variance=None))
     random = np.random.default_rng(seed)
+    # half of E|dL|² lies in the real part, half in the imaginary part
     size = np.sqrt(0.5 * L.variance)
     noise = random.standard_normal((2, draws, L.frequency.size)) * size
     curves = spread_by(center + noise[0] + 1j * noise[1])
     drawn = [margins(replace(L, response=curve, variance=None)) for curve in curves]
     quiet = margins(replace(L, response=spread_by(center), variance=None))
+    # normal intervals from mean and deviation: quantiles of 200 draws at 95 % hang on five of them at each end
     reach = _two_sided(level)
     intervals: dict[str, Interval] = {}
     for name, (unit, figure) in FIGURES.items():
@@ -538,6 +556,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
             continue
         others = np.array([other for m in drawn if (other := figure(m)) is not None and np.isfinite(other)])
         still = figure(quiet)
+        # a deviation of fewer draws is no more than a guess
         if others.size < 10 or still is None:
             intervals[name] = Interval(value, -np.inf, np.inf, unit, False)
             continue
@@ -546,6 +565,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
         spread = reach * float(np.std(others))
         low, high = value - spread, value + spread
         if not settled:
+            # two clusters are not normal: the interval must at least hold where the draws lie
             ends = np.quantile(others, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
             low, high = min(low, float(ends[0])), max(high, float(ends[1]))
         positive = name in ("modulus_margin", "delay_margin", "crossover")
@@ -564,6 +584,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 def _settled(drawn: np.ndarray) -> bool:
     """Return True if nearly all draws lie around one value: no gap exceeds the deviations on both sides."""
     ordered = np.sort(drawn)
+    # a gap near an end separates a few outliers only, and says nothing of two crossings
     beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # fewer draws than this are outliers
     place = beyond + int(np.argmax(np.diff(ordered)[beyond - 1 : ordered.size - beyond]))
     low, high = ordered[:place], ordered[place:]

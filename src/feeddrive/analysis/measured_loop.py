@@ -155,6 +155,7 @@ def _responses(
         )
     if one_encoder and law.positions() > 1:
         raise ParameterError(f"the law '{law.kind}' needs two encoders: give the response of the motor's as `motor`")
+    # any axis will do: with `cut` as an input, its motion does not depend on the control
     swings = 0.1 / T  # rad/s of an axis that only provides readings
     axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
     loop = Loop(control=control, axis=axis, sample_time=T)

@@ -76,11 +76,13 @@ class Crossings:
             return np.empty(0)
         t = np.concatenate([[self._last[0]], time])
         y = np.concatenate([[self._last[1]], self._sign * values])
+        # comparisons with NaN are False on both sides, which is what a gap must be
         with np.errstate(invalid="ignore"):
             high, low, gap = y >= self._level, (y < self._level) & (y <= self._low), ~np.isfinite(y)
         known = high | low | gap
         # whether the last sample at or before each one that is high, low or a gap was low
         index = np.where(known, np.arange(y.size), -1)
+        # without a loop over samples: a drive gives thousands of rows a second
         index = np.maximum.accumulate(index)
         below = np.where(index >= 0, low[index], self._armed)
         below[0] = self._armed
@@ -98,7 +100,9 @@ MODES: Mapping[str, str] = {
     SINGLE: "the first window around a trigger, and no other one before it is armed again",
 }
 MOST_NUMBERS = 1_000_000  # of all channels and their time that are kept: 8 MB
+# a shorter window is complete before a person could read a part of it
 _LONG = 2.0  # s: windows from here on are shown while they fill
+# a trigger near the end of one window still needs its share before it
 _SPARE = 1.5  # windows that are kept
 
 
@@ -177,6 +181,7 @@ class Recording:
     def _make_room(self, more: int) -> None:
         """Move the kept rows to the front of a buffer with a quarter of spare room."""
         held, needed = self._rows[self._from : self._to], len(self) + more
+        # with less than a tenth to spare the rows would be moved again after a few additions
         fitting = needed <= 0.9 * len(self._rows)
         rows = self._rows if fitting else np.empty((needed + needed // 4 + 64, self._rows.shape[1]))
         rows[: len(held)] = held  # numpy copies rows that overlap as if they did not
@@ -253,6 +258,7 @@ def _at(shown: Shown, place: float) -> np.ndarray:
     time, at = shown.time, shown.zero + place
     if not time.size or not time[0] <= at <= time[-1]:
         return np.full(shown.values.shape[1], np.nan)
+    # exact on a sample: interpolation with a gap beside it would give NaN where a value was measured
     k = int(np.clip(np.searchsorted(time, at, "left"), 1, time.size - 1)) if time.size > 1 else 0
     if time[k] == at or k == 0:
         return shown.values[k].copy()
@@ -357,6 +363,7 @@ class Oscilloscope:
         kept = float(time[-1] - time[self._at_once]) if time.size >= self.recording.most else math.inf
         if not 0.0 < kept < self.window:
             return ""
+        # two digits, rounded down: the advice must fit
         step = 10.0 ** (math.floor(math.log10(kept)) - 1)
         window, longest = (Quantity(span, self.clock) for span in (self.window, math.floor(kept / step) * step))
         return Text(
@@ -405,6 +412,7 @@ class Oscilloscope:
         if self._filling is not None or self.caught is None or self.trigger is None:
             return False
         since = self._fed - (self.caught.zero + self.caught.end)
+        # since < 0: the captured window belongs to a clock that has restarted
         return since < 0.0 or since > max(self.window, _LONG, self.trigger.hold)
 
     def last(self) -> Shown | None:

@@ -70,6 +70,7 @@ def commanded(
     motor = reading if reading_motor is None else reading_motor
     _, velocity = estimate_start(reading, float(T))
     path = Recorded(position=set_position, sample_time=float(T)).at(np.arange(set_position.size) * float(T))
+    # `applied` of a sample is the command of the sample before
     acted = np.concatenate([force[:1], force[:-1]])
     rows = np.column_stack([np.broadcast_to(row, reading.size) for row in (*path, motor, reading, acted)])
     system = concrete(OnLog(control=replace(control, guard=None), sample_time=float(T)))
@@ -78,10 +79,12 @@ def commanded(
         begun = system.control.start(
             prepared,
             Setpoint(*map(np.float64, rows[0, : len(SETPOINT)])),
+            # a law starts one sample earlier, so that its first difference is the velocity of the log
             np.float64(motor[0] - velocity * T),
             np.float64(reading[0] - velocity * T),
             np.float64(velocity),
         )
+    # the machine code depends on the structure alone: other numbers of the same law reuse it
     key = tuple(tree.structure(part) for part in (system, prepared, begun))
     return _ran(
         _compiled.get(key, lambda: native(plan(trace(system, prepared, begun, _INPUTS)))), system, prepared, begun, rows
@@ -113,7 +116,9 @@ def _ran(compiled: Native, system: OnLog, prepared: Any, begun: Any, rows: np.nd
 
 
 INJECTED = ("load_force", "added_force")
+# a millionth of the limit lies below what any force is known by
 _ROUNDS, _SETTLED = 20, 1e-6  # runs until the injected force stays, to this share of the limit
+# a parabola over 50 samples: the first difference of a reading of counts would be a velocity of noise
 FITTED = 50  # samples from which position and velocity at the start are estimated
 
 
@@ -191,6 +196,7 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
     if "force" in measured:
         own = measured["force"]
         bare = own - sum(injected.values(), np.zeros(own.size))
+        # no field of a log says whether the drive logs its command before or after the sum: the model decides
         apart = [float(np.mean((run["force"] - loop_)[skip:] ** 2)) for loop_ in (own, bare)]
         contained = apart[1] < apart[0]
         signals["force"] = bare if contained else own
@@ -210,6 +216,7 @@ def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) 
     size = float(change @ change)
     if size == 0.0:
         return 1.0, fit
+    # least squares in closed form: the loop is nearly linear in a small injected force
     scale = -float(bare @ change) / size
     scaled = {name: scale * values if name in INJECTED else values for name, values in measured.items()}
     return scale, replay(loop, scaled, skip=fit.skipped)
@@ -313,6 +320,7 @@ def observe(
     tree.check_sampled(observer, float(sample_time))
     T = np.float64(sample_time)
     plain = tree.rebuild(observer, (np.float64(value) for _, value in tree.leaves(observer)))
+    # an observer starts one sample before the first row, like a law
     last = x[0] - velocity * T
     first = Reading(last, last, np.float64(before), np.float64(before), np.float64(velocity))
     with np.errstate(all="ignore"):

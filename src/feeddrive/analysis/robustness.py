@@ -33,6 +33,7 @@ def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> R
     both = loop_model(loop, velocity=velocity)
     poles = both.closed.poles()  # over a period
     growth = float(abs(poles[0])) if poles.size else 0.0
+    # margins of an unstable loop are numbers without a meaning
     if not Robustness(growth).stable:
         return Robustness(growth)
     margins_ = margins(both.loop_gain(both.lines(per_decade)))

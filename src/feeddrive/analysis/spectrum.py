@@ -78,8 +78,10 @@ def spectrum(
         raise ParameterError(f"{name} holds numbers that are not finite: it has no spectrum")
     if window not in ("hann", "none"):
         raise ParameterError(f"window = {window!r} must be one of hann, none")
+    # periodic Hann window (n in the denominator): lines of a periodic signal leak to one neighbor on each side only
     weight = np.ones(n) if window == "none" else 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n) / n)
     sides = np.full(n // 2 + 1, 2.0)
+    # all other lines stand for f and -f
     sides[0] = 1.0
     if n % 2 == 0:
         sides[-1] = 1.0

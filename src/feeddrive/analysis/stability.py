@@ -97,6 +97,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
     """
     verdict = stability(system, velocity=velocity)
     if verdict.stable:
+        # the poles are those of the one direction of the path in which the machine was linearized
         for gain in contour_gains(system) if isinstance(system, Machine) else ():
             if not gain.stable:
                 raise UnstableError(
@@ -108,6 +109,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
     tunables = "Kp and Kv, or lengthen Tn" if law is None else _slower(law)
     if verdict.frequency == 0.0:
         remedy = "check the signs of the gains and that the position loop is closed"
+    # a pole near z = -1 alternates from sample to sample: that is the sampled loop, not a resonance of the axis
     elif verdict.frequency > 0.45 * nyquist:
         remedy = Text(
             f"this is close to Nyquist ({Quantity(nyquist, 'Hz'):6}), so the gain is too high for the mass and the "
@@ -152,10 +154,12 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
         except FeeddriveError:
             return False
 
+    # downward from the present gains: a conditionally stable loop may have other stable gains far below
     halves = next((n for n in range(1, 11) if powers and holds(0.5**n)), None)
     if halves is None:
         return ""
     low, high = 0.5**halves, 0.5 ** (halves - 1)
+    # eight halvings of a factor of 2 find the edge to 0.4 %: enough for a proposal
     for _ in range(8):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
@@ -165,6 +169,7 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
     )
 
 
+# at 180 deg the direction of a turn is lost; a third of it leaves room for curvature between the lines
 _COARSE = np.radians(60.0)  # turn of 1 + L between two lines from which the curve between them is uncertain
 _DISC = 2.4477  # √χ²(95 %, 2): deviations of the real part within which 95 % of a complex normal variable lie
 
@@ -278,6 +283,7 @@ def encirclement(
                 f"{Quantity(np.degrees(_COARSE), 'deg'):.0f}: measure lines between them"
             )
         )
+    # from the last line on L shrinks to 0, so that 1 + L ends at 1, with the angle 0
     closing = -float(np.angle(distance[-1]))
     if L.sample_time is not None and L.frequency[-1] * L.sample_time >= 0.5 * (1.0 - 1e-9):
         # real at Nyquist, on either side of zero
@@ -290,6 +296,7 @@ def encirclement(
                 "may turn round -1 beyond it: measure to where it stays below 1"
             )
         )
+    # half of the curve, over positive frequencies: the other half is its mirror image and turns as often
     total = (first + float(np.sum(steps)) + closing) / np.pi
     turns = round(total)
     if L.variance is not None:
@@ -302,6 +309,7 @@ def encirclement(
                     f"{Quantity(np.abs(distance[place])):3}): measure longer there"
                 )
             )
+    # rounding gives 1e-12; a tenth of a turn is a part of the curve that is missing
     if abs(total - turns) > 0.1:
         doubts.append(
             Text(f"the turns come out as {Quantity(total):.3f}, not a whole number: the curve of L does not close")
@@ -318,8 +326,10 @@ def _turned(curve: np.ndarray) -> float:
 
 def _integrators(L: FRF) -> int:
     """Count integrators by the slope of ln |L| over ln f of the lowest lines, over a factor of 2 or five lines."""
+    # an octave: enough lines to average their noise, and still near 0 Hz
     many = max(int(np.searchsorted(L.frequency, 2.0 * L.frequency[0])), min(5, L.frequency.size))
     x, y = np.log(L.frequency[:many]), np.log(np.maximum(np.abs(L.response[:many]), 1e-300))
+    # 1/f^n has the slope -n
     slope = float(np.polyfit(x, y, 1)[0])
     return max(round(-slope), 0)
 

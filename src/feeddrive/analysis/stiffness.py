@@ -28,12 +28,14 @@ def summed(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
     Raises UnstableError if the sum does not converge.  Source: Smith 1968 (squaring for the Lyapunov equation).
     """
     total, power = Q.copy(), A.copy()
+    # an unstable A overflows on purpose: the test below reports it
     with np.errstate(all="ignore"):
         for _ in range(_DOUBLINGS):
             more = power.T @ total @ power
             total = total + more
             if not np.all(np.isfinite(total)):
                 break
+            # relative to the largest entry: what follows would be rounded away
             if np.max(np.abs(more), initial=0.0) <= 1e-15 * np.max(np.abs(total), initial=0.0):
                 return total
             power = power @ power
@@ -108,6 +110,7 @@ def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: 
     return Stiffness(compliance.frequency, 1.0 / magnitude, static)
 
 
+# integral action cancels terms exactly, apart from rounding of the solution of a system that is badly scaled
 _ROUNDING = 1e-9  # of what the terms of a static compliance amount to
 
 
@@ -147,6 +150,7 @@ def static_stiffness(model: StateSpace) -> float:
         ) from None
     compliance = float(model.C[0] @ moved + model.D[0, 0])
     scale = float(np.sum(np.abs(model.C[0] * moved)) + abs(model.D[0, 0]))
+    # the terms themselves may be rounding: then their sum is no measure, but the size of B and C is
     cancelled = np.linalg.norm(model.B[:, 0]) * np.linalg.norm(model.C[0])
     return float("inf") if abs(compliance) <= _ROUNDING * max(scale, cancelled) else 1.0 / abs(compliance)
 
@@ -171,12 +175,14 @@ def rope_snap(model: StateSpace | Lifted) -> float:
         return float(np.sqrt(max(rest @ summed(a, c.T @ c) @ rest, 0.0) * model.sample_time))
     column, row = model.inputs.index("load_force"), model.outputs.index("position_load")
     A, B, C, D = model.A, model.B[:, column], model.C[row], model.D[row, column]
+    # before the solution: an unstable loop is refused, whereas x(∞) exists for it too
     P = summed(A, np.outer(C, C))
     rest = np.linalg.solve(np.eye(A.shape[0]) - A, B)
     left = float(C @ rest + D)
     scale = np.sum(np.abs(C * rest)) + abs(D) + np.linalg.norm(B) * np.linalg.norm(C)
     if abs(left) > _ROUNDING * scale:
         return float("inf")
+    # rounding may leave a tiny negative square
     return float(np.sqrt(max(rest @ P @ rest, 0.0) * model.sample_time))
 
 
@@ -189,6 +195,7 @@ def rope_snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:
     It is integrated by the trapezoidal rule; below the first line the integrand is constant, since C ~ ω with integral
     action.
     """
+    # 2 - 2 cos ωT = 4 sin²(ωT/2): the cosine would lose all digits at low frequencies
     kernel = (T / (2.0 * np.sin(np.pi * frequency * T))) ** 2
     width = trapezoid_weights(frequency)
     width[0] += frequency[0]
@@ -237,6 +244,7 @@ def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared
 def reading_deviation(encoder: Any) -> float:
     """Return the standard deviation of an encoder's reading in m, from quantization, q/√12, and noise."""
     resolution = getattr(encoder, "resolution", None) or 0.0
+    # the error of a count is uniform over one count
     return math.hypot(resolution / math.sqrt(12.0), getattr(encoder, "noise", None) or 0.0)
 
 
@@ -250,6 +258,7 @@ def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:
     """
     width = trapezoid_weights(frequency)
     width[0] += frequency[0]
+    # measured lines often end below Nyquist, where the command still passes noise
     width[-1] += max(0.5 / T - frequency[-1], 0.0)
     return 2.0 * T * width
 

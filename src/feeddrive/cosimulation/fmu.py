@@ -161,6 +161,7 @@ def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) 
             raise ParameterError(
                 f"there is no signal '{signal}' to name a variable for{nearest(signal, GIVEN + TAKEN)}"
             )
+    # force and command are the same drive in two units: a plant must receive one of them, not both
     both = {"force", "command"} & set(names)
     own = [signal for signal in (*GIVEN, *TAKEN) if signal in known and not (signal in ("force", "command") and both)]
     if not both and "force" in own and "command" in own:
@@ -215,6 +216,7 @@ def _factor(archive: Archive, variable: Any, unit: str, declared: str) -> float:
     powers = {name: int(getattr(base, name) or 0) for name in (*_BASE, "K", "mol", "cd")}
     size, dimension = measure(declared)
     wanted: dict[str, int] = dict(zip(_BASE, dimension, strict=True))
+    # an offset (degrees Celsius, say) is no factor
     if any(power != wanted.get(name, 0) for name, power in powers.items()) or float(base.offset or 0.0) != 0.0:
         raise ParameterError(f"its unit '{stated}' does not measure the same thing as '{declared}'")
     return float(base.factor if base.factor is not None else 1.0) / size
@@ -318,6 +320,7 @@ class Instance:
 
     def _call(self, what: str, function: Any, *arguments: Any, **named: Any) -> Any:
         """Call the FMU. Raises FmuError with its last message."""
+        # a message of an earlier call would be quoted for an error that it does not explain
         self.messages = []
         try:
             return function(*arguments, **named)

@@ -73,6 +73,7 @@ def simulate_with_fmu(
     setpoints = work.sampled(0, count)
     rows = np.array([setpoints[name] for name in (*SETPOINT, "load_force")])
     on = np.ones(1) if enable is None else np.asarray(enable, dtype=float)
+    # far outside of any loop that works, yet soon enough that a wrong sign does not end in infinities
     limit = max(1.0, 100.0 * float(np.ptp(rows[0]))) if bound is None else bound
     with opened(fmu) as archive:
         wiring = ports(archive, names or {}, None if motor is None else motor.unit)

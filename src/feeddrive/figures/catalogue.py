@@ -69,6 +69,7 @@ def _with_own(allow: tuple[str, ...]) -> Mapping[str, Figure]:
 def _installed() -> Iterator[tuple[str, Figure]]:
     from importlib.metadata import entry_points
 
+    # sorted: which of two packages owns a duplicate key must not depend on the order of installation
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
         package = point.dist.name if point.dist is not None else point.name
         origin = f"the installed package '{package}' (mend or uninstall it)"
@@ -87,6 +88,7 @@ def _held(origin: str, place: str) -> list[Figure]:
     try:
         held, name = module_at(place)
         members = getattr(held, name) if name else [value for value in vars(held).values() if isinstance(value, Figure)]
+    # importing runs code of other people, which can raise anything
     except Exception as error:
         raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}") from None
     listed: list[Any] = (

@@ -122,6 +122,7 @@ class Figure:
         for name, value, allowed in (("needs", self.needs, NEEDS), ("better", self.better, BETTER)):
             if value not in allowed:
                 raise ParameterError(f"figure '{self.key}': {name} = {value!r} must be one of {', '.join(allowed)}")
+        # a file holds the key and a bare number: without the unit in the key the number could not be read
         if self.unit and not self.key.endswith(f"_{_suffix(self.unit)}"):
             raise ParameterError(f"figure '{self.key}' must end with its unit: ..._{_suffix(self.unit)}")
         if self.of is None and self.needs != DUTY:
@@ -175,6 +176,7 @@ class Figure:
 
 
 def _suffix(unit: str) -> str:
+    # a root of seconds has no spelling in a key: such a key names its root itself (rope_snap_ISE_root_m_per_N)
     plain = unit.replace(" √s", "").replace("(", "").replace(")", "")
     return plain.replace("/", "_per_").replace(" ", "_")
 
@@ -215,6 +217,7 @@ class Limit:
         """
         if value is None:
             return True
+        # a phase margin of -30 deg is as far from -1 as one of 30 deg
         size = abs(value)
         return size >= (1.0 - room) * self.bound if self.figure.higher else size <= (1.0 + room) * self.bound
 
@@ -224,11 +227,13 @@ class Limit:
         """
         if value is None:
             return 0.0
+        # a stiffness of 0 exceeds every limit; it must not divide by zero on the way
         size = max(abs(value), 1e-300)
         return self.bound / size if self.figure.higher else size / self.bound
 
     def eased(self, factor: float) -> Limit:
         """Return the limit relaxed by a factor."""
+        # Ms is never below 1: only its distance from there can be relaxed by a factor
         origin = self.declared.origin
         bound = self.bound / factor if self.figure.higher else origin + factor * (self.bound - origin)
         return Limit(self.figure, bound)

@@ -99,6 +99,7 @@ class LinearLoop:
 
     @cached_property
     def _stiffness_on_lines(self) -> Stiffness:
+        # a slow sample rate must leave two decades of lines, also where its Nyquist frequency is below 100 Hz
         lowest = min(self.lowest, 0.01 * self.nyquist)
         return stiffness(self._compliance(self.lines[self.lines >= lowest]))
 
@@ -140,12 +141,14 @@ class LinearLoop:
         if self.reading_noise is not None:
             motor, load = self.reading_noise
             if axis.one_encoder():
+                # one encoder feeds both readings: its noise is one signal that acts twice, not two independent ones
                 return force_noise(self.model.closed, 0.0, max(motor, load), shared=True)
             return force_noise(self.model.closed, motor, load)
         motor, load = reading_deviation(axis.encoder_motor), reading_deviation(axis.encoder_load)
         if motor == 0.0 and load == 0.0:
             return None
         if axis.one_encoder():
+            # of the two deviations one is 0, that of the encoder which is absent
             return force_noise(self.model.closed, 0.0, motor + load, shared=True)
         return force_noise(self.model.closed, motor, load)
 
@@ -180,6 +183,7 @@ def _nearest_delay(loop: JudgedLoop) -> float | None:
 
 
 def _nearest_gain(loop: JudgedLoop) -> float | None:
+    # a margin < 0 dB says how far the gain may fall; the limit on Ms covers that side
     rising = (crossover for crossover in loop.margins.phase_crossovers if crossover.gain_margin_dB >= 0.0)
     nearest = min(rising, key=lambda crossover: crossover.gain_margin_dB, default=None)
     return None if nearest is None else nearest.frequency
@@ -520,6 +524,7 @@ def at_frequency(key: str) -> Figure | None:
     """Return the figure for a key such as stiffness_35_Hz_N_per_m or stiffness_2.5_Hz_N_per_m; None for any other
     key.
     """
+    # 35.0 and 35 name the same frequency: only the spelling that the figure itself uses is accepted
     match = re.fullmatch(r"stiffness_(\d+(?:\.\d+)?)_Hz_N_per_m", key)
     frequency = 0.0 if match is None else float(match[1])
     return stiffness_at(frequency) if 0.0 < frequency < 1e6 and stiffness_at(frequency).key == key else None

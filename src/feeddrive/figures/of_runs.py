@@ -43,6 +43,7 @@ def _error_at_end(run: Run) -> float:
 
 
 def _saturated(run: Run) -> float:
+    # the limiter returns its argument unchanged while it is inactive, so exact comparison is correct
     return float(np.mean(run["force"] != run["requested"]))
 
 

@@ -161,8 +161,11 @@ class Place(NamedTuple):
     line: int
 
 
+# larger than the trust region of the search, 0.6 of a logarithm (tuning/search.py): a step hardly reaches further
 _NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not stored
+# near its pole the fraction leaves the response altogether: no circle goes through these three lines
 _POINTS, _POLE = 41, 0.2  # points between two neighbors of a line; distance to a pole within which no value is used
+# a crossover at -1 has no delay margin left; its logarithm and the division by it must stay finite
 _AHEAD = 1e-9  # rad: smallest distance to -1 used for a crossover
 _STRETCH = 0.08  # of ln f: interval on both sides of a crossover for its derivatives
 
@@ -195,10 +198,12 @@ def bandwidth_slope(loop: SlopedLoop, _: Band) -> Slope:
     x = np.log(loop.frequency)
     tunables = loop.gain_slope.shape[1]
     crossing = bandwidth_crossing(loop.gain)
+    # |S| is above -3 dB on all lines: the bandwidth is at most the first of them
     if crossing is None:
         return Slope(float(-x[0]), np.zeros(tunables), np.zeros((tunables, tunables)))
     i, part = crossing
     level = -np.log(np.abs(1.0 + loop.gain[i : i + 2]))
+    # the crossing moves against the level: d ln f = -d ln|S| / (d ln|S|/d ln f)
     tilt = (level[1] - level[0]) / (x[i + 1] - x[i])
     pushed = -(loop.gain_slope / (1.0 + loop.gain)[:, None]).real
     moved = (1.0 - part) * pushed[i] + part * pushed[i + 1]
@@ -221,6 +226,7 @@ def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
     """Return ½ ln Σ w |y|² with its derivatives."""
     total = float(np.sum(weight * np.abs(y) ** 2))
     slope = np.real(dy.T @ (weight * np.conj(y))) / total
+    # Gauss-Newton: the second derivatives of y are left out, so the first term cannot become indefinite
     root = np.sqrt(weight)[:, None] * dy
     curvature = np.real(root.conj().T @ root) / total
     return Slope(0.5 * float(np.log(total)), slope, curvature - np.outer(slope, slope))
@@ -231,6 +237,7 @@ def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     away = np.abs(1.0 + L)
+    # the slack of 1 + L > 1/limit, whose minimum between two lines is that of a circle, not of a parabola
     slack = _between_lines(np.log(f), 1.0 + L, np.log(away * limit))
     for k in _near(slack, dL):
         slope = (dL[k] / (1.0 + L[k])).real
@@ -242,6 +249,7 @@ def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     late = np.pi * f * limit * loop.sample_time
+    # |e^(-jωτ) - 1| = 2 sin(ωτ/2), at most 2, which it reaches at ωτ = π; beyond that every phase may occur
     with np.errstate(divide="ignore"):
         slack = np.log(np.abs((1.0 + L) / L) / (2.0 * np.sin(np.minimum(late, 0.5 * np.pi))))
     slack = _at_vertex(np.log(f), slack)
@@ -308,6 +316,7 @@ def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Pla
     spread, T = _spread(loop), loop.sample_time
     for k, margin, turned, along, tilt, bend in _gain_crossings(loop):
         f = margin.frequency
+        # the logarithm of the angle that a delay may use up: its derivative has a term of the phase and one of ln f
         ahead = max(2.0 * np.pi * f * margin.delay_margin, _AHEAD)
         slack = float(np.log(ahead / (2.0 * np.pi * f * T * limit)))
         deviation = float(spread[k]) * float(np.hypot(1.0 / ahead, (bend / ahead - 1.0) / tilt))
@@ -360,6 +369,7 @@ def _spread(loop: SlopedLoop) -> np.ndarray:
 
 def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
     """Return the lines whose bound is close to violation; without derivatives, only the closest of them."""
+    # without slopes nothing is searched: only the critical line is of interest
     near = np.flatnonzero(slack < _NEAR)
     return near.tolist() if slopes.shape[1] or not near.size else [int(near[np.argmin(slack[near])])]
 
@@ -398,6 +408,7 @@ def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[
     noise.
     """
     low, high = (int(end) for end in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
+    # at least the two lines of the crossing, where lines are sparse
     low, high = min(low, k), max(high, k + 2)
     apart = x[low:high] - np.mean(x[low:high])
     phase = np.concatenate([[0.0], np.cumsum(turn[low : high - 1])])

@@ -130,6 +130,7 @@ def check_slopes(exercise: Exercise) -> None:
     if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
         return  # counts as a straight line, which differences cannot show; see test_linearize.py
     moved = [name for name, value in leaves.items() if not isinstance(value, np.ndarray)]
+    # seed and sample are whole numbers that select noise: their slopes mean nothing
     moved = [name for name in moved if name not in ("x.seed", "x.sample", "x.time")]
     truth = classify(graph, [], [], []).truth
     values = node_values(graph, nodes, leaves)
@@ -144,6 +145,7 @@ def check_slopes(exercise: Exercise) -> None:
         return max(abs(float(leaves[name])), 1e-2 if name.startswith("x.") and name != "x.mobility" else 1e-6)
 
     # a lane for each number that moves: lanes compute the bits of floats, as another row asserts
+    # 1e-6: curvature (h²) and rounding (1e-16/h) both stay far below the 1e-3 by which slopes may differ
     h = 1e-6 * np.array([size(name) for name in moved])
     steps = dict(zip(moved, np.diag(h), strict=True))
     above, below, far_above, far_below, near_above, near_below = (
@@ -161,9 +163,11 @@ def check_slopes(exercise: Exercise) -> None:
         right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
         # rounding of the largest number inside, or what cancellation makes of it, over the step
         blur = max(16 * 2.3e-16 * largest, 4.0 * rounding[i]) / h
+        # a step twice as wide must show the same slope, or the function is too curved for a difference
         central, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
         near = (near_above[i] - near_below[i]) / (2.0 * _BETWEEN * h)
         bent = np.maximum(np.maximum(np.abs(right - left), np.abs(central - wide)), np.abs(central - near))
+        # a tangent that differs a step away stands beside a kink, where a central difference averages two slopes
         jumps = np.abs(slope - beside[i]) > 1e-3 * np.abs(slope)
         # a kink, a jump, or too curved for this step
         uneven = jumps | (bent > 1e-4 * np.maximum(np.abs(right), np.abs(left)) + blur)
@@ -205,6 +209,7 @@ class Rows:
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         """Parametrize each test with the blocks that it applies to."""
         stepped = [block for block in self.blocks if family_of(block) in TRACED]
+        # parts of the physics have no retune: a live change is one of the control
         held = [block for block in stepped if issubclass(block, RETUNED)]
         goes_on = [block for block in held if not getattr(block, "steps_live", False)]
         for name, applicable in (("block", self.blocks), ("asked", stepped), ("retuned", held), ("goes_on", goes_on)):
@@ -258,6 +263,7 @@ class Rows:
         expected = _bits(_without_denormal(flat(exercise.run())))
         plan, constants, rows = exercise.plan(1)
         folder = tmp_path_factory.mktemp("c")
+        # -O0 compiles fastest, and the bits must not depend on the level of optimization
         library = c_loop.compiled(c_loop.text(plan, "feeddrive_run"), folder, "-Wno-unused-parameter", "-O0")
         outputs = np.empty((len(plan.outputs), 1))
         tables = (ctypes.c_void_p * max(1, len(rows)))(*[row.ctypes.data for row in rows])

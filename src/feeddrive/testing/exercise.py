@@ -102,6 +102,7 @@ def text(plan: Plan, name: str) -> str:
     assert plan.lanes == 1, "C text is written for one variant"
     writer = _Writer(plan)
     writer.name(name)
+    # a ring is written in place: the plan has put all reads of its old contents before the write
     order = sorted(plan.order) if not plan.rings else plan.order  # that of the law's text
     needed, moving = set(order), plan.kinds.moving
     for i, (title, node) in enumerate(plan.tables):
@@ -175,6 +176,7 @@ def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine: the C text was NOT compiled and NOT compared")
     text, library = folder / "loop.c", folder / "loop.so"
     text.write_text(source, encoding="utf-8")
+    # gcc knows no FP_CONTRACT pragma and would fuse a*b + c by default: the option says the same
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas"]
     done = subprocess.run(
         [
@@ -200,6 +202,7 @@ def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
     return ctypes.CDLL(str(library))
 
 
+# enough to pass a state on twice: a state that is right only at the start would go unnoticed with fewer
 STEPS = 3
 
 
@@ -312,6 +315,7 @@ def _sensor(block: Any, x: Inputs) -> Answers:
 def _reading(x: Inputs, step: int) -> Reading:
     passed = float(step) * x.T
     motor, load = x.position_motor + passed * x.velocity_motor, x.position + passed * x.velocity
+    # two different forces: a block that mixes up requested and applied gives another result
     return Reading(motor, load, x.force, 1.5 * x.force)
 
 

@@ -22,8 +22,10 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Ring
 from feeddrive.language.text import Text
 
+# a power of two: sums of few of its multiples are exact in doubles, so that no rounding looks like a bump
 _GRID = 2.0**-17  # m: positions on it, and their differences, are exact
 ERRORS = tuple(1e-4 * k for k in (-1.5, -0.5, 0.5, 1.5, 2.5))  # m: they fill the integral of a law
+# samples between the states that are compared, and outputs that are recorded on both sides of a change
 SETTLING, SAMPLES = 12, 8
 _SHARE = 1e-6  # of an output: far above rounding, far below what a wrong unit makes of it
 _SMALL = 1e-9  # of the usual size of an output that is 0
@@ -139,9 +141,12 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
     last, asked = change.before[-1], change.asked
     rounding = _rounding(old, new, at, errors, change)
     near = _SHARE * np.maximum(np.abs(last), np.abs(asked[0])) + _SMALL * _usual(last.size) + rounding
+    # a hundredth of what counts as a bump: a slow drift must not be taken for one
     steady = np.all(np.abs(change.before - last) <= 0.01 * near)
+    # a law that does not hold its first force has still a transient: it shows the change of gains, not of state
     if isinstance(old, families.Law) and not errors:
         steady = steady and abs(last[0] - at.force) <= near[0]
+    # in motion other numbers may need another force: only where they need the same one is a change of it a bump
     if at.way > 0.0:
         steady = steady and np.all(np.abs(asked - last) <= near)
     low, high = np.minimum(last, asked) - near, np.maximum(last, asked) + near
@@ -178,6 +183,7 @@ def _changed(
     held = Steady(old, at)
     states = [held.after(SETTLING, errors), held.after(SETTLING), held.after(SETTLING)]
     before = held.outputs(SAMPLES)
+    # a compensation fades in: the fade of a fresh start is no bump of the live change
     whole = new.settled() if isinstance(new, families.Compensation) else new
     asked = Steady(whole, at._replace(force=held.force), held.sample).outputs(SAMPLES)
     if wrong:
@@ -202,6 +208,7 @@ def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change
     off = np.abs(change.asked[0] - last)
     wrong = _DIGITS * max(1.0, change.size / float(np.max(size)))
     wrong += float(np.max(np.where(off <= _SHARE * np.abs(last), off, 0.0) / size))
+    # three patterns of signs: with a single one errors of two states could cancel each other
     beside = [_changed(old, new, at, errors, wrong, pattern).after for pattern in range(3)]
     return 10.0 * np.max(np.abs(np.array(beside) - change.after), axis=(0, 1))
 

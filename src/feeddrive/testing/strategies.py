@@ -69,6 +69,7 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
     """
     fields = _fields(cls)
     values = _drawn(draw, cls, fields, 0)
+    # tables of one block mostly share their length, which independent draws would seldom hit
     if draw(_EITHER):
         values = _cut(values, values)
     for attempt in range(1, _TRIES + 1):
