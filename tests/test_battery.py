@@ -17,7 +17,7 @@ from feeddrive.blocks.force.harmonic import Harmonic
 from feeddrive.blocks.force.ripple import Ripple
 from feeddrive.testing import battery
 from feeddrive.testing.battery import check_slopes
-from feeddrive.testing.exercise import Exercise, Inputs, asked_of
+from feeddrive.testing.exercise import Exercise, Inputs, run_of
 
 TestBlock = battery(*(block for members in catalogue().values() for block in members.values() if block is not LQG))
 TestLargeBlock = pytest.mark.slow(reason="both Riccati equations of two masses are 40,000 operations")(battery(LQG))
@@ -26,7 +26,7 @@ TestLargeBlock = pytest.mark.slow(reason="both Riccati equations of two masses a
 def test_a_block_whose_answers_need_no_number_is_compiled_for_lanes() -> None:
     """Drawn by chance: nothing is fed forward, so that the program has no constants, and laying out none failed."""
     nothing = DisturbanceCompensator()
-    found = Exercise(nothing, asked_of(DisturbanceCompensator), Inputs(*(0.0 for _ in Inputs._fields))).native(8)
+    found = Exercise(nothing, run_of(DisturbanceCompensator), Inputs(*(0.0 for _ in Inputs._fields))).native(8)
     assert found.shape[1] == 8
     assert not found.any()
 
@@ -35,4 +35,4 @@ def test_a_ripple_whose_period_is_the_step_of_a_difference_is_not_taken_for_a_co
     """Drawn by chance: position 1 m moves by 1 um for its slope, and the ripple repeats every 1 um."""
     numbers = dict.fromkeys(Inputs._fields, 0.5) | {"T": 5e-5, "position_motor": 1.0, "force": -962.0}
     ripple = Ripple(period=1e-6, harmonics=(Harmonic(order=3, share=0.05, phase=0.1),))
-    check_slopes(Exercise(ripple, asked_of(Ripple), Inputs(**{name: np.float64(x) for name, x in numbers.items()})))
+    check_slopes(Exercise(ripple, run_of(Ripple), Inputs(**{name: np.float64(x) for name, x in numbers.items()})))

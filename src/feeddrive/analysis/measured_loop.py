@@ -170,9 +170,9 @@ def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_en
         raise ParameterError("a control that is one response reads one encoder: leave `motor` out, or give a Control")
     C = as_frf(control, None if isinstance(control, FRF) or hasattr(control, "omega") else frequency)
     if C.sample_time is not None and (T is None or abs(C.sample_time / T - 1.0) > 1e-9):
-        asked = "none" if T is None else Text(f"{Quantity(T, 's'):6 SI}")
+        expected = "none" if T is None else Text(f"{Quantity(T, 's'):6 SI}")
         raise ParameterError(
-            f"the control's response is sampled with {Quantity(C.sample_time, 's'):6 SI}, and sample_time is {asked}"
+            f"the control's response is sampled with {Quantity(C.sample_time, 's'):6 SI}, and sample_time is {expected}"
         )
     if C.frequency.shape != frequency.shape or not np.allclose(C.frequency, frequency, rtol=1e-9, atol=0.0):
         raise ParameterError("the responses of the control and of the axis are on different frequencies")

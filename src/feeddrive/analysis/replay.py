@@ -194,12 +194,12 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
     signals = {"position_load": position, "following_error": setpoint - position}
     contained = False
     if "force" in measured:
-        own = measured["force"]
-        bare = own - sum(injected.values(), np.zeros(own.size))
+        logged = measured["force"]
+        bare = logged - sum(injected.values(), np.zeros(logged.size))
         # no field of a log says whether the drive logs its command before or after the sum: the model decides
-        apart = [float(np.mean((run["force"] - loop_)[skip:] ** 2)) for loop_ in (own, bare)]
+        apart = [float(np.mean((run["force"] - loop_)[skip:] ** 2)) for loop_ in (logged, bare)]
         contained = apart[1] < apart[0]
-        signals["force"] = bare if contained else own
+        signals["force"] = bare if contained else logged
     return Replay(run, signals, skip, contained)
 
 

@@ -155,7 +155,7 @@ def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) 
     Raises ParameterError for an unknown signal or a unit that does not fit, FmuError for a variable that is
     missing or of the wrong kind.
     """
-    known = {variable.name: variable for variable in archive.description.modelVariables}
+    variables = {variable.name: variable for variable in archive.description.modelVariables}
     for signal in names:
         if signal not in (*GIVEN, *TAKEN):
             raise ParameterError(
@@ -163,20 +163,22 @@ def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) 
             )
     # force and command are the same drive in two units: a plant must receive one of them, not both
     both = {"force", "command"} & set(names)
-    own = [signal for signal in (*GIVEN, *TAKEN) if signal in known and not (signal in ("force", "command") and both)]
-    if not both and "force" in own and "command" in own:
-        own.remove("command")
-    wanted = {signal: signal for signal in own} | dict(names)
-    return {signal: _port(archive, known, signal, text, command_unit) for signal, text in wanted.items()}
+    same_name = [
+        signal for signal in (*GIVEN, *TAKEN) if signal in variables and not (signal in ("force", "command") and both)
+    ]
+    if not both and "force" in same_name and "command" in same_name:
+        same_name.remove("command")
+    wanted = {signal: signal for signal in same_name} | dict(names)
+    return {signal: _port(archive, variables, signal, text, command_unit) for signal, text in wanted.items()}
 
 
-def _port(archive: Archive, known: Mapping[str, Any], signal: str, text: str, command_unit: str | None) -> Port:
+def _port(archive: Archive, variables: Mapping[str, Any], signal: str, text: str, command_unit: str | None) -> Port:
     name, unit = text, ""
-    if name not in known and ":" in text:
+    if name not in variables and ":" in text:
         name, _, unit = text.rpartition(":")
-    if name not in known:
-        raise FmuError(f"{archive.name}: has no variable '{name}' for {signal}{nearest(name, list(known))}")
-    variable = known[name]
+    if name not in variables:
+        raise FmuError(f"{archive.name}: has no variable '{name}' for {signal}{nearest(name, list(variables))}")
+    variable = variables[name]
     causalities = _causalities(signal)
     if variable.causality not in causalities:
         raise FmuError(f"{archive.name}: '{name}' is {variable.causality}, but {signal} needs an {causalities[0]}")
@@ -334,19 +336,21 @@ class Instance:
 
         Raises FmuError for an unknown name and for a value that the FMU refuses.
         """
-        known = {variable.name: variable for variable in self.archive.description.modelVariables}
+        variables = {variable.name: variable for variable in self.archive.description.modelVariables}
         if not self.archive.three:
             # FMI 2 takes the start time before the initialization, FMI 3 with it.
             self._call("setup", self.fmu.setupExperiment, startTime=0.0)
         for name, value in parameters.items():
-            if name not in known:
-                raise FmuError(f"{self.archive.name}: has no variable '{name}'{nearest(name, list(known))}")
-            setter = _SETTERS.get(known[name].type)
+            if name not in variables:
+                raise FmuError(f"{self.archive.name}: has no variable '{name}'{nearest(name, list(variables))}")
+            setter = _SETTERS.get(variables[name].type)
             if setter is None:
-                raise FmuError(f"{self.archive.name}: '{name}' is of type {known[name].type}, which is not a number")
+                raise FmuError(
+                    f"{self.archive.name}: '{name}' is of type {variables[name].type}, which is not a number"
+                )
             number = float(value) if "Real" in setter or "Float" in setter else int(value)
             setting = Text(f"{name} = {Quantity(value):6}")
-            self._call(setting, getattr(self.fmu, setter), [known[name].valueReference], [number])
+            self._call(setting, getattr(self.fmu, setter), [variables[name].valueReference], [number])
         self.give(values)
         self._call("initialization", self.fmu.enterInitializationMode)
         self._call("initialization", self.fmu.exitInitializationMode)

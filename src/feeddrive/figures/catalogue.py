@@ -47,12 +47,12 @@ def measurable(allow: Sequence[str] = ()) -> Mapping[str, Figure]:
 
 def figure(name: str, allow: Sequence[str] = ()) -> Figure:
     """Return the figure that a study measures under a name. Raises ParameterError, suggesting similar names."""
-    known = measurable(allow)
-    figure_ = known.get(name) or at_frequency(name)
+    candidates = measurable(allow)
+    figure_ = candidates.get(name) or at_frequency(name)
     if figure_ is None:
         raise ParameterError(
-            f"there is no figure '{name}'{nearest(name, known)}; stiffness_F_Hz_N_per_m is there for every frequency "
-            "F; one of your own is found by --allow MODULE, or once its package is installed"
+            f"there is no figure '{name}'{nearest(name, candidates)}; stiffness_F_Hz_N_per_m is there for every "
+            "frequency F; one of your own is found by --allow MODULE, or once its package is installed"
         )
     return figure_
 
@@ -60,9 +60,9 @@ def figure(name: str, allow: Sequence[str] = ()) -> Figure:
 @cache
 def _with_own(allow: tuple[str, ...]) -> Mapping[str, Figure]:
     by_key = {shipped.key: shipped for shipped in (*OF_RUNS, *OF_LOOPS)}
-    for origin, own in (*_installed(), *_allowed(allow)):
-        if by_key.setdefault(own.key, own) is not own:
-            raise ParameterError(f"{origin}: there is a figure '{own.key}' already: give it another name")
+    for origin, added in (*_installed(), *_allowed(allow)):
+        if by_key.setdefault(added.key, added) is not added:
+            raise ParameterError(f"{origin}: there is a figure '{added.key}' already: give it another name")
     return by_key
 
 

@@ -327,10 +327,9 @@ def begin_compensation(
     An Inertia is taken over; an existing compensator keeps its values and gets the missing columns.
     Raises ParameterError for an unknown column, and StructureError for a term that would be fed forward twice.
     """
-    known = ", ".join(COLUMNS)
     for name in columns or ():
         if name not in COLUMNS:
-            raise ParameterError(f"columns: there is no '{name}'; there are {known}")
+            raise ParameterError(f"columns: there is no '{name}'; there are {', '.join(COLUMNS)}")
     chosen = _usual(loop) if columns is None else tuple(columns)
     parameters: dict[str, float] = dict.fromkeys(chosen, 0.0)
     kept = []
@@ -355,8 +354,12 @@ def begin_compensation(
 
 
 def _usual(loop: Loop) -> tuple[str, ...]:
-    own = {"acceleration": ("mass",), "velocity": ("viscous",), "friction": ("coulomb_positive", "coulomb_negative")}
-    return tuple(name for what, names in own.items() if what not in loop.control.law.feeds for name in names)
+    by_term = {
+        "acceleration": ("mass",),
+        "velocity": ("viscous",),
+        "friction": ("coulomb_positive", "coulomb_negative"),
+    }
+    return tuple(name for what, names in by_term.items() if what not in loop.control.law.feeds for name in names)
 
 
 SATURATION = ("refused", "left_out")
@@ -497,13 +500,13 @@ def regressors(
 
     They are computed by the code of the block, on the setpoint after the prefilter.
     """
-    known = block.parameters()
-    names = list(known if columns is None else columns)
+    parameters = block.parameters()
+    names = list(parameters if columns is None else columns)
     for name in names:
-        if name not in known:
+        if name not in parameters:
             raise ParameterError(
-                f"columns: the feedforward has no parameter '{name}'; it has {', '.join(known) or 'none'}: give it a "
-                f"value, 0 for a start"
+                f"columns: the feedforward has no parameter '{name}'; it has {', '.join(parameters) or 'none'}: give "
+                f"it a value, 0 for a start"
             )
     T = float(loop.sample_time)
     seen = _prefiltered(loop, setpoint)

@@ -247,8 +247,8 @@ def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) ->
 def _laid_over(name: str, time: np.ndarray, set_position: np.ndarray, reference: Reference) -> Setpoint:
     """Return the reference at the times of the log, aligned where the set positions first pass half the travel."""
     travel = float(np.ptp(set_position))
-    own = np.linspace(0.0, reference.duration, 200_001)
-    shift = _half_way(time, set_position) - _half_way(own, np.asarray(reference.at(own).position))
+    grid = np.linspace(0.0, reference.duration, 200_001)
+    shift = _half_way(time, set_position) - _half_way(grid, np.asarray(reference.at(grid).position))
     setpoint = reference.at(time - shift)
     off = float(np.max(np.abs(setpoint.position - set_position), initial=0.0))
     if not off <= 1e-5 * travel:

@@ -215,11 +215,11 @@ def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
         return [Reproduced(run(paper, progress.named(paper))) for paper in papers]
     # a fresh interpreter each: a fork would copy the locks of the caller's threads
     context = multiprocessing.get_context("spawn")
-    told: Any = context.Queue()
-    with ProcessPoolExecutor(workers, context, _listen, (told,)) as pool:
+    steps: Any = context.Queue()
+    with ProcessPoolExecutor(workers, context, _listen, (steps,)) as pool:
         futures = [pool.submit(_reproduced, paper) for paper in papers]
         try:
-            for paper, text in _heard(told, futures, progress):
+            for paper, text in _received(steps, futures, progress):
                 progress.step(text, part=paper)
             return [future.result() for future in futures]
         except BaseException:
@@ -228,12 +228,12 @@ def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
             raise
 
 
-_told: Any = None
+_steps: Any = None
 
 
-def _listen(told: Any) -> None:
-    global _told
-    _told = told
+def _listen(steps: Any) -> None:
+    global _steps
+    _steps = steps
 
 
 class _Sent(Progress):
@@ -244,20 +244,20 @@ class _Sent(Progress):
         self._paper = paper
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-        _told.put((self._paper, what))
+        _steps.put((self._paper, what))
 
 
 def _reproduced(paper: str) -> Reproduced:
     return Reproduced(run(paper, _Sent(paper)))
 
 
-def _heard(told: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:
+def _received(steps: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:
     """Report the progress of the processes until all are done; the first error ends it."""
     while not all(future.done() for future in futures):
         if any(future.done() and future.exception() for future in futures):
             return
         try:
-            yield told.get(timeout=0.1)
+            yield steps.get(timeout=0.1)
         except queue.Empty:
             progress.check()
 

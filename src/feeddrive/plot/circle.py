@@ -142,8 +142,8 @@ def _peak(peak: QuadrantPeak, ring: float) -> Mark:
 
 def _gap(circle: CirclePath, test: CircleTest, before: CircleTest | None) -> str:
     """Return the circularity G of a circle and its earlier value, as text."""
-    own = [figure for figure in test.figures if not figure.both]
-    caption = Text(f"G {Quantity(own[test.circles.index(circle)].G, 'm')}")
+    figures = [figure for figure in test.figures if not figure.both]
+    caption = Text(f"G {Quantity(figures[test.circles.index(circle)].G, 'm')}")
     if before is None or (i := _like(circle, before)) == len(before.circles):
         return caption
     return Text(f"{caption}, before {Quantity([figure for figure in before.figures if not figure.both][i].G, 'm')}")
@@ -237,13 +237,13 @@ def circle_causes_chart(causes: CircleCauses, most: int = 12) -> Chart:
     widest = max((1e6 * cause.effect for cause in shown), default=1.0)
     bars, errors = list[Box](), list[Curve]()
     for row, cause in enumerate(shown):
-        known = bool(np.isfinite(cause.error))
+        certain = bool(np.isfinite(cause.error))
         share = Text(f", {Quantity(cause.share, 'share'):2} of G") if cause.share > 5e-4 else ""
         note = f"; {cause.note}" if cause.note else ""
         text = Text(f"{Quantity(cause.effect, 'm'):3}{share}{note}")
         size = 1e6 * cause.effect
-        bars.append(Box(0.0, size, -row - 0.31, -row + 0.31, text=text, beside=True, hatched=not known))
-        if known and cause.value:
+        bars.append(Box(0.0, size, -row - 0.31, -row + 0.31, text=text, beside=True, hatched=not certain))
+        if certain and cause.value:
             error = size * cause.error / abs(cause.value)
             errors.append(Curve(np.array([size - error, size + error]), np.full(2, -float(row)), number=NEUTRAL))
     caption = Text(f"not explained: {Quantity(causes.residual, 'm'):3} RMS; bars: standard error; {_runs(causes)}")

@@ -183,8 +183,8 @@ def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
     hertz = units.of("Hz")[1]
     upper = {name: _upper(model.poles(), model, hertz) for name, model in chosen.items()}
     light = [abs(s) for row in upper.values() for s in row if s.imag > 0.0 and -s.real < _LIGHT * abs(s)]
-    known = light or [abs(s) for row in upper.values() for s in row if np.isfinite(s)]
-    reach = _ROOM * max(known, default=hertz)
+    sizes = light or [abs(s) for row in upper.values() for s in row if np.isfinite(s)]
+    reach = _ROOM * max(sizes, default=hertz)
     curves, notes = list[Curve](), list[Note]()
     for ratio in DAMPINGS:
         x, y = -ratio, float(np.sqrt(1.0 - ratio**2))

@@ -42,7 +42,7 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
     scale = 72.0 / ax.figure.dpi
     for mark in (mark for mark in marks if mark.name):
         place = scale * ax.transData.transform((mark.x, mark.y))
-        near = next((known for known in at if np.hypot(known[0] - place[0], known[1] - place[1]) < 2.0), None)
+        near = next((point for point in at if np.hypot(point[0] - place[0], point[1] - place[1]) < 2.0), None)
         at.setdefault((float(place[0]), float(place[1])) if near is None else near, []).append(mark)
     taken = [(px - 4.0, py - 4.0, px + 4.0, py + 4.0) for px, py in at]
     edge = scale * ax.bbox.extents

@@ -61,7 +61,7 @@ def lobes_chart(lobes: Lobes) -> Chart:
         Level(rpm, f"{k}" if n < _CROWDED else "", upright=True, dashed=True, faint=True, caption=caption)
         for n, (rpm, _, k) in enumerate(reversed(lobes.passing()))
     )
-    marks, notes = ((), ()) if lobes.own is None else _own(lobes.own, speed)
+    marks, notes = ((), ()) if lobes.own is None else _this_cut(lobes.own, speed)
     low = float(np.nanmin(lobes.frequency)) if np.any(there) else 0.0
     high = float(np.nanmax(lobes.frequency)) if np.any(there) else 1.0
     low, high = style.padded(low, high, 0.12)
@@ -109,11 +109,11 @@ def _border(
     return [line, Curve(speed[chosen], depth[chosen], number=number, look=MARKERS, size=0.9)]
 
 
-def _own(own: CutStability, speed: np.ndarray) -> tuple[tuple[Mark, ...], tuple[Note, ...]]:
-    number = 2 if own.stable else ALERT
-    text = Text(f"this cut: |µ| = {Quantity(own.growth):.3f}{'' if own.stable else ', chatters'}")
-    at = own.speed, 1e3 * own.depth
-    left = own.speed > 0.6 * float(speed[-1]) + 0.4 * float(speed[0])
+def _this_cut(cut: CutStability, speed: np.ndarray) -> tuple[tuple[Mark, ...], tuple[Note, ...]]:
+    number = 2 if cut.stable else ALERT
+    text = Text(f"this cut: |µ| = {Quantity(cut.growth):.3f}{'' if cut.stable else ', chatters'}")
+    at = cut.speed, 1e3 * cut.depth
+    left = cut.speed > 0.6 * float(speed[-1]) + 0.4 * float(speed[0])
     return (Mark(*at, number),), (Note(*at, text, number, right=not left),)
 
 

@@ -41,7 +41,7 @@ def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
     label = f"magnitude (dB re 1 {unit_name(unit, 'SI')})" if unit not in ("", "N/N", "m/m") else "magnitude (dB)"
     levels = [Curve(response.frequency, style.decibel(response.magnitude), name, i) for i, (name, response) in numbered]
     phases = [Curve(response.frequency, response.phase_deg, number=i) for i, (_, response) in numbered]
-    known = [
+    coherences = [
         Curve(response.frequency, response.coherence, number=i)
         for i, (_, response) in numbered
         if response.coherence is not None
@@ -51,10 +51,10 @@ def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
         Panel(label, tuple(levels), share=3.0),
         Panel("phase (deg)", tuple(phases), scale=DEGREES, low=low, high=high, share=2.0),
     ]
-    if known:
-        panels.append(Panel("coherence", tuple(known), low=0.0, high=1.05))
+    if coherences:
+        panels.append(Panel("coherence", tuple(coherences), low=0.0, high=1.05))
     span = _span(response.frequency for response in chosen.values())
-    return Chart("frequency (Hz)", tuple(panels), FREQUENCY, *span, height=4.6 + bool(known))
+    return Chart("frequency (Hz)", tuple(panels), FREQUENCY, *span, height=4.6 + bool(coherences))
 
 
 bode = figure_of(bode_chart)

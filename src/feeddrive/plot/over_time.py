@@ -128,9 +128,9 @@ def motion_chart(runs: Runs, points: int = POINTS) -> Chart:
         accelerations.append(Curve(*envelope(run.time, acceleration, points), number=i))
         ends += [float(np.min(acceleration)), float(np.max(acceleration))]
     wanted = set_velocity(first)
-    asked = np.gradient(wanted, first.sample_time)
+    set_acceleration = np.gradient(wanted, first.sample_time)
     velocities.append(Curve(*envelope(first.time, 1e3 * wanted, points), "set", NEUTRAL, DASHED, size=0.7))
-    accelerations.append(Curve(*envelope(first.time, asked, points), "", NEUTRAL, DASHED, size=0.7))
+    accelerations.append(Curve(*envelope(first.time, set_acceleration, points), "", NEUTRAL, DASHED, size=0.7))
     # a log that starts in motion has a jump in its first set velocity, which is no acceleration of the axis
     low, high = style.padded(min(ends), max(ends))
     panels = (
@@ -321,16 +321,16 @@ def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units 
     near  m: settling tolerance of the table
     """
     micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
-    known = dict[str, tuple[float, float]]()
+    reactions = dict[str, tuple[float, float]]()
     for name, run in runs.items():
         after = run.time >= begin - 0.5 * run.sample_time
         error = run["tracking_error"][after]
-        known[name] = float(np.max(np.abs(error))), settling_time(run.time[after] - begin, error, near)
+        reactions[name] = float(np.max(np.abs(error))), settling_time(run.time[after] - begin, error, near)
     last = max(float(run.time[-1]) - begin for run in runs.values())
-    end = min(max(_LEAST, *(_AFTER * settled for _, settled in known.values())), last)
+    end = min(max(_LEAST, *(_AFTER * settled for _, settled in reactions.values())), last)
     errors, forces = list[Curve](), list[Curve]()
     for i, (name, run) in enumerate(runs.items()):
-        peak, settled = known[name]
+        peak, settled = reactions[name]
         rest = "not settled" if np.isinf(settled) else f"settled in {Quantity(settled, 's')}"
         caption = Text(f"peak {Quantity(peak, 'm')}, {rest} to ±{Quantity(near, 'm'):3}")
         there = (run.time >= begin - _BEFORE * end) & (run.time <= begin + end)

@@ -120,12 +120,14 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
 
 def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN) -> tuple[Panel, ...]:
     """Return a panel with the coherences and the lowest one that a tuning accepts; empty without a coherence."""
-    known = [(i, frf) for i, frf in responses if frf.coherence is not None]
-    if not known:
+    with_coherence = [(i, frf) for i, frf in responses if frf.coherence is not None]
+    if not with_coherence:
         return ()
-    curves = tuple(Curve(units.of("Hz")[1] * frf.frequency, np.asarray(frf.coherence), number=i) for i, frf in known)
+    curves = tuple(
+        Curve(units.of("Hz")[1] * frf.frequency, np.asarray(frf.coherence), number=i) for i, frf in with_coherence
+    )
     level = Level(TRUSTED, dashed=True)
-    shaded = doubtful((frf for _, frf in known), units, name=Text(f"coherence {Quantity(TRUSTED)} or less"))
+    shaded = doubtful((frf for _, frf in with_coherence), units, name=Text(f"coherence {Quantity(TRUSTED)} or less"))
     return (Panel("coherence", curves, levels=(level,), bands=shaded, low=0.0, high=1.05),)
 
 
@@ -228,8 +230,8 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
 
     more  additional curves in the magnitude panel, in displayed units
     """
-    known = [frf for row in rows for frf in (row.drawn, row.measured) if frf is not None]
-    factor, label = _magnitudes(known[0].unit, units)
+    drawn = [frf for row in rows for frf in (row.drawn, row.measured) if frf is not None]
+    factor, label = _magnitudes(drawn[0].unit, units)
     hertz, log = units.of("Hz")[1], not units.decibel
     coherent = [(i, row.measured) for i, row in enumerate(rows) if row.measured is not None]
     levels, phases, apart = list[Curve](), list[Curve](), list[Curve]()
@@ -275,7 +277,7 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
         label = "error (part of it)" if log else "error (dB)"
         panels.append(_gains(label, apart, shaded, scale, 1.4))
     panels += coherence_panels(coherent, units)
-    x = [hertz * float(frf.frequency[k]) for frf in known for k in (0, -1)]
+    x = [hertz * float(frf.frequency[k]) for frf in drawn for k in (0, -1)]
     return Chart(
         f"frequency ({unit_name('Hz')})",
         tuple(panels),

@@ -66,12 +66,12 @@ def _measured(contents: LawsContents, points: int) -> Iterator[Picture]:
 
 def _errors(contents: LawsContents, points: int) -> Iterator[Picture]:
     runs = {entry.name: entry.shown for entry in contents.entries}
-    own = "" if alike(run["following_error"] for run in runs.values()) else " Each row has its own scale."
+    scales = "" if alike(run["following_error"] for run in runs.values()) else " Each row has its own scale."
     listed = joined("; ", (f"{e.name} {Quantity(e.rms('following_error'), 'm'):3} RMS" for e in contents.entries))
     yield Picture(
         "error",
         "Following error over time",
-        f"Setpoint minus the controller's reading.{own}",
+        f"Setpoint minus the controller's reading.{scales}",
         Text(f"Following error over time: {listed}."),
         lambda: plot.following_error_chart(runs, points=points),
     )

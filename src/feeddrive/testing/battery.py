@@ -42,7 +42,7 @@ from feeddrive.loop.gradient import push, require_slopes
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.trace import concrete, evaluate, node_values
 from feeddrive.testing import exercise as c_loop
-from feeddrive.testing.exercise import SAMPLED, TRACED, Exercise, Inputs, asked_of, flat, inputs
+from feeddrive.testing.exercise import SAMPLED, TRACED, Exercise, Inputs, flat, inputs, run_of
 from feeddrive.testing.steady import ERRORS, RETUNED, UNPREPARED, bump, place, without_friction
 from feeddrive.testing.strategies import blocks_of, part_types, variants_of
 
@@ -74,7 +74,7 @@ def _bits(values: Sequence[Any] | np.ndarray) -> list[bytes]:
 
 def _exercise(data: st.DataObject, block: type[Block]) -> Exercise:
     x = _inputs(data)
-    return Exercise(concrete(data.draw(blocks_of(block, float(x.T)))), asked_of(block), x)
+    return Exercise(concrete(data.draw(blocks_of(block, float(x.T)))), run_of(block), x)
 
 
 def _inputs(data: st.DataObject) -> Inputs:

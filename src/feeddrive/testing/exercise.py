@@ -434,7 +434,7 @@ TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
 SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
 
 
-def asked_of(block: type[Block]) -> Callable[[Any, Inputs], Answers]:
+def run_of(block: type[Block]) -> Callable[[Any, Inputs], Answers]:
     """Return the function that runs a step of a block."""
     return TRACED[family_of(block)]
 

@@ -138,9 +138,9 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
     change = _changed(old, new, at, errors)
     if not change.settled:
         return ""
-    last, asked = change.before[-1], change.asked
+    last, required = change.before[-1], change.required
     rounding = _rounding(old, new, at, errors, change)
-    near = _SHARE * np.maximum(np.abs(last), np.abs(asked[0])) + _SMALL * _usual(last.size) + rounding
+    near = _SHARE * np.maximum(np.abs(last), np.abs(required[0])) + _SMALL * _usual(last.size) + rounding
     # a hundredth of what counts as a bump: a slow drift must not be taken for one
     steady = np.all(np.abs(change.before - last) <= 0.01 * near)
     # a law that does not hold its first force has still a transient: it shows the change of gains, not of state
@@ -148,8 +148,8 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
         steady = steady and abs(last[0] - at.force) <= near[0]
     # in motion other numbers may need another force: only where they need the same one is a change of it a bump
     if at.way > 0.0:
-        steady = steady and np.all(np.abs(asked - last) <= near)
-    low, high = np.minimum(last, asked) - near, np.maximum(last, asked) + near
+        steady = steady and np.all(np.abs(required - last) <= near)
+    low, high = np.minimum(last, required) - near, np.maximum(last, required) + near
     wrong = np.argwhere(~((low <= change.after) & (change.after <= high)))
     if not steady or not wrong.size:
         return ""
@@ -157,7 +157,7 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
     return Text(
         f"output {output} of {new.kind} was {Quantity(last[output]):9} in a steady state; {sample + 1} samples after a "
         f"live change it is {Quantity(change.after[sample, output]):9}, and started there with the new numbers it "
-        f"would be {Quantity(asked[sample, output]):9}: retune must return the state with which it goes on"
+        f"would be {Quantity(required[sample, output]):9}: retune must return the state with which it goes on"
     )
 
 
@@ -168,7 +168,7 @@ class Change(NamedTuple):
 
     before: np.ndarray
     after: np.ndarray
-    asked: np.ndarray
+    required: np.ndarray
     settled: bool
     size: float
 
@@ -185,7 +185,7 @@ def _changed(
     before = held.outputs(SAMPLES)
     # a compensation fades in: the fade of a fresh start is no bump of the live change
     whole = new.settled() if isinstance(new, families.Compensation) else new
-    asked = Steady(whole, at._replace(force=held.force), held.sample).outputs(SAMPLES)
+    required = Steady(whole, at._replace(force=held.force), held.sample).outputs(SAMPLES)
     if wrong:
         held.at = at._replace(position=(1.0 + _DIGITS) * at.position)
         values = [value for _, value in tree.leaves(held.state)]
@@ -194,7 +194,7 @@ def _changed(
         held.state = tree.rebuild(held.state, moved)
     held.retune(new)
     settled, size = _settled(*states, exactly=len(errors) > 0), np.max(np.abs(states[-1]), initial=0.0)
-    return Change(before, held.outputs(SAMPLES), asked, settled, float(size))
+    return Change(before, held.outputs(SAMPLES), required, settled, float(size))
 
 
 def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change: Change) -> np.ndarray:
@@ -205,7 +205,7 @@ def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change
     """
     last = change.before[-1]
     size = np.abs(last) + _SMALL * _usual(last.size)
-    off = np.abs(change.asked[0] - last)
+    off = np.abs(change.required[0] - last)
     wrong = _DIGITS * max(1.0, change.size / float(np.max(size)))
     wrong += float(np.max(np.where(off <= _SHARE * np.abs(last), off, 0.0) / size))
     # three patterns of signs: with a single one errors of two states could cancel each other

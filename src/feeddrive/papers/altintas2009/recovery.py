@@ -72,8 +72,10 @@ def adaptation(law: DADSC, run: Run) -> Observation:
 
 
 def _observed(run: Run) -> dict[str, Observation]:
-    own = {OWN: adaptation(dadsc(RATE), run)}
-    return own | {name: observe(observer, run["reading_load"], run["force"], T) for name, observer in OBSERVERS.items()}
+    estimates = {OWN: adaptation(dadsc(RATE), run)}
+    return estimates | {
+        name: observe(observer, run["reading_load"], run["force"], T) for name, observer in OBSERVERS.items()
+    }
 
 
 def estimation() -> tuple[list[Claim], list[Table], list[Picture]]:

@@ -85,7 +85,7 @@ def bandwidths() -> list[Claim]:
     """
     pulse = np.zeros(10_001)
     pulse[100:120] = 200.0  # 2 ms: a spectrum without zeros below 500 Hz
-    own, recovered = {}, {}
+    adapted, recovered = {}, {}
     laws: dict[str, Law] = {"p 100": dadsc(100.0), "p 300": dadsc(300.0), "p 600": dadsc(600.0), "P-PI": cascade(300.0)}
     for name, law in laws.items():
         run = simulate(loop(law), REST, load=RecordedForce(force=pulse, sample_time=T), duration=1.0)
@@ -93,7 +93,7 @@ def bandwidths() -> list[Claim]:
         seen = observe(replace(RECOVERY, frequency=100.0), run["reading_load"], run["force"], T)
         recovered[name] = _band(seen.disturbance, force)
         if name != "P-PI":
-            own[name] = _band(adaptation(dadsc(float(name[2:])), run).disturbance, force)
+            adapted[name] = _band(adaptation(dadsc(float(name[2:])), run).disturbance, force)
     rule = f"pulse of 200 N and 2 ms; -3 dB of the estimate over the force in the running loop; {PLANT}"
     values = list(recovered.values())
     return [
@@ -127,7 +127,7 @@ def bandwidths() -> list[Claim]:
                 unit="Hz",
                 expected="p/2π",
             )
-            for name, got in own.items()
+            for name, got in adapted.items()
         ),
     ]
 

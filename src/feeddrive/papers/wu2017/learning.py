@@ -359,7 +359,7 @@ def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
     """
     poor = {axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth) for axis in AXES}
     circles = {
-        "start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, known=True) for axis in AXES})
+        "start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, exact=True) for axis in AXES})
     }
     for name, columns in SETS.items():
         circles[name] = _driven({axis: _learned(axis, columns, smooth) for axis in AXES})
@@ -371,7 +371,7 @@ def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
 
 
 def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = False) -> Loop:
-    loop = table_axis(axis, columns, smooth=smooth, known=True)
+    loop = table_axis(axis, columns, smooth=smooth, exact=True)
     return iterate_trials(loop, SAME if line else circle(axis), LEARNED, load=noise).loop
 
 

@@ -141,7 +141,7 @@ def _by_mass() -> tuple[list[Claim], Table, Picture]:
     """Compute the rate of convergence versus the mass assumed by the model; the model of the table's figures has no
     dead time.
     """
-    loop = table_axis("x", SETS["+ Coulomb"], known=True)
+    loop = table_axis("x", SETS["+ Coulomb"], exact=True)
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
     free = convergence(loop, SAME).rate
     by_knowledge: dict[str, list[float]] = {"dead time left out": [], "dead time known": []}
@@ -160,14 +160,14 @@ def _by_mass() -> tuple[list[Claim], Table, Picture]:
         heading = f"model-based, assumed mass x {number(ratio)}: rho"
         claims.append(Claim("4.h", heading, rule, prompted[ratio], None, 1.1 * wanted + 0.002, "", number(wanted)))
     refused = sum(prompted[ratio] != prompted[ratio] for ratio in (MASSES[0], MASSES[-1]))
-    known = by_knowledge["dead time known"]
+    exact = by_knowledge["dead time known"]
     claims += [
         Claim("4.h", "model loops refused as unstable, of the masses x 0.01 and x 20", rule, float(refused), 2.0, 2.0),
         Claim(
             "4.h",
             "assumed mass right, dead time known: rho",
             rule.replace("the model none", "and so has the model"),
-            known[MASSES.index(1.0)],
+            exact[MASSES.index(1.0)],
             most=1e-9,
             expected="0",
         ),

@@ -46,11 +46,11 @@ def _machine(axis: str) -> Loop:
     return read_machine("xy_table").loop(axis)
 
 
-def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, known: bool = False) -> Loop:
+def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, exact: bool = False) -> Loop:
     """Return an axis of the table with a compensator that has these basis functions.
 
     smooth  tanh friction, as in the tables; otherwise the friction model of the machine file
-    known   mass and viscous friction of the axis are fed forward from the start; otherwise 45 kg and 0
+    exact   mass and viscous friction of the axis are fed forward from the start; otherwise 45 kg and 0
     """
     loop = _machine(axis)
     friction = loop.axis.friction_load
@@ -66,7 +66,7 @@ def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, know
         )
         loop = dataclasses.replace(loop, axis=dataclasses.replace(loop.axis, friction_load=tanh))
     start_values = dict.fromkeys(columns, 0.0) | {"mass": 45.0}
-    if known:
+    if exact:
         start_values |= {"mass": float(loop.axis.plant.rigid_mass()), "viscous": float(friction.viscous)}
     speed = float(friction.stribeck_velocity) if "stribeck" in columns else None
     return compensated(loop, DisturbanceCompensator(**start_values, stribeck_velocity=speed))
