@@ -89,6 +89,7 @@ def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = 
     samples = _samples(model)
     N, n = len(samples), samples[0].A.shape[0]
     state = np.zeros((n, columns.shape[1]))
+    # the periodic state that a constant column has reached: x = through x + pushed
     if moving and n:
         through, pushed = np.eye(n), state
         for sample in samples:
@@ -108,6 +109,7 @@ def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = 
 def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
     """Return the number of samples after which the slowest mode of a model has decayed to a share."""
     slowest = _growth(model)
+    # at the edge of stability ln 1 = 0 would divide
     turns = 1.0 if slowest <= 0.0 else np.log(share) / np.log(min(slowest, 1.0 - 1e-9))
     return max(1, len(_samples(model)) * int(np.ceil(turns)))
 
@@ -133,6 +135,7 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
 def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
     """Return the linear closed loop from a force behind the limit to the position, without nonlinear parts."""
     control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
+    # counts have no slope and Coulomb friction is a jump: an ideal encoder and the viscous part are left of them
     ends: dict[str, Any] = {
         f"encoder_{end}": None if getattr(loop.axis, f"encoder_{end}") is None else Encoder() for end in _ENDS
     }
@@ -157,9 +160,11 @@ def _nearest(loop: Loop, plant: Rigid) -> float | None:
 
     grid = np.arange(_STRIDE, _DECADES, _STRIDE)
     for away in grid:
+        # heavier and lighter in turn, so that the first stable mass is the nearest by ratio
         for sign in (1.0, -1.0):
             if stable(sign * away):
                 low, high = away - _STRIDE, away
+                # 14 halvings of a tenth of a decade: four digits
                 for _ in range(14):
                     middle = 0.5 * (low + high)
                     low, high = (low, middle) if stable(sign * middle) else (middle, high)
@@ -176,11 +181,13 @@ def _inverse(loop: Loop) -> StateSpace | Lifted:
     samples = _samples(linear_model(bare, ["cut", "reading_motor", "reading_load"], ["force"]))
     push = [sample.B[:, 1:2] + sample.B[:, 2:3] for sample in samples]
     n = push[0].shape[0]
+    # states that no reading reaches belong to the axis: their poles would count as zeros of the controller
     reached = np.any([column != 0.0 for column in push], axis=(0, 2))
     for _ in range(n):
         reached = reached | np.any([sample.A[:, reached] != 0.0 for sample in samples], axis=(0, 2))
     keep = np.flatnonzero(reached)
     names = tuple(samples[0].states[i] for i in keep)
+    # a law that does not answer a reading in the same sample has no causal inverse, which the empty list refuses
     passed = [float(sample.D[0, 1] + sample.D[0, 2]) for sample in samples]
     inverse: list[StateSpace] = []
     # the force answers the reading by -C; solved for the reading it is the inverse, with the sign of G_d
@@ -258,6 +265,7 @@ def _own(alike: np.ndarray, i: int, others: list[int]) -> float:
 def _without_reversal(names: Sequence[str], velocity: np.ndarray, dead_band: float) -> dict[str, str]:
     forward, backward = int(np.sum(velocity > dead_band)), int(np.sum(velocity < -dead_band))
     moving = forward + backward
+    # in one direction alone, Coulomb friction and gravity are the same constant
     share = min(forward, backward) / moving if moving else 0.0
     if share >= LEAST_REVERSAL:
         return {}
@@ -363,6 +371,7 @@ def _usual(loop: Loop) -> tuple[str, ...]:
 
 
 SATURATION = ("refused", "left_out")
+# with fewer the standard errors rest on a handful of independent residuals
 _LEAST_ROWS = 20  # least number of rows per column
 
 
@@ -473,7 +482,9 @@ def next_iteration(
     least = np.array([_least(block, names[i], least_mass) for i in active])
     used, error = seen[rows][:, active], trial.following_error[rows]
     step, held = solve(used, error, mu, least - now, np.full(now.size, np.inf))
+    # the loop colors the noise: its residual stays correlated as long as the slowest mode rings
     sigma = standard_errors(used, error - used @ step, 2 * decay(model))
+    # the bound again: a rounded step could end a little below it, which the constructor refuses
     changed = {names[i]: float(value) for i, value in zip(active, np.maximum(now + gamma * step, least), strict=True)}
     after = dataclasses.replace(block, **changed)
     taken = np.array([changed[names[i]] for i in active]) - now
@@ -561,6 +572,7 @@ def _rows(trial: Trial, after: int, saturation: str, skip: int) -> np.ndarray:
             f"{Quantity(first * trial.sample_time, 's'):6 SI}; 0 are admitted, since the error then says nothing of "
             "the feedforward: take a slower reference, or leave these samples out (saturation = 'left_out')"
         )
+    # the effect of a missing force outlasts the saturation by the decay of the loop
     for k in np.flatnonzero(saturated):
         counted[k : k + after] = False
     return counted
@@ -657,6 +669,7 @@ def convergence(
     guess = error_model(loop if believed is None else believed, form, plant=plant, least_mass=least_mass)
     seen = filtered(guess, phi)
     sizes = np.linalg.norm(seen, axis=0)
+    # the same scale on both sides is a similarity: eigenvalues stay, the columns become comparable
     learned = np.linalg.lstsq(seen / sizes, true / sizes, rcond=None)[0]
     return Convergence(tuple(names), np.eye(len(names)) - gamma * learned, condition(seen), gamma)
 

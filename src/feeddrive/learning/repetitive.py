@@ -79,11 +79,14 @@ def tune_repetitive(
     control_block = RepetitiveControl(
         period_samples=count, passes=passes, weight=weight, learning_gain=learning_gain, most_shift=most_shift
     )
+    # from below the lowest harmonic, 1/period: what is not learned there repeats as well
     f = np.geomspace(0.1 / period, 0.5 / T, _LINES)
     z = np.exp(2j * np.pi * f * T)
     Tr = shift_response(bare, f, velocity)
     row = np.array(taps(weight, passes))
+    # symmetric taps have no phase: their response is a sum of cosines
     q = row[0] + 2.0 * np.cos(np.outer(2.0 * np.pi * f * T, np.arange(1, row.size))) @ row[1:]
+    # the period must hold twice the passes and the lead, as the block itself requires
     leads = range(min(most_lead, count // 2 - passes) + 1)
     left = [np.abs(q * (1.0 - learning_gain * Tr * z**lead)) for lead in leads]
     factors = tuple(float(np.max(remainder)) for remainder in left)

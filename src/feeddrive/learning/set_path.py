@@ -43,6 +43,7 @@ class SetPath:
 
         The set positions are 0 before row 0, which is sample `phase` of the period.
         """
+        # the controller of the machine receives positions and differences them itself
         velocity = np.diff(positions, axis=0, prepend=0.0) / self.sample_time
         x = np.zeros((self.samples[0].A.shape[0], positions.shape[1]))
         table = np.empty(positions.shape)
@@ -102,7 +103,9 @@ def changed(positions: np.ndarray, wanted: np.ndarray, sample_time: float, lead:
 
 _SETTLED = 1e-9  # of its peak: below it the answer of a spline has ended
 _LONGEST = 40_000  # samples that an answer may take
+# dense: with the default spacing a matrix of 20,000 rows and 1,000 columns, 160 MB
 _WHOLE = 20_000  # samples that are fitted at once, without a window
+# the last splines of a window hardly reach its rows: without it their coefficients grow without bound
 _RIDGE = 1e-6  # of the largest column: weight of the coefficients' own size in a window
 
 
@@ -114,6 +117,7 @@ def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
 
     t = np.arange((degree + 1) * spacing + 1) / spacing
     spline = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)(t)
+    # beyond its support, at its last knot, scipy returns NaN
     return np.nan_to_num(spline)
 
 
@@ -122,6 +126,7 @@ class _Columns:
 
     def __init__(self, path: SetPath, degree: int, spacing: int) -> None:
         self.spline, self.spacing, self.period = cardinal_spline(degree, spacing), spacing, path.period
+        # splines that begin at the same place of the period have the same answer
         phases = {(i * spacing) % path.period for i in range(path.period)}
         self.answers = {phase: self._answer(path, phase) for phase in phases}
 
@@ -300,10 +305,12 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
     poles = np.linalg.eigvals(path.samples[0].A)
     if np.max(np.abs(poles)) >= 1.0:
         raise UnstableError(f"the loop is unstable: a pole has |z| = {number(np.max(np.abs(poles)), 6)}")
+    # a triple pole at 0 (a queue of dead time) is found only to the cube root of rounding
     A = np.real(np.poly(poles[np.abs(poles) > _ORIGIN ** (1.0 / 3.0)]))
     rows = 2 * poles.size + 4
     impulse = np.zeros((rows, 1))
     impulse[0] = 1.0
+    # B = A times the impulse response; its zeros by eigenvalues would lose the leading zeros that are the delay
     whole = np.convolve(A, path.answers(impulse)[:, 0])[:rows]
     there = np.flatnonzero(np.abs(whole) > _REST * np.max(np.abs(whole)))
     delay, B = int(there[0]), whole[there[0] : there[-1] + 1]
@@ -329,6 +336,7 @@ def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
     wanted = sampled(reference, T, path.preview, round(_SETTLING / T))
     filtered = path.filtered(wanted)
     before, after = (_left(model, positions, wanted) for positions in (wanted, filtered))
+    # lost digits show in no residual of the polynomials: the model itself is asked
     if not after < before:
         raise ParameterError(
             f"the model of the loop itself is {Quantity(after, 'm')} off the path with this inverse, and "

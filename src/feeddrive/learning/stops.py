@@ -13,6 +13,7 @@ from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparat
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
+# stops are 1 um to some mm wide: the large swing shows sliding, the small ones reverse within the narrow stops
 _SWINGS = ((5e-3, 0.5), (3e-4, 2.3), (2e-5, 7.0))  # m (rad of an axis that turns) and Hz
 _DURATION = 4.0  # s
 
@@ -20,13 +21,14 @@ _DURATION = 4.0  # s
 def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
     """Return the loop with stops in place of its friction feedforward, identified from a simulated log, and the stops.
 
-    In the middle of its travel the axis swings for 4 s by 1 mm at 0.5 Hz, with smaller and faster swings on top.  Its
+    In the middle of its travel the axis swings for 4 s by 5 mm at 0.5 Hz, with smaller and faster swings on top.  Its
     mass is given; viscous friction and offset are identified together with the stops and left to the other blocks.
     `seed` is that of the encoder noise.
     Raises NotIdentifiableError if the log does not show friction.
     """
     T = float(loop.sample_time)
     control = loop.control
+    # the friction feedforward that is there would hide the friction that is looked for
     others = tuple(block for block in control.feedforward if "friction" not in block.fed())
     bare = replace(loop, control=replace(control, feedforward=others))
     run = simulate(bare, _swings(_center(loop), T), seed=seed, record=["reading_load", "force"], name="swings")

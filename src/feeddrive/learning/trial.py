@@ -36,6 +36,7 @@ def differenced(name: str, position: np.ndarray, sample_time: float, needed: Seq
     if position.size < 6:
         raise LogError(f"{name}: {position.size} rows are too few for a fourth difference: at least 6 are needed")
     rounding = _rounding(position)
+    # at rest the weights would leave rounding, which counts as motion elsewhere
     rests = np.ptp(np.lib.stride_tricks.sliding_window_view(position, 5), axis=1) == 0.0
     derivatives: dict[str, np.ndarray] = {}
     for derivative, (weights, order) in _WEIGHTS.items():
@@ -56,6 +57,7 @@ def _rounding(position: np.ndarray) -> float:
     """
     second, fifth = np.abs(np.diff(position, 2)), np.abs(np.diff(position, 5))
     accelerates = second[1:-2] > 1e-2 * np.max(second, initial=0.0)
+    # 0.6745: median of |normal|; 252 = 1 + 25 + 100 + 100 + 25 + 1, the squares of the weights of a fifth difference
     return float(np.median(fifth[accelerates])) / (0.6745 * np.sqrt(252.0)) if np.any(accelerates) else 0.0
 
 
@@ -75,6 +77,7 @@ def _check_rounding(name: str, derivative: str, values: np.ndarray, rounding: fl
         )
 
 
+# crystals agree to 1e-4, and a log at another rate is off by far more
 CLOCK = 1e-3  # share of the sample time by which the clock of a log may differ from the controller's
 _NOISE = 0.02  # share of the acceleration's RMS that the rounding of a logged reference may make
 _WIDEST = 64  # samples on each side over which a rounded reference is smoothed at most
@@ -199,6 +202,7 @@ def measured_trial(
     limit = loop.control.force_limit
     saturated = np.zeros(x.size, dtype=bool) if limit is None else None
     if force is not None and limit is not None:
+        # a log rounds the force
         saturated = np.abs(force) >= (1.0 - 1e-6) * limit
     return Trial(
         name=name,
@@ -240,6 +244,7 @@ def _smoothed(x: np.ndarray, width: int) -> np.ndarray:
     """Return the values after two passes of a moving average over 2 width + 1 samples."""
     if width == 0:
         return x
+    # two passes make a triangle, which has no steps: a second difference would show those of a single box
     box = np.full(2 * width + 1, 1.0 / (2 * width + 1))
     base = x[0]  # the sum of small numbers keeps more digits
     return base + np.convolve(_padded(x - base, 2 * width), np.convolve(box, box), mode="valid")
@@ -267,10 +272,12 @@ def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
     step = _rounded_to(x) if np.ptp(x) > 0.0 else 0.0
     if step == 0.0:
         return 0, ()
+    # each some 1.4 times as wide: the noise of an acceleration falls fast with the width
     for width in (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, _WIDEST):
         if 4 * width > x.size // 4:
             break
         pulse = np.zeros(8 * width + 16)
+        # rounding is white with a deviation of step/√12: the norm of the response to one such pulse is the noise
         pulse[pulse.size // 2] = step / np.sqrt(12.0)
         noise = float(np.linalg.norm(_acceleration(pulse, width, T)))
         if noise <= _NOISE * float(np.sqrt(np.mean(_acceleration(x, width, T) ** 2))):
@@ -292,8 +299,10 @@ def _acceleration(x: np.ndarray, width: int, T: float) -> np.ndarray:
 def _rounded_to(x: np.ndarray) -> float:
     """Return the decimal step, in m, of which all positions are multiples; 0 if there is none above 1e-12 m."""
     for digits in range(3, 12):
+        # logs are rounded to decimals of mm or µm, or to halves, quarters and fifths of one
         for part in (1.0, 0.5, 0.25, 0.2):
             step = part * 10.0**-digits
+            # 4e-16 x/step: rounding of the doubles themselves, in steps
             if float(np.max(np.abs(x / step - np.rint(x / step)))) < 1e-4 + 4e-16 * float(np.max(np.abs(x))) / step:
                 return step
     return 0.0

@@ -47,6 +47,7 @@ _RECORDED = (
     "force",
     "trip",
 )
+# far below any count, far above the rounding of a position of 1 m
 _STANDS = 1e-9  # m of travel
 
 
@@ -151,6 +152,7 @@ def iterate_trials(
         shown.append(simulated_trial(run, reference))
         if j == trials - 1:
             break
+        # gains may be believed wrongly, but the present feedforward is the tuner's own and exact
         tuner = loop if believed is None else compensated(believed, compensator(loop))
         iteration = next_iteration(
             tuner,
@@ -169,6 +171,7 @@ def iterate_trials(
     return Trials(tuple(shown), tuple(learned), tuple(loops))
 
 
+# where Ĝ_d falls off its inverse would learn the noise of the error
 _REGULAR = 0.01  # of the largest |Ĝ_d|: where it is smaller its inverse is bounded
 
 
@@ -247,6 +250,7 @@ def learn_signal(
         reference = turns[j % len(turns)]
         now = _played(loop, learned)
         acting = load(j) if callable(load) else load
+        # another seed in each trial: noise that repeats would be learned as a disturbance
         run = simulate(now, reference, load=acting, seed=seed + j, record=_RECORDED, name=f"trial {j + 1}")
         shown.append(simulated_trial(run, reference))
         forces.append(learned)
@@ -257,6 +261,7 @@ def learn_signal(
 def _played(loop: Loop, force: np.ndarray) -> Loop:
     """Return the loop with the learned force as a compensation; a final 0 is appended to the force."""
     others = tuple(block for block in loop.control.compensation if not isinstance(block, LearnedForce))
+    # the block holds its last row: without the 0 the last force would act on after the motion
     block = LearnedForce(force=np.append(force, 0.0))
     return dataclasses.replace(loop, control=dataclasses.replace(loop.control, compensation=(*others, block)))
 
@@ -291,6 +296,7 @@ def _next(
     model: StateSpace | Lifted, force: np.ndarray, error: np.ndarray, gain: float, bandwidth: float
 ) -> np.ndarray:
     n = error.size
+    # zeros behind the trial: a circular convolution would carry its end into its start, and the reverse
     size = 1 << (n + 2 * decay(model) - 1).bit_length()
     frequency = _lines(model, size)
     held = np.zeros(size)
@@ -429,6 +435,7 @@ def _repeated(
         run = simulate(machine, references, seed=seed + j, record=record, name=f"run {j + 1}")
         for name in moving:
             error[name].append(float(np.sqrt(np.mean(run[f"{name}.following_error"] ** 2))))
+        # a contour error needs a path in a plane or in space, of axes that move along lines
         if 2 <= len(along) <= 3:
             deviation = contour_error(run, axes=tuple(along), signal="position_load")
             contour.append((float(deviation.largest), float(deviation.rms)))
@@ -452,5 +459,6 @@ def _repeated(
 
 
 def _moves(reference: Reference, T: float) -> bool:
+    # on the sampling instants, and at most a thousand of them
     t = T * np.unique(np.linspace(0.0, reference.duration / T, 1001).round())
     return bool(np.ptp(np.asarray(reference.at(t).position)) > _STANDS)
