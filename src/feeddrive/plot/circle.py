@@ -92,6 +92,7 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
         x, y = _closed(ring + r, angle)
         curves.append(Curve(x, y, circle.name, i, caption=_gap(circle, test, before)))
         marks.append(Mark(float(x[0]), float(y[0]), i, caption=f"{circle.name} begins"))
+        # at different places for both directions, so that neither arrowhead covers the other
         k = len(r) // 8 + (0 if circle.direction > 0 else 3)
         curves.append(_arrow(float(ring + r[k]), float(np.radians(angle[k])), circle.direction, per_division, i))
     marks += [_peak(peak, ring) for peak in quadrant_peaks(test)]
@@ -213,6 +214,7 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     before  an earlier test of the same circles, drawn thin
     """
     curves, rows = list[Curve](), _rows(test)
+        # a circle begins anywhere: in order of time its curve would jump back across the picture
     for circle, angle, r in [] if before is None else _rows(before):
         order = np.argsort(angle)
         curves.append(Curve(*envelope(angle[order], r[order]), number=_like(circle, test), look=THIN))
@@ -315,6 +317,7 @@ def axis_load_chart(load: AxisLoad) -> Chart:
     )
     top, limits = 1.1 * load.peak, list[Level]()
     for size, name in ((load.continuous_force, "continuous"), (load.peak_force, "peak")):
+        # a limit far above the force would flatten it
         if size is not None and size < 2.0 * top:
             top = max(top, 1.1 * size)
             caption = Text(f"{name} {Quantity(size, 'N')}")

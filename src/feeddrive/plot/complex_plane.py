@@ -64,10 +64,12 @@ def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     for i, (name, margins) in enumerate(chosen.items()):
         L = margins.loop_gain
         figures = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(margins.modulus_frequency, 'Hz')}")
+        # only the curve of a model is rounded: between the lines of a measurement nothing is known
         x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
         caption = (
             (name[:40], i, LINE, joined("", ["\n", figures])) if len(chosen) > 1 else (name[:40], i, LINE, figures)
         )
+        # the mirror image belongs to negative frequencies
         curves += [Curve(x, y, *caption), Curve(x, -y, number=i, look=THIN)]
         discs.append(Disc(-1.0, 0.0, margins.modulus_margin, i, filled=True))
         touch = _at(margins, margins.modulus_frequency)
@@ -112,6 +114,7 @@ def _spread(L: FRF, number: int) -> list[Curve]:
     low, high, bottom, top = REACH
     off = np.hypot(np.real(L.response) - 0.5 * (low + high), np.imag(L.response) - 0.5 * (bottom + top))
     near = (off < high - low + L.radius) & (L.radius < top)
+    # a single point has no path along which discs could be interpolated
     near &= np.roll(near, 1) | np.roll(near, -1)
     if np.count_nonzero(near) < 2:
         return []
@@ -143,6 +146,7 @@ def _visible(response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         & (np.imag(response) < top)
     )
     near = near | np.roll(near, 1) | np.roll(near, -1)
+    # an integrator makes L thousands of times as large as the picture
     bounded = np.clip(np.real(response), 4 * low, 4 * high), np.clip(np.imag(response), 4 * bottom, 4 * top)
     return np.where(near, bounded[0], np.nan), np.where(near, bounded[1], np.nan)
 
@@ -182,6 +186,7 @@ def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
     chosen = style.named(models)
     hertz = units.of("Hz")[1]
     upper = {name: _upper(model.poles(), model, hertz) for name, model in chosen.items()}
+    # a well damped pole far to the left would shrink the poles that ring to a corner
     light = [abs(s) for row in upper.values() for s in row if s.imag > 0.0 and -s.real < _LIGHT * abs(s)]
     sizes = light or [abs(s) for row in upper.values() for s in row if np.isfinite(s)]
     reach = _ROOM * max(sizes, default=hertz)

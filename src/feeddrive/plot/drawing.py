@@ -39,6 +39,7 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
     ranges.
     """
     at: dict[tuple[float, float], list[Mark]] = {}
+    # points, in which fonts are measured, not pixels
     scale = 72.0 / ax.figure.dpi
     for mark in (mark for mark in marks if mark.name):
         place = scale * ax.transData.transform((mark.x, mark.y))
@@ -85,6 +86,7 @@ def _free(px: float, py: float, wide: float, taken: Sequence[Extent], edge: np.n
         over = sum(_shared(box, other) for other in taken)
         out = max(edge[0] - box[0], 0.0) + max(box[2] - edge[2], 0.0)
         out += max(edge[1] - box[1], 0.0) + max(box[3] - edge[3], 0.0)
+        # leaving the axes is worse than covering a label; the index lets the closest of equal positions win
         cost = over + 20.0 * out + 3.0 * i
         if best is None or cost < best[0]:
             best = cost, box
@@ -131,6 +133,7 @@ def drawn(chart: Chart, units: Units | None = None) -> Picture:
     if len(axes) > 1 and not chart.bare:
         figure.align_ylabels(axes)
     if named:
+        # the layout is constrained: only after a draw do the axes have the size for which labels are placed
         figure.draw_without_rendering()
     for ax, marks in named:
         name_marks(ax, marks, _color)
@@ -247,6 +250,7 @@ def _table(ax: Axes) -> None:
 
 
 def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
+    # limits come last in the legend, behind all curves
     limits = {style.caption("", level.caption) for panel in chart.panels for level in panel.levels}
     curves, levels = dict[str, Any](), dict[str, Any]()
     for ax in axes:
@@ -291,6 +295,7 @@ def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
     kinds = list(dict.fromkeys(level.caption for level in panel.levels if level.caption))
     for level in panel.levels:
         _level(ax, level, kinds.index(level.caption) if level.caption else 0)
+    # what is drawn later covers what is below: areas first, then curves, then marks and words
     for disc in panel.discs:
         _disc(ax, disc)
     if panel.field is not None and panel.heat is not None:
@@ -403,6 +408,7 @@ def _field(ax: Axes, field: Field, scale: Heat) -> None:
     from matplotlib.colors import LinearSegmentedColormap
 
     colors = LinearSegmentedColormap.from_list("heat", style.HEAT)
+    # rasterized: as vectors each cell would be a path of the file
     ax.pcolormesh(
         field.x, field.y, field.values, cmap=colors, vmin=scale.low, vmax=scale.high, shading="nearest", rasterized=True
     )
@@ -444,6 +450,7 @@ def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
 
     n = style.HEAT_STEPS
     colors = LinearSegmentedColormap.from_list("heat", style.HEAT, n)
+    # one line for each of a few colors: a line for each segment would be thousands of objects
     larger = np.maximum(heat[:-1], heat[1:])  # values of the line from each point to the next
     step = np.clip(np.floor(n * (larger - scale.low) / (scale.high - scale.low)), 0, n - 1)  # NaN stays: no line
     for k in range(n):
@@ -571,6 +578,7 @@ def _color(number: int, neutral: str = style.INK) -> str:
 def _beside(ax: Axes, x: float, y: float, text: str) -> None:
     """Write a text next to a bar, on the side with more room."""
     low, high = ax.get_xlim()
+    # bars are margins over frequency, on a logarithmic axis
     right = np.log(x / low) < 0.85 * np.log(high / low)
     ax.annotate(
         style.escaped(text),

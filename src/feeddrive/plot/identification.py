@@ -99,6 +99,7 @@ def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
 
 def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Return velocities in both directions with a gap at standstill, and the force at each velocity."""
+    # from next to standstill on, with a gap at 0: the jump there is no line of the law
     ahead = reach * np.concatenate([[1e-4 * _SLOWEST], np.geomspace(_SLOWEST, 1.0, 400)])
     return (
         np.concatenate([-ahead[::-1], [np.nan], ahead]),
@@ -178,6 +179,7 @@ def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
             continue
         velocity = run[f"velocity_{place}"][1:]
         force = -run[f"friction_{place}"][:-1] + float(block.linear()) * velocity
+        # a run has a hundred thousand rows on one curve: a point for each cell of the picture looks the same
         cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
         _, kept = np.unique(cells, axis=0, return_index=True)
         name = "" if curves else "met in the run"
@@ -230,6 +232,7 @@ identified_friction = figure_of(identified_friction_chart)
 
 def _scales(runs: SteadyRuns) -> tuple[str, float, str, float]:
     """Return the display units and conversion factors of velocity and force for steady-velocity runs."""
+    # torques of small drives: in N m all numbers of the axis would begin with 0.0
     small = runs.frame.force == "N m" and float(np.max(np.abs(runs.force))) < 0.1
     velocity, factor = ("mm/s", 1e3) if runs.frame.velocity == "m/s" else (runs.frame.velocity, 1.0)
     force, newton = ("mN m", 1e3) if small else (runs.frame.force, 1.0)
@@ -292,8 +295,10 @@ def identified_chart(identified: Identified, units: Units = DRAWN) -> Chart:
 def residuals_chart(residuals: Residuals) -> Chart:
     """Plot the residual by row, and its autocorrelation with the bounds for white noise."""
     off = Curve(*envelope(np.arange(residuals.values.size, dtype=np.float64), residuals.values), number=1, look=PLAIN)
+    # a longer lag leaves too few pairs of rows
     lags = np.arange(1, min(_LAGS, residuals.values.size // 4) + 1)
     rho = [residuals.autocorrelation(int(lag)) for lag in lags]
+    # 95 % of the autocorrelations of n white residuals have less
     bound = 1.96 / np.sqrt(residuals.values.size)
     boxes = tuple(
         Box(float(lag) - 0.3, float(lag) + 0.3, min(0.0, r), max(0.0, r)) for lag, r in zip(lags, rho, strict=True)

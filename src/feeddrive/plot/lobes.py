@@ -46,6 +46,7 @@ def lobes_chart(lobes: Lobes) -> Chart:
     top = 1e3 * (1.15 * np.max(lobes.depth[there]) if np.any(there) else lobes.deepest)
     if lobes.own is not None:
         top = max(top, 1.15e3 * lobes.own.depth)
+    # a speed that is stable at every depth is shaded up to the edge
     shaded = np.minimum(np.where(there, 1e3 * lobes.depth, top), top)
     stable = Band(speed, np.zeros(speed.size), shaded, 2, "stable")
     borders, frequencies = list[Curve](), list[Curve]()
@@ -126,6 +127,7 @@ def cutting_forces_chart(cutting: CuttingForces) -> Chart:
     forces, caption = tuple[Curve, ...](), ""
     if cuts.size:
         last = np.floor(turns[cuts[-1]])
+        # the last whole turn, since the one in which the cut ends is not complete
         turn = (turns >= last - 1.0) & (turns < last) if last >= 1.0 else np.ones(turns.size, dtype=bool)
         degrees = 360.0 * (turns[turn] - np.floor(turns[turn][0]))
         names = ("feed", "normal", "axial")
@@ -155,6 +157,7 @@ def chatter_signs_chart(signs: ChatterSigns) -> Chart:
     lines = signs.spectrum
     unit, factor = USUAL.of(lines.unit, signal_unit(lines.unit))
     name = unit_name(style.written(unit))
+    # beyond the eighth harmonic of tooth or chatter nothing new appears
     top = min(float(lines.frequency[-1]), 8.0 * max(signs.passing, signs.chatter if signs.dots != 1 else 0.0))
     chosen = (lines.frequency > 0.0) & (lines.frequency <= top)
     stems = tuple(

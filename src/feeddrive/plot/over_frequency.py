@@ -73,6 +73,7 @@ def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
         curves.append(Curve(response.frequency, level, name, i, caption=joined(", ", caption)))
         marks += [] if width is None else [Mark(width, _MINUS_3_DB, i)]
     line = Level(_MINUS_3_DB, text="-3 dB", dashed=True)
+    # a sampled response falls to nothing at Nyquist
     bottom = max(-40.0, min(float(np.min(curve.y)) for curve in curves) - 2.0)
     panel = Panel("position / set position (dB)", tuple(curves), marks=tuple(marks), levels=(line,), low=bottom)
     span = _span(response.frequency for response in chosen.values())
@@ -209,6 +210,7 @@ def _banded(spectrum: Spectrum, low: float, high: float) -> tuple[np.ndarray, np
     bands = np.floor(BANDS * np.log(frequency / low) / np.log(high / low)).astype(int)
     begins = np.flatnonzero(np.diff(bands, prepend=-1))
     ends = np.append(begins[1:], frequency.size) - 1
+    # the largest and not the mean: a single spectral line must not vanish
     amplitude = np.maximum.reduceat(spectrum.amplitude[1:], begins)
     centre = np.sqrt(frequency[begins] * frequency[ends])
     return centre, amplitude, spectrum.cumulative_rms[1:][ends]
@@ -309,6 +311,7 @@ def _phase(margins: Margins) -> np.ndarray:
     L = margins.loop_gain
     phase = L.phase_deg
     at = L.frequency[0] if margins.crossover is None else margins.crossover
+    # 1e-6: a phase of exactly 0 or -360° must not change its turn by rounding
     return phase - 360.0 * np.ceil(np.interp(np.log(at), np.log(L.frequency), phase) / 360.0 - 1e-6)
 
 

@@ -79,6 +79,7 @@ def force_chart(runs: Runs, limits: Mapping[str, float] | None = None, points: i
     chart = _rows(chosen, values, notes, f"force ({unit_name('N')})", None, points, one_scale=True)
     largest = max(_peak(v) for v in values.values())
     captions = {name: Text(f"{name} ±{Quantity(limit, 'N')}") for name, limit in (limits or {}).items()}
+    # a limit farther than four times the force would flatten it: it is stated in words
     near = {name: limit for name, limit in (limits or {}).items() if limit <= 4.0 * largest}
     lines = tuple(
         Level(side * limit, dashed=True, number=ALERT, caption=captions[name])
@@ -237,6 +238,7 @@ def replay_chart(replay: Replay, points: int = POINTS) -> Chart:
     signals = [name for name in _SHOWN if name in replay.measured and name in replay.run.signals]
     residuals = [name for name in signals if name != "following_error"]
     rows = [(name, False) for name in signals] + [(name, True) for name in residuals]
+    # the residual of the position below the following error, with which it is compared
     rows.sort(key=lambda row: (signals.index("following_error" if row == ("position_load", True) else row[0]), row[1]))
     panels, time = list[Panel](), replay.run.time
     for name, is_residual in rows:
@@ -323,6 +325,7 @@ def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units 
     micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     reactions = dict[str, tuple[float, float]]()
     for name, run in runs.items():
+        # half a sample: k T and the instant of the cut differ by rounding
         after = run.time >= begin - 0.5 * run.sample_time
         error = run["tracking_error"][after]
         reactions[name] = float(np.max(np.abs(error))), settling_time(run.time[after] - begin, error, near)

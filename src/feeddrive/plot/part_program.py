@@ -245,6 +245,7 @@ def _tolerance(path: np.ndarray, half: float) -> Curve:
     moved = np.linalg.norm(step, axis=1) > 0.0
     begin, end, step = path[:-1][moved], path[1:][moved], step[moved]
     normal = half * np.column_stack([-step[:, 1], step[:, 0]]) / np.linalg.norm(step, axis=1)[:, None]
+    # cos 8 deg = 0.99: at a sharper corner neither offset line is the border of the tolerance
     smooth = np.flatnonzero(np.einsum("ij,ij->i", normal[1:], normal[:-1]) > 0.99 * half * half)
     lines = list[np.ndarray]()
     for side in (1.0, -1.0):
@@ -305,6 +306,7 @@ def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
     course = plan.course
     traverse = np.isinf(course.feed)
     speed = 1e3 * course.speed
+    # of the feed moves: a traverse is so fast that all of the cut would have one color
     top = float(np.max(speed[~traverse], initial=0.0)) or float(np.max(speed, initial=0.0)) or 1.0
     edges = np.linspace(0.0, top, len(_SPEEDS) + 1)
     kind = np.clip(np.searchsorted(edges, speed, side="left") - 1, 0, len(_SPEEDS) - 1)
@@ -335,6 +337,7 @@ def plan_causes_chart(plan: Planned) -> Chart:
     edges = np.linspace(0.0, max(plan.cycle_time, 1e-9), _COLUMNS + 1)
     column = np.clip(np.searchsorted(edges, course.time + 0.5 * lengths, side="right") - 1, 0, _COLUMNS - 1)
     whole = np.bincount(column, weights=lengths, minlength=_COLUMNS)
+    # a limit that acts for less than 0.2 % of the time leaves an empty row
     shown = [name for name in names if plan.seconds.get(name, 0.0) > 2e-3 * plan.cycle_time]
     shown.sort(key=lambda name: -plan.seconds[name])
     curves, levels, ticks = list[Curve](), list[Level](), list[Tick]()
@@ -378,6 +381,7 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
         lines = Curve(x, high, look=PLAIN, size=0.6), Curve(x, low, look=PLAIN, size=0.6)
         top = factor * limits[k]
         used = max(-float(low.min()), float(high.max()))
+        # a limit far above the curve would flatten it
         within = used > 0.2 * top
         sides = tuple(Level(side, dashed=True, number=ALERT) for side in (-top, top)) if within else ()
         bottom, upper = style.padded(*((-top, top) if within else (-used, used)))
@@ -416,6 +420,7 @@ def part_laws_chart(parts: Mapping[str, PartRun]) -> Chart:
     scale.
     """
     sizes = np.array([(part.contour.rms, part.contour.within(), part.contour.largest) for part in parts.values()])
+    # the scale is logarithmic: an error of 0 needs a value
     rows, shown = -np.arange(len(parts), dtype=np.float64), 1e6 * np.maximum(sizes, 1e-12)
     spans = tuple(
         Curve(np.array([row.min(), row.max()]), np.full(2, y), number=NEUTRAL, look=WIDE)
@@ -476,6 +481,7 @@ def _busiest(part: PartRun, axis: str) -> float:
     time = part.contour.time
     square = part.cutting[:, part.contour.axes.index(axis)] ** 2
     width = max(1, min(len(time) - 1, round(_WINDOW / (time[1] - time[0]))))
+    # the mean square of all windows by differences of one cumulative sum
     total = np.cumsum(np.insert(square, 0, 0.0))
     return float(time[int(np.argmax(total[width:] - total[:-width])) + width // 2])
 

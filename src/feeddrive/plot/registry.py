@@ -10,6 +10,7 @@ from importlib import import_module
 from feeddrive.language.table import chart_of, frame_of
 
 # module and class of a result -> chart function of this package
+# by name: the classes themselves would import every room
 CHARTS = {
     "analysis.effort:Effort": "curves:effort_chart",
     "analysis.friction_map:FrictionMap": "identification:friction_map_chart",

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 
 _LEAST = 0.1  # of a magnitude: lower end of its band
+# Infinity would be no coordinate for a drawing; as a ratio it becomes 10^±10
 _FAR = 1e4  # dB or degrees beyond all panels
 
 
@@ -298,6 +299,7 @@ def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
     """Return the phase of a measurement in degrees, in the same turn as its model on each line."""
     if fitted is None:
         return _beside(measured.phase_deg, measured.frequency, curve)
+    # noise slips by whole turns when it is unwrapped by itself: the model tells the turn on each line
     on_lines = np.degrees(np.angle(fitted.response))
     on_lines += 360.0 * np.round((np.interp(measured.frequency, curve.frequency, curve.phase_deg) - on_lines) / 360.0)
     return on_lines + np.degrees(np.angle(measured.response / fitted.response))
@@ -333,6 +335,7 @@ def response_residuals_chart(agreement: Agreement) -> Chart:
     reach = max(reach, 3.0)
     ends = [float(measured.frequency[k]) for measured in agreement.measured for k in (0, -1)]
     across = np.array([agreement.autocorrelation(int(lag)) for lag in lags])
+    # a complex residual counts as two real ones
     bound = 1.96 / np.sqrt(2.0 * sum(residual.size for residual in agreement.residuals))
     panels = (
         Panel(

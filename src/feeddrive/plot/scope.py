@@ -150,6 +150,7 @@ def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tu
     if high == low:  # a constant has a margin of half its size on either side
         low, high = low - (0.5 * abs(low) or 1.0), high + (0.5 * abs(high) or 1.0)
     span = high - low
+    # axes that follow each row would jump in every frame
     if before is not None and before[0] <= low and high <= before[1] and span >= _LEAST_USED * (before[1] - before[0]):
         return before
     low, high = low - _SPACE * span, high + _SPACE * span

@@ -42,6 +42,7 @@ def color(i: int) -> str:
 
 def pale(tint: str) -> str:
     """Return a pale tint of a color, on which curves stay readable."""
+    # opaque, not transparent: overlapping areas of one curve must not look darker
     rgb = (0.22 * int(tint[k : k + 2], 16) + 0.78 * int(PAPER[k : k + 2], 16) for k in (1, 3, 5))
     return "#" + "".join(f"{round(channel):02x}" for channel in rgb)
 
@@ -92,6 +93,7 @@ def caption(name: str, remark: str = "", most: int = 60) -> str | None:
     """
     shown = shortened(name, most)
     text = escaped(f"{shown}: {remark}" if shown and remark else shown or remark)
+    # matplotlib leaves a label that begins with _ out of the legend: a zero-width space in front shows it
     return (f"\u200b{text}" if text.startswith("_") else text) or None
 
 
@@ -127,6 +129,7 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
     if not lines:
         return
     rows = -(-len(lines) // columns)
+    # each further row of the legend would otherwise be taken from the panels
     figure.set_figheight(figure.get_figheight() + 0.17 * (rows - 1))
     drawn = figure.legend(
         list(lines.values()),
@@ -187,6 +190,7 @@ def frequency_axis(ax: Axes, low: float, high: float) -> None:
     ax.set_xscale("log")
     ax.set_xlim(low, high)
     plain_decades(ax.xaxis)
+    # 1e-9: the ends are often decades themselves, and their logarithms a rounding off
     if np.floor(np.log10(high) + 1e-9) - np.ceil(np.log10(low) - 1e-9) < 1:
         ax.xaxis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
     ax.grid(True, which="minor", axis="x", color=GRID, linewidth=0.4)

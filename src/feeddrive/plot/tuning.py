@@ -97,6 +97,7 @@ def errors_and_parameters_chart(named: Mapping[str, Trials]) -> Chart:
     panels = [replace(top, share=1.8, whole=True, abscissa=numbers)]
     for i, (name, row) in enumerate(values.items()):
         trial = np.arange(1, row.size + 1, dtype=np.float64)
+        # a start value was not learned and has no error
         sigma = np.where(np.isnan(errors[name]), 0.0, errors[name])
         bars = Curve(*rods(trial, row - 2.0 * sigma, row + 2.0 * sigma), number=NEUTRAL, look=THIN, size=1.5)
         line = Curve(trial, row, number=i, look=PLAIN, size=0.7)
