@@ -85,6 +85,7 @@ class Claim:
         """True if the figure lies within its bounds; NaN is never within them."""
         above = self.least is None or self.got >= self.least
         below = self.most is None or self.got <= self.most
+        # NaN fails no comparison if both bounds are absent
         return above and below and not math.isnan(self.got)
 
     @property
@@ -188,6 +189,7 @@ class Reproduced:
         self.claims: Sequence[Claim] = tuple(experiment.claims)
         self.sentence = experiment.sentence()
         self.table = experiment.table()
+        # in the process of the paper: pictures hold functions, which cannot be pickled
         self.page = html(paper_report(experiment))
 
 
@@ -215,6 +217,7 @@ def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
         return [Reproduced(run(paper, progress.named(paper))) for paper in papers]
     # a fresh interpreter each: a fork would copy the locks of the caller's threads
     context = multiprocessing.get_context("spawn")
+    # a Progress cannot be pickled: processes send the texts of their steps
     steps: Any = context.Queue()
     with ProcessPoolExecutor(workers, context, _listen, (steps,)) as pool:
         futures = [pool.submit(_reproduced, paper) for paper in papers]
@@ -222,6 +225,7 @@ def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
             for paper, text in _received(steps, futures, progress):
                 progress.step(text, part=paper)
             return [future.result() for future in futures]
+        # also Ctrl-C: a pool waits for its processes otherwise, which may take minutes
         except BaseException:
             for child in multiprocessing.active_children():
                 child.terminate()
@@ -257,6 +261,7 @@ def _received(steps: Any, futures: Sequence[Future[Reproduced]], progress: Progr
         if any(future.done() and future.exception() for future in futures):
             return
         try:
+            # short, so that a cancel is noticed between two steps of the papers
             yield steps.get(timeout=0.1)
         except queue.Empty:
             progress.check()

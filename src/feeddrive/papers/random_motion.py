@@ -18,6 +18,7 @@ class RandomMotion:
     """A set motion x(t), a random polynomial of fourth degree with exact derivatives; x in m, t in s."""
 
     def __init__(self, seed: int = 7) -> None:
+        # each derivative has the size that it has on a machine: m, m/s, m/s², m/s³, m/s⁴
         sizes = np.array([1e-2, 0.1, 1.0, 30.0, 800.0])
         whole = np.poly1d((sizes * np.random.default_rng(seed).normal(size=5))[::-1])
         self.derivatives: list[Callable[[Any], Any]] = [whole.deriv(i) if i else whole for i in range(5)]
@@ -40,6 +41,7 @@ class RandomReadings:
         random = np.random.default_rng(seed)
         self.motor, self.load = (way(0, t) + size * random.normal(size=t.size) for _ in range(2))
         self.applied, self.requested = 50.0 * random.normal(size=(2, t.size))
+        # a law starts without a force, which the paper's equations take for granted
         self.applied[0] = self.requested[0] = 0.0
 
     def readings(self) -> list[Reading]:

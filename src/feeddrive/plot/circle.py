@@ -214,7 +214,7 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     before  an earlier test of the same circles, drawn thin
     """
     curves, rows = list[Curve](), _rows(test)
-        # a circle begins anywhere: in order of time its curve would jump back across the picture
+    # a circle begins anywhere: in order of time its curve would jump back across the picture
     for circle, angle, r in [] if before is None else _rows(before):
         order = np.argsort(angle)
         curves.append(Curve(*envelope(angle[order], r[order]), number=_like(circle, test), look=THIN))

@@ -86,6 +86,7 @@ class Entry:
         peak, continuous = (None, None) if motor is None else motor.limits()
         if peak is not None:
             stated["motor peak"] = float(peak)
+        # a command limit set to the motor's peak is one limit and not two
         if limit is not None and (peak is None or abs(limit - peak) > 1e-6 * peak):
             stated["commanded limit"] = float(limit)
         if continuous is not None:

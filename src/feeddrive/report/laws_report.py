@@ -40,6 +40,7 @@ def chosen(contents: LawsContents) -> LawsContents:
 def pictures(contents: LawsContents) -> Iterator[Picture]:
     """Yield the pictures in the order of the report."""
     contents = chosen(contents)
+    # more curves with fewer points: the page stays below a megabyte with any number of laws
     points = min(POINTS, max(200, POINTS * CURVES // len(contents.entries)))
     yield from _measured(contents, points)
     if all(entry.counted("following_error").size >= SHORT for entry in contents.entries):
@@ -381,4 +382,5 @@ def _place(name: str) -> int:
 
 def _least(values: Sequence[float]) -> int | None:
     low = min(range(len(values)), key=values.__getitem__)
+    # values that agree in all digits shown have no best
     return low if sum(value <= values[low] * 1.0001 for value in values) == 1 else None

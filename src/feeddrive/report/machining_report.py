@@ -48,7 +48,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Rep
         ),
     ]
     first = test.circles[0]
-    known = [
+    conditions = [
         ("Circles", ", ".join(path.name for path in test.circles)),
         ("Nominal radius", Text(f"{Quantity(test.radius, 'm'):6 mm}, in {''.join(first.axes)}")),
         (
@@ -62,7 +62,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Rep
     ways = "both directions, " if most.both else ""
     largest = Text(f"The circular deviation is {Quantity(most.G, 'm')} ({ways}{most.name}).")
     ranked = [cause for cause in causes.ranked if cause.effect > 0.0][:3]
-    told = joined(", ", (f"{cause.name} {Quantity(cause.effect, 'm'):3}" for cause in ranked))
+    ranking = joined(", ", (f"{cause.name} {Quantity(cause.effect, 'm'):3}" for cause in ranked))
     peaks = "Quadrant peaks: outward, in the 10° after a reversal, above the mean of the 10° before it."
     tables = (
         titled(test.table(), "Circular test after ISO 230-4."),
@@ -73,8 +73,8 @@ def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Rep
     return Report(
         "Circular test",
         "feeddrive circle",
-        Verdict((largest, Text(f"What draws most: {told}."))),
-        (Section("figures", "Figures", tables), further(others), facts("What was measured", known)),
+        Verdict((largest, Text(f"What draws most: {ranking}."))),
+        (Section("figures", "Figures", tables), further(others), facts("What was measured", conditions)),
         shown,
     )
 
@@ -85,7 +85,7 @@ _LISTED = 200  # largest number of listed stops
 def plan_report(plan: Planned) -> Report:
     """Return the report of a planned part program."""
     pictures = _pictures(plan)
-    known = [
+    conditions = [
         ("Program", plan.program),
         ("Machine", plan.machine),
         ("Setpoints", Text(f"{plan.samples:,}, one every {Quantity(plan.sample_time, 's'):3}")),
@@ -101,7 +101,7 @@ def plan_report(plan: Planned) -> Report:
             Section("limits", "Limits", (titled(plan.table(), "The largest share of each limit that is used."),)),
             further(pictures[1:]),
             Section("stops", "Stops", _stops(plan), folded=True),
-            facts("What was planned", known),
+            facts("What was planned", conditions),
         ),
         next(iter(pictures), None),
     )
@@ -117,8 +117,8 @@ def _lead(plan: Planned) -> Sequence[str]:
     )
     first = Text(f"The cycle takes {Quantity(plan.cycle_time, 's'):6 SI}, with {plan.stop_count:,} stops. {held}")
     most = sorted(plan.seconds.items(), key=lambda item: -item[1])[:3] if plan.cycle_time else []
-    told = joined(", ", (f"{name} {Quantity(seconds / plan.cycle_time, 'share'):3}" for name, seconds in most))
-    return [first, Text(f"What limits it for most of the time: {told}.")] if most else [first]
+    shares = joined(", ", (f"{name} {Quantity(seconds / plan.cycle_time, 'share'):3}" for name, seconds in most))
+    return [first, Text(f"What limits it for most of the time: {shares}.")] if most else [first]
 
 
 def _proof(plan: Planned) -> str:
@@ -205,8 +205,8 @@ def lead(contents: LawsContents) -> list[str]:
     best = min((part for _, part in runs), key=lambda part: part.contour.rms)
     results: list[str] = []
     if best is first:
-        told = "" if len(runs) == 1 else "None of the others keeps the contour better than "
-        results.append(Text(f"{told}'{first.name}': {_contour(first)}."))
+        lead_in = "" if len(runs) == 1 else "None of the others keeps the contour better than "
+        results.append(Text(f"{lead_in}'{first.name}': {_contour(first)}."))
     else:
         results.append(
             Text(
@@ -245,8 +245,8 @@ def _place(part: PartRun, position: Iterable[float], *, bare: bool = False) -> T
 
 def _limited(planned: Planned) -> str:
     most = sorted(planned.seconds.items(), key=lambda item: -item[1])[:3]
-    told = joined(", ", (f"{name} {Quantity(seconds / planned.cycle_time, 'share'):3}" for name, seconds in most))
-    return Text(f"What limits its speed: {told} of the time.")
+    shares = joined(", ", (f"{name} {Quantity(seconds / planned.cycle_time, 'share'):3}" for name, seconds in most))
+    return Text(f"What limits its speed: {shares} of the time.")
 
 
 def tables(contents: LawsContents) -> list[Part]:
@@ -379,6 +379,7 @@ def _places(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
 
 
 def _near(part: PartRun, time: float) -> float:
+    # other laws arrive a little earlier or later: 60 ms cover their delays
     here = abs(part.contour.time - time) <= 0.06
     return float(abs(part.contour.error[here]).max(initial=0.0))
 

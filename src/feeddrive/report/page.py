@@ -55,6 +55,7 @@ def html(report: Report, units: Units | None = None) -> str:
     """
     units = page_units(rotary=report.rotary) if units is None else units
     text = _environment().get_template("report.html").render(report=report, units=units, widths=_WIDTHS)
+    # quantities are placeholders until here: units are chosen once, after all texts are in place
     return resolve(text.translate(_CONTROL), units)
 
 
@@ -131,7 +132,9 @@ def svg(chart: Chart, key: str, alt: str) -> str:
 
     figure = drawn(chart)
     text = StringIO()
+    # without them the same report gives the same bytes
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    # texts stay texts; identifiers come from the key, since matplotlib's own are random and no two pages would be equal
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
         # glyphs missing from matplotlib's font are available in the browser
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
@@ -142,6 +145,7 @@ def svg(chart: Chart, key: str, alt: str) -> str:
 def _inlined(text: str, key: str, alt: str, width: float) -> str:
     from markupsafe import escape
 
+    # an element of the page: neither the XML head nor matplotlib's style sheet, which would act on the whole page
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<defs>\s*<style.*?</defs>", "", text, flags=re.DOTALL)
     box = re.search(r'viewBox="([^"]*)"', text)
@@ -149,7 +153,9 @@ def _inlined(text: str, key: str, alt: str, width: float) -> str:
     body = text[text.index(">") + 1 :].replace("xlink:href", "href")
     # matplotlib writes six decimals: keep one for paths, two for positions
     body = re.sub(r'(?<= )(d|x|y|width|height|transform)="([^"]*)"', _rounded, body)
+    # pictures of one page share its identifiers: those of matplotlib would clash
     body = _own_identifiers(body, key)
+    # colors by variables, so that a dark page recolors its pictures
     body = re.sub(r"#[0-9a-f]{6}", lambda match: THEME.get(match[0], match[0]), body)
     body = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", body)
     return head + re.sub(r">\s+<", "><", body).strip()

@@ -162,6 +162,7 @@ class Report:
     def __post_init__(self) -> None:
         """Raise ParameterError if there are pictures but none for the verdict, and for a duplicate key."""
         shown = [section for section in self.sections if not section.is_empty]
+        # sorted is stable: folded details come last, all else keeps its order
         object.__setattr__(self, "sections", tuple(sorted(shown, key=lambda section: section.folded)))
         first = next((picture for section in self.sections for picture in section.pictures), None)
         if first is not None and self.picture is None:

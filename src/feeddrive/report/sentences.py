@@ -60,6 +60,7 @@ def _compared(contents: LawsContents) -> list[str]:
     if best is first:
         return [Text(f"None of the others follows better than {_quoted(first)}: {_errors(first)}.")]
     ratio = first.rms("following_error") / (best.rms("following_error") or 1.0)
+    # from a third on a factor reads better than 67 % less
     less = f"{number(ratio, 2)} times" if ratio >= 3.0 else f"{Quantity(1.0 - 1.0 / ratio, 'share'):3}"
     ranking = Text(
         f"Of {len(contents.entries)} laws {_quoted(best)} follows best: {_errors(best)}, {less} less RMS than "
@@ -74,6 +75,7 @@ def _price_of_robustness(first: Entry, best: Entry) -> str:
     if first.margins is None or best.margins is None:
         return ""
     before, after = first.margins.sensitivity_peak, best.margins.sensitivity_peak
+    # two percent of Ms are no price that a reader would weigh
     if after <= 1.02 * before:
         return ""
     return f"its sensitivity peak is {number(after, 3)} in place of {number(before, 3)}, {_judged(best)}"
@@ -121,6 +123,7 @@ def _of_force(entry: Entry, name: str) -> list[str]:
     listed: list[str] = []
     limit = entry.loop.control.force_limit
     if limit is not None:
+        # 1 - 1e-9: the limited command equals the limit but for rounding of its unit
         at_limit = float(np.mean(np.abs(entry.counted("force")) >= limit * (1.0 - 1e-9)))
         if at_limit > 0.0:
             share = Quantity(at_limit, "share", form="3")

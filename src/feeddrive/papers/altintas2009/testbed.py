@@ -232,6 +232,7 @@ def _solved(
     """Return position and velocity at the end of the sample: F = c + d x meets (m/T + b) v = m v(k-1)/T + F + F_d."""
     at = before + T * speed
     here = answer(at)[1]
+    # the law is affine in the reading: a difference of any width is exact
     slope = (answer(at + _PROBE)[1] - here) / _PROBE
     inertia = mass / T + viscous
     # with x = before + T v and F = here + slope (x - at)
