@@ -9,16 +9,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.analysis.margins import (
     bandwidth,
     complementary_sensitivity,
+    logarithms,
+    margin_intervals,
     margins,
     peak_deviation,
     sensitivity,
     tracking_bandwidth,
 )
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.language.errors import ParameterError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.loop import Loop
 
 F = np.geomspace(0.05, 2000.0, 2000)
 # 200 lines a decade: the error of straight pieces over ln f is (step²/8) times the bend, which for poles is below 1
@@ -218,3 +227,39 @@ def test_deviation_of_the_peak_is_that_of_noisy_lines() -> None:
     noise = deviation * np.sqrt(0.5) * (random.standard_normal(4000) + 1j * random.standard_normal(4000))
     peaks = 1.0 / np.abs(1.0 + L + noise)
     assert peak_deviation(L, np.array([deviation**2])) == pytest.approx(np.std(peaks), rel=0.05)
+
+
+@pytest.mark.parametrize(("off", "level"), [(0.7e-9, 0.0), (1.5e-9, 1.5e-9)])
+def test_a_billionth_beside_a_crossing_is_rounding(off: float, level: float) -> None:
+    lines = logarithms(np.array([1.0, 2.0]), np.array([np.exp(off), -np.exp(1j * off)]))
+    assert lines.level[0] == pytest.approx(level, rel=1e-6)
+    assert lines.lead[1] == pytest.approx(level, rel=1e-6)
+
+
+def test_the_spread_of_draws_is_known_to_six_percent() -> None:
+    """The deviation of n normal draws has a relative error of 1/√(2 n)."""
+    f = np.geomspace(1.0, 100.0, 50)
+    intervals = margin_intervals(FRF(f, 20.0 / (1j * f), variance=np.full(f.size, 1e-4)))
+    assert 1.0 / np.sqrt(2.0 * intervals.draws) < 0.06
+
+
+def test_a_slow_loop_has_its_crossover_on_the_lines() -> None:
+    """Kp/m = 2π 0.075 Hz at a Nyquist frequency of 5 kHz, 1.5e-5 of it."""
+    law = CascadePPI(Kv=0.01, Kp=2.0 * np.pi * 0.075 * 100.0)
+    loop = Loop(control=Control(law=law), axis=Axis(plant=Rigid(mass=100.0)), sample_time=1e-4)
+    assert margins(loop).crossover == pytest.approx(0.075, rel=1e-3)
+
+
+@pytest.mark.parametrize(("damping", "dense"), [(1e-3, True), (6e-4, False)])
+def test_a_resonance_has_a_line_every_quarter_of_its_half_width(damping: float, dense: bool) -> None:
+    """Lines of 100 Hz that are 0.02 Hz apart: a parabola through nearer ones would be fitted to rounding."""
+    T, f = 1e-3, 100.0
+    s = 2.0 * np.pi * f * (-damping + 1j)
+    turn = s.imag * T
+    A = np.exp(s.real * T) * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    one = np.array([[1.0], [0.0]])
+    model = StateSpace(A, one, one.T, np.zeros((1, 1)), T, ("a", "b"), ("cut",), ("force",))
+    lines = LoopModel(model, model).lines()
+    near = lines[np.abs(lines - f) < 4.01 * damping * f]
+    assert (near.size >= 32) is dense
+    assert np.min(np.diff(lines) / lines[:-1]) > 1.9e-4

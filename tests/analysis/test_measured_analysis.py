@@ -235,3 +235,13 @@ def test_the_variance_of_two_encoders_is_the_most_that_it_can_be() -> None:
         turn = np.exp(2j * np.pi * random.random((2, f.size)))
         off = np.abs(gain(G + size * turn[0], G + size * turn[1]).response - exact.response)
         assert np.all(off <= exact.deviation * (1.0 + 1e-9))
+
+
+@pytest.mark.parametrize(("deviations", "doubted"), [(2.0, True), (3.0, False)])
+def test_minus_one_within_the_95_percent_disc_is_a_doubt(deviations: float, doubted: bool) -> None:
+    """Of a complex normal variable 95 % lie within √(-2 ln 0.05) = 2.45 deviations of its real part."""
+    exact = 2 * np.pi * 60.0 * np.exp(-2e-3 * W) / W
+    nearest = float(np.min(np.abs(1.0 + exact)))
+    noise = np.full(F.size, 2.0 * (nearest / deviations) ** 2)
+    doubts = encirclement(FRF(F, exact, variance=noise)).doubts
+    assert any("95 % disc" in doubt for doubt in doubts) is doubted

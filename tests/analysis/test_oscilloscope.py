@@ -257,3 +257,17 @@ def test_cursors_read_straight_lines_exactly_and_nothing_beside_them() -> None:
 def test_settings_out_of_bounds_are_refused(given: tuple[float, float, str], reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         Oscilloscope(*given)
+
+
+def test_a_recording_takes_eight_megabytes() -> None:
+    """Numbers of eight bytes, of all channels and their time."""
+    assert 7e6 < 8 * 5 * Recording(4).most <= 8e6
+
+
+def test_a_window_of_a_second_and_a_half_is_shown_when_it_is_whole() -> None:
+    scope = Oscilloscope(1.5, 0.0, NORMAL, Trigger("x", 0.5))
+    *_, first, filling = fed(scope, saw(0.0, 1.0), saw(1.0, 1.6), saw(1.6, 2.0))
+    assert first is not None
+    assert filling is not None
+    assert filling.whole
+    assert filling.zero == first.zero

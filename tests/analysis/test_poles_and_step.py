@@ -142,3 +142,26 @@ def test_a_picture_of_a_step_says_overshoot_and_settling() -> None:
     (curve,) = step_response_chart({"now": found}).panels[0].curves
     settled = f"{1e3 * found.settling_time:.4g}"
     assert curve.caption == f"overshoot {100.0 * found.overshoot:.1f} %, settled to 2 % in {settled} ms"
+
+
+def first_order(samples: float) -> StateSpace:
+    """A lag of a time constant in samples, of 1 ms."""
+    a = float(np.exp(-1.0 / samples))
+    one = np.ones((1, 1))
+    return StateSpace(a * one, (1.0 - a) * one, one, 0.0 * one, T, ("x",), ("set_position",), ("position_load",))
+
+
+def test_settled_means_within_two_percent() -> None:
+    """e^(-t/τ) = 0.02 at t = τ ln 50."""
+    assert step_response(first_order(100.0)).settling_time == pytest.approx(0.1 * np.log(50.0), abs=T)
+
+
+@pytest.mark.parametrize(("samples", "length"), [(107.8, 2048), (115.6, 4096)])
+def test_a_response_ends_when_its_second_half_is_at_rest_to_a_ten_thousandth(samples: float, length: int) -> None:
+    """e^(-1024/τ) = 1e-4 at τ = 111.2 samples: with a slower lag 1024 samples are too few for the first half."""
+    assert step_response(first_order(samples)).position.size == length
+
+
+def test_a_response_is_at_most_a_million_samples_long() -> None:
+    with pytest.raises(UnstableError, match="within a million samples"):
+        step_response(first_order(3e5))

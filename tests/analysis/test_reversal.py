@@ -61,3 +61,10 @@ def test_without_a_reversal_the_largest_error_is_shown() -> None:
     window = worst_window([run(np.full(4000, 0.1), error)])
     assert window.reversal is None
     assert window.begin < 3.0 < window.end <= TIME[-1]
+
+
+@pytest.mark.parametrize(("backward", "count"), [(0.8e-3, 0), (1.5e-3, 2)])
+def test_a_velocity_below_a_thousandth_of_the_largest_is_standstill(backward: float, count: int) -> None:
+    """A set position that was rounded in a log creeps back by a digit while it stands."""
+    velocity = np.where((TIME > 1.0) & (TIME < 2.0), -backward, 1.0)
+    assert reversals(velocity).size == count

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feeddrive.analysis.effort import effort
+from feeddrive.analysis.effort import effort, substeps_needed
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.stiffness import force_noise, mean_compliance, rope_snap, rope_snap_of_lines, summed
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
+from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.files.machine import read_machine
@@ -135,3 +137,13 @@ def test_mean_compliance_in_a_band() -> None:
     # trapezoidal rule: off by h²/3 of the integral, h = 0.0023; the band ends on lines
     found = mean_compliance(lines, 2e-9j * lines, (9.9999, 100.001))
     assert found == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(("turn", "substeps"), [(0.55, 1), (0.65, 2), (1.15, 2), (1.25, 3)])
+def test_a_mode_turns_by_a_tenth_of_a_turn_in_a_substep(turn: float, substeps: int) -> None:
+    """2π/10 = 0.63 rad, rounded: the fastest motion of a flexible axis is followed by ten substeps a swing."""
+    plant = TwoMass(mass_motor=50.0, mass_load=50.0, stiffness=1e7)
+    frequency = np.sqrt(1e7 * (1.0 / 50.0 + 1.0 / 50.0))  # rad/s
+    axis = Axis(plant=plant, friction_load=Coulomb(coulomb=10.0))
+    law = CascadePPI(Kv=1.0, Kp=100.0)
+    assert substeps_needed(Loop(control=Control(law=law), axis=axis, sample_time=turn / frequency)) == substeps

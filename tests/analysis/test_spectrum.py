@@ -61,3 +61,11 @@ def test_an_alternating_signal_has_its_amplitude_at_nyquist() -> None:
 def test_errors_say_what_is_wrong(values, window, message) -> None:
     with pytest.raises(ParameterError, match=message):
         spectrum(np.array(values), 1e-3, window=window)
+
+
+def test_the_table_names_the_fundamental_and_five_harmonics() -> None:
+    """Of a square wave of 1 Hz, whose harmonics are the odd ones."""
+    time = np.arange(1000) * 1e-3
+    wave = sum(np.sin(2.0 * np.pi * n * time) / n for n in range(1, 16, 2))
+    rows = spectrum(np.asarray(wave), 1e-3, window="none").table().rows
+    assert [round(float(str(row[0]))) for row in rows] == [1, 3, 5, 7, 9, 11]

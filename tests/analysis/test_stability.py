@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.stability import require_stable, stability
+from feeddrive.analysis.robustness import Robustness
+from feeddrive.analysis.stability import Stability, require_stable, stability
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.language.errors import UnstableError
@@ -83,3 +84,12 @@ def test_the_nearest_stable_gains_are_stable_and_a_little_more_is_not() -> None:
 
     assert scaled(1.0)
     assert not scaled(1.01)
+
+
+@pytest.mark.parametrize(("below", "stable"), [(0.7e-9, False), (1.5e-9, True)])
+def test_a_pole_within_a_billionth_of_the_unit_circle_is_at_the_edge(below: float, stable: bool) -> None:
+    """Eigenvalues of a small matrix are less certain than that."""
+    slowest = Stability(oscillator(1.0, 50.0), complex(1.0 - below))
+    assert slowest.stable is stable
+    assert (slowest.time_constant is not None) is stable
+    assert Robustness(1.0 - below).stable is stable

@@ -83,3 +83,17 @@ def test_mean_of_a_power_of_frequency_is_that_of_its_middle() -> None:
     """k = c f² over lines even in ln f: straight on log-log paper, so that the mean is the value at √(f1 f2)."""
     lines = np.geomspace(10.0, 1000.0, 61)
     assert Stiffness(lines, 3.0 * lines**2).mean == pytest.approx(3.0 * 100.0**2, rel=1e-12)
+
+
+@pytest.mark.parametrize(("left", "expected"), [(1.4e-9, np.inf), (3e-9, 1.0 / 3e-9)])
+def test_what_cancels_to_a_billionth_is_rounding(left: float, expected: float) -> None:
+    """Two terms of 1 with opposite signs: a compliance of 1e-9 of both is infinite stiffness."""
+    one = np.ones((1, 1))
+    model = StateSpace(0.0 * one, one, one, (left - 1.0) * one, 1e-3, ("x",), ("load_force",), ("position_load",))
+    assert static_stiffness(model) == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_table_states_the_stiffness_at_the_decades() -> None:
+    f = np.geomspace(0.5, 5000.0, 100)
+    rows = stiffness(FRF(f, 1e-8 * np.ones(f.size))).table().rows
+    assert [float(str(row[1])) for row in rows if row[0] == "dynamic"] == [1.0, 10.0, 100.0, 1000.0]

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import builtins
+import contextlib
+import os
 import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
@@ -18,7 +22,7 @@ from feeddrive import Axis, Control, Guard, Loop, simulate
 from feeddrive.blocks import Actuator, CascadePPI, Rigid, SnapLimitedMove, StepForce, Viscous
 from feeddrive.cli.commands import app
 from feeddrive.cosimulation import simulate_with_fmu
-from feeddrive.cosimulation.fmu import importer
+from feeddrive.cosimulation.fmu import _check_entries, importer  # pyright: ignore[reportPrivateUsage]
 from feeddrive.cosimulation.simulate_with_fmu import cosimulate, write_cosimulation
 from feeddrive.export import c_bundle
 from feeddrive.export.fmu import fmu
@@ -335,3 +339,29 @@ def test_a_machine_file_cannot_name_an_fmu(tmp_path: Path) -> None:
     path.write_text(re.sub(r'(\[axis\.x\.plant\]\nkind = )"\w+"', r'\1"fmu"', text))
     with pytest.raises(ParameterError, match=r"no linear model.*feeddrive cosimulate"):
         read_machine(path)
+
+
+@pytest.mark.parametrize(("megabytes", "accepted"), [(300, True), (800, False)])
+def test_an_fmu_has_at_most_500_megabytes(
+    megabytes: int, accepted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is read whole for its digest."""
+    path, stat = tmp_path / "large.fmu", os.stat
+    path.touch()
+
+    def large(name: str | Path) -> object:
+        return SimpleNamespace(st_mode=stat(name).st_mode, st_size=megabytes * 1_000_000)
+
+    monkeypatch.setattr("feeddrive.files.atomic_io.os.stat", large)
+    nothing: Any = SimpleNamespace(reference=MOVE, machines={}, loops={})
+    with contextlib.nullcontext() if accepted else pytest.raises(FileError, match="more than the 500"):
+        assert cosimulate(nothing, path).rows == ()
+
+
+@pytest.mark.parametrize(("gigabytes", "accepted"), [(1.5, True), (3.0, False)])
+def test_an_fmu_unpacks_to_at_most_two_gigabytes(gigabytes: float, accepted: bool) -> None:
+    """What a hostile archive states in a few bytes would fill the disk."""
+    half = SimpleNamespace(file_size=int(0.5e9 * gigabytes))
+    packed: Any = SimpleNamespace(namelist=lambda: ["modelDescription.xml"], infolist=lambda: [half, half])
+    with contextlib.nullcontext() if accepted else pytest.raises(FmuError, match="more than the 2 GB"):
+        _check_entries(packed, "a.fmu")

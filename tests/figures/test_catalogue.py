@@ -13,7 +13,11 @@ import feeddrive as fd
 from feeddrive.figures import catalogue
 from feeddrive.figures.figure import HIGHER, MODEL, Figure, Goal, Limit
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, OF_LOOPS, PHASE_MARGIN, SENSITIVITY_PEAK, LinearLoop
-from feeddrive.figures.slopes import compliance_peak_slope
+from feeddrive.figures.slopes import (
+    _near,  # pyright: ignore[reportPrivateUsage]
+    _tilts,  # pyright: ignore[reportPrivateUsage]
+    compliance_peak_slope,
+)
 from feeddrive.files.run_files import figure_key
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Units
@@ -107,3 +111,41 @@ def test_a_limit_knows_how_much_of_it_is_used() -> None:
     assert not peak.keeps(2.001)
     assert PHASE_MARGIN.better == HIGHER
     assert isinstance(LOOP, Loop)
+
+
+def test_a_tuning_reports_the_stiffness_at_10_hz_and_a_study_measures_that_at_100_hz() -> None:
+    shipped = catalogue.figures()
+    assert (shipped["stiffness_10_Hz_N_per_m"].tuned, shipped["stiffness_100_Hz_N_per_m"].tuned) == (True, False)
+
+
+@pytest.mark.parametrize(("sample_time", "lowest"), [(1e-4, 1.0), (0.02, 0.25)])
+def test_the_least_stiffness_counts_from_1_hz_on(sample_time: float, lowest: float) -> None:
+    """A slowly sampled loop keeps two decades of lines below its Nyquist frequency of 25 Hz; 200 lines a decade."""
+    law = fd.blocks.CascadePPI(Kv=5.0, Kp=500.0)
+    loop = Loop(control=fd.Control(law=law), axis=fd.Axis(plant=fd.blocks.Rigid(mass=100.0)), sample_time=sample_time)
+    assert lowest <= LinearLoop(loop).stiffness.frequency[0] < lowest * 10.0 ** (1.0 / 200.0)
+
+
+def test_a_mean_stiffness_is_that_of_sixty_lines() -> None:
+    """Each end of the band counts as much as a line within, and not half: that is the error of the mean."""
+    linear = LinearLoop(LOOP)
+    f = np.geomspace(10.0, 100.0, 2001)
+    level = -np.log(linear.model.closed.response(f, "position_load", "load_force").magnitude)
+    mean = float(np.trapezoid(level, np.log(f)) / np.log(10.0))
+    most = abs(0.5 * float(level[0] + level[-1]) - mean) / 59.0
+    assert abs(np.log(linear.mean_stiffness(10.0, 100.0)) - mean) < 1.1 * most
+
+
+@pytest.mark.parametrize(("slack", "kept"), [(0.6, True), (0.8, False)])
+def test_a_bound_that_a_step_of_the_search_may_reach_is_kept(slack: float, kept: bool) -> None:
+    """The trust region is at most 0.6 of a logarithm wide."""
+    assert bool(_near(np.array([slack, 5.0]), np.zeros((2, 1)))) is kept
+
+
+@pytest.mark.parametrize(("kink", "straight"), [(0.06, False), (0.1, True)])
+def test_the_tilt_of_a_loop_gain_is_that_of_its_lines_within_eight_percent(kink: float, straight: bool) -> None:
+    """|L| ~ 1/f up to a kink of its curve, at a distance in ln f."""
+    x = 0.01 * np.arange(-50.0, 51.0)
+    level = -x - 3.0 * np.maximum(x - kink, 0.0)
+    tilt, _ = _tilts(x, level, np.zeros(x.size - 1), 50)
+    assert (tilt == pytest.approx(-1.0)) is straight

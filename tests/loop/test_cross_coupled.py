@@ -9,13 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from feeddrive.analysis.contour_control import contour_gain, contour_gains, matched_dynamics
+from feeddrive.analysis.contour_control import (
+    MatchedDynamics,
+    _largest,  # pyright: ignore[reportPrivateUsage]
+    contour_gain,
+    contour_gains,
+    matched_dynamics,
+)
 from feeddrive.analysis.stability import require_stable, stability
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.regularised import Regularised
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.blocks.signals import Setpoint
@@ -260,3 +267,55 @@ def test_a_row_of_a_job_takes_another_gain(tmp_path: Path):
     (tmp_path / "job.toml").write_text(job.format("gain"))
     with pytest.raises(ParameterError, match="contour_gain"):
         read_job(tmp_path / "job.toml")
+
+
+def falling(extra: float, velocity: float) -> Regularised:
+    """Coulomb friction of 100 N, and an extra level at standstill that falls with the speed."""
+    return Regularised(
+        coulomb=100.0, breakaway=100.0 + extra, stribeck_velocity=velocity, transition_velocity=1e-3, viscous=0.0
+    )
+
+
+def slope(friction: Regularised, v: float = 0.05, step: float = 1e-6) -> float:
+    return float(friction.steady(v + step) - friction.steady(v - step)) / (2.0 * step)
+
+
+def test_of_friction_its_slope_at_50_mm_per_second_counts():
+    """Two frictions that fall differently, with the same slope there, have the same largest gain.
+
+    0.5 %: the level within a sample is that of its middle, which is a little slower.
+    """
+    steep = falling(400.0, 0.03)
+    wide = falling(400.0 * slope(steep) / slope(falling(400.0, 0.05)), 0.05)
+    thick = axis(1200.0, 2e4, T=5e-5)
+    loops = (replace(thick, axis=replace(thick.axis, friction_load=friction)) for friction in (steep, wide))
+    first, second = (contour_gain(crossed(loop, loop), directions=1).largest for loop in loops)
+    assert first == pytest.approx(second, rel=5e-3)
+
+
+def test_the_peak_of_the_contour_loop_is_found_on_its_lines():
+    """Across the path of equal axes 1/(1 + L) is the ratio of two position loops: the peak to 0.1 %, near the edge."""
+    peak = contour_gain(crossed(axis(), axis(), gain=2000.0), directions=1).peak
+    model = [linearize(axis(Kv=Kv), ["reading_load"], ["position_load"]) for Kv in (40.0, 2040.0)]
+    f = np.geomspace(100.0, 2000.0, 4000)
+    low, high = (1.0 + position.response(f).response for position in model)
+    assert peak == pytest.approx(float(np.max(np.abs(high / low))), rel=1e-3)
+
+
+@pytest.mark.parametrize(("edge", "expected"), [(8e5, 8e5), (1.5e6, np.inf)])
+def test_a_gain_of_a_million_per_second_is_no_edge_of_a_sampled_loop(edge: float, expected: float):
+    assert _largest(lambda gain: gain < edge) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_lag_is_that_of_constant_velocity():
+    """1/Kv without velocity feedforward; a sine of any frequency f lags by a share of (2πf/Kv)² less."""
+    lag = matched_dynamics(crossed(axis(), axis(180.0, 500.0))).lag
+    assert list(lag.values()) == pytest.approx([1.0 / 40.0, 1.0 / 40.0], rel=2e-6)
+
+
+@pytest.mark.parametrize(("off", "said"), [(0.7e-6, False), (1.5e-6, True)])
+def test_a_mismatch_of_a_micrometer_is_said(off: float, said: bool):
+    lag = {"x": 0.02, "y": 0.02 + 2.0 * off / 0.1}
+    matched = MatchedDynamics(0.1, 0.02, lag, {"x": 50.0, "y": 50.0}, {"x": 1.0 + 0j, "y": 1.0 + 0j})
+    assert matched.line("x", "y") == pytest.approx(off)
+    assert bool(matched.remarks()) is said
