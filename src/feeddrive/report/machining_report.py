@@ -190,7 +190,6 @@ def _stops(plan: Planned) -> list[Part]:
 
 _WORST = 8
 _CAUSES = 6
-_DRAWN = 3  # laws whose path is drawn: today's, the best, and one in between
 
 
 def ran(contents: LawsContents) -> list[tuple[Entry, PartRun]]:
