@@ -14,8 +14,8 @@ from feeddrive.figures import catalogue
 from feeddrive.figures.figure import HIGHER, MODEL, Figure, Goal, Limit
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, OF_LOOPS, PHASE_MARGIN, SENSITIVITY_PEAK, LinearLoop
 from feeddrive.figures.slopes import (
-    _near,  # pyright: ignore[reportPrivateUsage]
-    _tilts,  # pyright: ignore[reportPrivateUsage]
+    _near,
+    _tilts,
     compliance_peak_slope,
 )
 from feeddrive.files.run_files import figure_key

@@ -11,7 +11,7 @@ import pytest
 
 from feeddrive.analysis.contour_control import (
     MatchedDynamics,
-    _largest,  # pyright: ignore[reportPrivateUsage]
+    _largest,
     contour_gain,
     contour_gains,
     matched_dynamics,
