@@ -235,3 +235,23 @@ def test_an_observation_shows_itself() -> None:
     assert seen.plot().axes
     with pytest.raises(ParameterError, match="has 3 rows, the estimate 500"):
         seen.error(np.zeros(3))
+
+
+def test_a_slow_filter_is_settled_and_has_the_gain_in_closed_form() -> None:
+    """w = ∛ρ T << 1: the filter of a triple integrator in continuous time, with poles of a Butterworth filter at w."""
+    w, mass, resolution = 2e-4, 400.0, 1e-5
+    force_step = w**3 * mass * resolution / 12.0**0.5 / T**2
+    observer = KalmanRecovery(mass=mass, viscous=0.0, resolution=resolution, force_step=force_step)
+    gain = np.array(observer.prepare(T).gain, dtype=float)
+    np.testing.assert_allclose(gain, [2.0 * w, 2.0 * w**2 / T, mass * w**3 / T**2], rtol=1e-3)
+
+
+def test_finer_encoders_than_a_walk_of_a_hundred_thousand_standard_deviations_have_one_gain() -> None:
+    """ρ = force_step T² √12/(mass resolution): above 1e5 the gain no longer depends on the noise."""
+
+    def gain(ratio: float) -> tuple[float, ...]:
+        step = ratio * 40.0 * 1e-8 / 12.0**0.5 / T**2
+        return KalmanRecovery(mass=40.0, viscous=0.0, resolution=1e-8, force_step=step).prepare(T).gain
+
+    assert gain(1.5e5) == gain(3e5)
+    assert gain(0.75e5) != gain(3e5)

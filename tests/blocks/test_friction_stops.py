@@ -145,6 +145,8 @@ def test_bells_end_with_what_was_learned() -> None:
     )
     assert block.residual(np.float64(0.0)) == 7.0  # held to the largest residual that was seen
     assert block.residual(np.float64(0.1)) == pytest.approx(-5.0 + 9.0 * np.exp(-0.5 / 0.09), abs=1e-8)
+    assert block.residual(np.float64(0.1 + 2.9 * 0.03)) < 0.0  # up to three widths of a bell
+    assert block.residual(np.float64(0.1 + 3.1 * 0.03)) == 0.0
     assert block.residual(np.float64(0.2)) == 0.0
     assert block.residual(np.float64(-0.2)) == 0.0
 

@@ -111,6 +111,46 @@ def test_without_edge_forces_it_is_the_closed_form_of_kline() -> None:
             assert np.max(np.abs(row(one, angles) - row(other, angles))) < 2e-12 * 1000.0
 
 
+@pytest.mark.parametrize(("chip", "rubs"), [(0.75e-12, False), (1.5e-12, True)])
+def test_a_chip_of_less_than_a_picometer_is_rounding(chip: float, rubs: bool) -> None:
+    """The force of the edge is there with the chip, whatever its thickness; in the middle of a slot sin v = 1."""
+    straight = replace(TOOL, helix_angle=0.0, teeth=1, Ktc=1e6, Krc=0.0, Kac=0.0)
+    force = cut(straight.edge(), 0.5 * np.pi, 0.0, [(chip, 0.0)]).axial
+    assert force == pytest.approx(straight.Kae * straight.axial_depth if rubs else 0.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(("beside", "share"), [(-0.4e-6, 0.1), (0.0, 0.5), (0.4e-6, 0.9)])
+def test_a_straight_edge_enters_within_a_millionth_of_a_radian(beside: float, share: float) -> None:
+    """A straight edge has no lag: without a sweep its force would jump at entry, here 0.3 rad."""
+    straight = replace(TOOL, helix_angle=0.0, teeth=1, slices=1, entry=0.3, exit=2.0)
+    force = cut(straight.edge(), 0.3 + beside, 0.0, [(CHIP, 0.0)]).axial
+    whole = cut(straight.edge(), 0.3 + 1e-5, 0.0, [(CHIP, 0.0)]).axial
+    assert force == pytest.approx(share * whole, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "admitted"),
+    [
+        ("Ktc", 0.75e6, False),  # foam is cut with 1 N/mm2
+        ("Ktc", 1.5e6, True),
+        ("Ktc", 0.75e11, True),
+        ("Ktc", 1.5e11, False),  # the hardest alloys with 100 kN/mm2
+        ("Kte", 75.0, False),
+        ("Kte", 150.0, True),
+        ("Kte", 0.75e6, True),
+        ("Kte", 1.5e6, False),
+    ],
+)
+def test_coefficients_lie_between_those_of_foam_and_of_the_hardest_alloys(
+    name: str, size: float, admitted: bool
+) -> None:
+    if admitted:
+        assert getattr(replace(TOOL, **{name: size}), name) == size
+    else:
+        with pytest.raises(ParameterError, match=f"mechanistic_cutter.{name} = .* is that of no material"):
+            replace(TOOL, **{name: size})
+
+
 def test_no_feed_no_force_of_the_edge_either() -> None:
     assert np.all(row(TOOL, 0.7, 0.0) == 0.0)
     assert np.all(row(TOOL, 0.7, -1e-4) == 0.0)

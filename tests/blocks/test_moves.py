@@ -324,3 +324,15 @@ def test_a_profile_that_breaks_a_limit_is_not_handed_out():
 def test_a_profile_whose_ramps_overlap_is_not_handed_out():
     with pytest.raises(StructureError, match=r"not continuous|reaches"):
         Profile(0.1, (0.02, 0.03, 0.06, 0.08)).check("move", (9.0, 9.0, 9.0, 9.0))
+
+
+@pytest.mark.parametrize(("excess", "kept"), [(0.75e-9, True), (1.5e-9, False)])
+def test_a_limit_is_kept_to_a_billionth(excess: float, kept: bool) -> None:
+    """Rounding of pieces of unequal length is far below it, and a violation that matters far above."""
+    profile = Profile(1.0, (0.5, 2.0))  # velocity 1/2, acceleration 1
+    limits = (0.5 / (1.0 + excess), 1.0)
+    if kept:
+        profile.check("move", limits)
+    else:
+        with pytest.raises(StructureError, match="velocity reaches"):
+            profile.check("move", limits)

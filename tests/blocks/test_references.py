@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -171,6 +172,13 @@ def test_a_multisine_has_its_lines_and_no_others(flat: str, phases: str):
     fine = signal.at(np.linspace(0.0, 0.5, 20001)[:-1]).position - 0.1
     assert 0.995 * 2e-3 <= np.max(np.abs(fine)) <= 2e-3
     assert abs(rows.position[0] - 0.1) < 4 * np.spacing(0.1)
+
+
+def test_the_peak_of_a_multisine_is_bounded_from_a_grid_of_32_points_in_a_wave():
+    """One line has its peak on the grid, so that it stays below the amplitude by all of Ehlich & Zeller's factor."""
+    t = np.linspace(0.0, 1.0, 1001)
+    row = Multisine(amplitude=1.0, lowest=1, highest=1, period=1).at(t).position
+    assert np.max(np.abs(row)) == pytest.approx(np.cos(np.pi / 32.0), abs=1e-4)
 
 
 def test_schroeder_phases_are_flatter_than_random_ones():
@@ -393,6 +401,27 @@ def test_a_sequence_of_moves_travels_the_sum_of_their_distances(distances: list[
 def test_what_is_refused(make: object, words: str):
     with pytest.raises((ParameterError, StructureError), match=words):
         make()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(("dwell", "admitted"), [(0.75e7, True), (1.5e7, False)])
+def test_a_motion_of_more_than_four_months_is_in_a_wrong_unit(dwell: float, admitted: bool):
+    make = partial(Polynomial7, distance=0.1, travel_time=1.0, dwell_after=dwell)
+    if admitted:
+        assert make().duration == dwell + 1.0
+    else:
+        with pytest.raises(StructureError, match="would take"):
+            make()
+
+
+@pytest.mark.parametrize(("beside", "is_row"), [(0.75e-6, True), (1.5e-6, False)])
+def test_a_time_counts_as_that_of_a_row_within_a_millionth_of_their_spacing(beside: float, is_row: bool):
+    log = Recorded(position=ROW, sample_time=1e-3)
+    times = np.array([(5.0 + beside) * 1e-3])
+    if is_row:
+        assert log.at(times).position[0] == ROW[5]
+    else:
+        with pytest.raises(StructureError, match="none at t = "):
+            log.at(times)
 
 
 def test_a_log_seen_through_a_shaper_needs_values_between_its_rows():
