@@ -136,6 +136,7 @@ PlantLike = Loop | Axis | FRF | Sequence[Loop | Axis | FRF]
 # anything from nothing to twice the model
 _MODEL, _LEAST, _BEYOND = 0.2, 0.05, 1.0
 _MOST = 1e6  # largest reserve that is stated
+# repetitions of the search, each with one more peak that the checker has named
 _ROUNDS = 4
 
 

@@ -14,6 +14,7 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, table
 from feeddrive.language.errors import ParameterError, StructureError
 
+# dry friction is not 0 at any speed: a slow one shows whether there is some
 _CREEP = 1e-4  # m/s
 _WIDTHS = 3.0  # of a bell, beyond which nothing was learned
 

@@ -16,6 +16,7 @@ from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 
+# each line costs a sine in every sample
 _MOST_LINES = 20000
 _FINE = 32  # grid points per period of the highest line, on which the peak is taken
 
