@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -111,9 +110,9 @@ def test_a_number_that_rounding_changes_by_more_than_a_percent_is_named(
 
 
 def fitted(
-    loop: fd.Loop, monkeypatch: pytest.MonkeyPatch, misfit: Callable[[int], float], off: float = 1.0, noise: float = 0.0
+    loop: fd.Loop, monkeypatch: pytest.MonkeyPatch, factor: float = 1.0, off: float = 1.0, noise: float = 0.0
 ) -> tuple[int, dict[str, Any]]:
-    """Fit 2000 lines with stated misfits by the number of modes, to a model that is off by a factor.
+    """Fit 2000 lines where each mode changes the misfit by a factor, to a model that is off by another.
 
     Returns the number of modes, and the lines and weights of the fit.
     """
@@ -121,7 +120,7 @@ def fitted(
 
     def refined(f: Any, G: Any, weight: Any, T: float, count: int) -> tuple[float, np.ndarray]:
         fit.update(lines=f, weight=weight * np.abs(G))
-        return misfit(count), np.zeros(2 * count + 2)
+        return factor**count, np.zeros(2 * count + 2)
 
     monkeypatch.setattr(systems, "_refined", refined)
     monkeypatch.setattr(systems, "_sampled", lambda *_: replace(model, C=off * model.C))
@@ -135,14 +134,14 @@ def fitted(
 def test_a_mode_must_take_15_percent_of_the_misfit_and_there_are_eight(
     loop: fd.Loop, monkeypatch: pytest.MonkeyPatch, factor: float, modes: int
 ) -> None:
-    assert fitted(loop, monkeypatch, lambda count: factor**count)[0] == modes
+    assert fitted(loop, monkeypatch, factor)[0] == modes
 
 
 def test_a_fit_takes_some_250_lines_spread_evenly_over_the_logarithm(
     loop: fd.Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where there are enough: from 100 of the 2000 lines on neighbors are at the same ratio, 2000^(1/249)."""
-    f = fitted(loop, monkeypatch, lambda count: 1.0)[1]["lines"]
+    f = fitted(loop, monkeypatch)[1]["lines"]
     ratios = np.diff(np.log(f[f > 100.0]))
     assert np.mean(ratios) == pytest.approx(np.log(2000.0) / 250.0, rel=0.1)
     assert np.max(ratios) < 2.0 * np.mean(ratios)
@@ -152,7 +151,7 @@ def test_a_fit_takes_some_250_lines_spread_evenly_over_the_logarithm(
 def test_less_noise_than_a_percent_does_not_count_more(
     loop: fd.Loop, monkeypatch: pytest.MonkeyPatch, noise: float, least: float
 ) -> None:
-    weight = fitted(loop, monkeypatch, lambda count: 1.0, noise=noise)[1]["weight"]
+    weight = fitted(loop, monkeypatch, noise=noise)[1]["weight"]
     np.testing.assert_allclose(1.0 / weight, least, rtol=0.01)
 
 
@@ -161,10 +160,10 @@ def test_a_model_that_misses_the_lines_by_half_is_none(
     loop: fd.Loop, monkeypatch: pytest.MonkeyPatch, off: float, fits: bool
 ) -> None:
     if fits:
-        assert fitted(loop, monkeypatch, lambda count: 1.0, off=off)[0] == 0
+        assert fitted(loop, monkeypatch, off=off)[0] == 0
     else:
         with pytest.raises(NotIdentifiableError, match="no model with up to"):
-            fitted(loop, monkeypatch, lambda count: 1.0, off=off)
+            fitted(loop, monkeypatch, off=off)
 
 
 def slow_pole(decay: float) -> check.Lifted:
