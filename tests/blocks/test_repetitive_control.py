@@ -166,3 +166,14 @@ def test_an_enable_forgets() -> None:
     assert np.max(found[100:150]) > 1e-6
     assert np.max(found[153:211]) == 0.0
     assert np.max(found[220:]) > 0.5e-6
+
+
+@pytest.mark.parametrize(("cells", "fits"), [(192, True), (384, False)])
+def test_an_export_holds_rings_of_up_to_256_cells(cells: int, fits: bool) -> None:
+    """N - l - n of them, one sample of lead and one pass."""
+    block = RepetitiveControl(period_samples=cells + 2, lead_samples=1, passes=1)
+    if fits:
+        assert controller_routine(loop(LAW, block), "axis_x").states
+    else:
+        with pytest.raises(StructureError, match=f"ring of {cells} cells, more than the 256"):
+            controller_routine(loop(LAW, block), "axis_x")

@@ -21,6 +21,7 @@ import pytest
 
 from feeddrive.language import ops
 from feeddrive.language.kernels import kernel as module
+from feeddrive.language.kernels.elementary import floor_division
 from feeddrive.language.kernels.kernel import QUICK, THOROUGH, Kernel, Unit, _address, interpreted
 from feeddrive.language.kernels.source import KernelError
 from fresh_draws import Seeded
@@ -545,3 +546,22 @@ def test_no_library_is_called():
         "llvm.smul.with.overflow.i64",
     }
     assert not re.search(r"\b(fast|contract|reassoc|frem)\b", text)
+
+
+@pytest.mark.parametrize(
+    ("x", "y"),
+    [(3902888642125186.5, 0.9127154628487137), (11006539202917516.0, 2.773411474339244), (2.0**53, 0.75)],
+)
+def test_a_quotient_that_is_rounded_to_a_half_is_floored(x: float, y: float) -> None:
+    """Between 2⁵¹ and 2⁵² floats are halves apart: (x - rest)/y may be rounded to one."""
+    assert floor_division(x, y) == x // y
+
+
+@pytest.mark.parametrize(("sizes", "fits"), [("192", True), ("12, 16", True), ("16, 24", False), ("384", False)])
+def test_an_array_on_the_stack_has_at_most_256_numbers(tmp_path: Path, sizes: str, fits: bool) -> None:
+    kernel = made(tmp_path, f"@kernel\ndef f(x: float) -> None:\n    y = zeros({sizes})\n")
+    if fits:
+        assert "alloca [192 x double]" in kernel.unit.text()
+    else:
+        with pytest.raises(KernelError, match="256 numbers at most"):
+            kernel.unit.text()

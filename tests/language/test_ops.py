@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from decimal import Context, Decimal, localcontext
 from pathlib import Path
 
 import numpy as np
@@ -71,3 +72,29 @@ def test_contributing_lists_every_operation() -> None:
     text = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"`(\w+)", "".join(re.findall(r"^  \|(.*)\|$", text, re.MULTILINE))))
     assert set(ops.__all__) == listed & set(ops.__all__)
+
+
+def plastic(power: int) -> int:
+    """2⁶⁴ / g^power, g > 1 of g⁴ = g + 1, to the nearest odd number below: the strides of a sequence without gaps."""
+    with localcontext() as context:
+        context.prec = 60
+        g = Decimal("1.22")
+        for _ in range(8):
+            g -= (g**4 - g - 1) / (4 * g**3 - 1)
+        return int(2**64 / g**power) | 1
+
+
+def test_uniform_numbers_are_those_of_splitmix_in_integers() -> None:
+    """Its own code in integers: the finalizer of SplitMix64 (Steele, Lea & Flood 2014, variant 13 of Stafford).
+
+    The strides are 2⁶⁴ over the golden ratio, as there, and over powers of the root of g⁴ = g + 1 (Roberts 2018).
+    """
+    golden = int(2**64 * (Decimal(5).sqrt(Context(prec=60)) - 1) / 2) | 1
+    for numbers in ((0, 0, 0), (1, 2, 3), (2**53 - 1, 7, 2**40), (12345, 10**9, 1)):
+        bits = 0
+        for number, stride in zip(numbers, (golden, plastic(1), plastic(3)), strict=True):
+            bits = (bits + number + 1) * stride % 2**64
+            bits = (bits ^ bits >> 30) * 0xBF58476D1CE4E5B9 % 2**64
+            bits = (bits ^ bits >> 27) * 0x94D049BB133111EB % 2**64
+            bits ^= bits >> 31
+        assert ops.uniform(*map(float, numbers)) == ((bits >> 12) + 0.5) / 2**52

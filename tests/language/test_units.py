@@ -141,3 +141,13 @@ def test_any_text_is_a_unit_or_a_parameter_error(text: str):
     except ParameterError:
         return
     assert size > 0.0
+
+
+@pytest.mark.parametrize(("depth", "is_read"), [(6, True), (12, False)])
+def test_a_unit_has_at_most_eight_nested_parentheses(depth: int, is_read: bool):
+    unit = f"{'(' * depth}m{')' * depth}"
+    if is_read:
+        assert factor(unit, "m") == 1.0
+    else:
+        with pytest.raises(ParameterError, match="nested parentheses"):
+            factor(unit, "m")

@@ -101,3 +101,15 @@ def test_variance_and_coherence_say_the_same() -> None:
     np.testing.assert_array_equal(replace(stated, variance=2.0 * variance).known_variance(5), 2.0 * variance)
     assert replace(stated, coherence=None).known_variance() is None
     assert np.all(np.isfinite(variance_of(G, np.zeros(3))))
+
+
+def test_a_coherence_below_a_thousandth_counts_as_one() -> None:
+    """γ² = 0 would be an infinite variance; var = |G|² (1 - γ²)/(γ² n)."""
+    variance = variance_of(np.ones(3), np.array([0.0, 0.75e-3, 1.5e-3]), averages=10)
+    assert variance == pytest.approx([0.999 / 1e-2, 0.999 / 1e-2, 0.9985 / 1.5e-2])
+
+
+def test_a_coherence_alone_is_taken_for_that_of_eight_averages() -> None:
+    """(1 - ½)/(½ · 8) of |G|²."""
+    found = FRF(F, TRUTH, coherence=np.full(3, 0.5)).known_variance()
+    assert found == pytest.approx(np.abs(TRUTH) ** 2 / 8.0)

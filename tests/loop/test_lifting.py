@@ -166,3 +166,7 @@ def test_the_axis_alone_has_one_rate(screw: Loop) -> None:
 def test_a_period_that_is_too_long_is_refused(screw: Loop) -> None:
     with pytest.raises(ParameterError, match="position_every <= 64"):
         loop_gain(two_rates(screw, 65), LINES)
+
+
+def test_a_period_of_48_samples_has_a_loop_gain(screw: Loop) -> None:
+    assert np.all(np.isfinite(loop_gain(two_rates(screw, 48), LINES[:2]).response))

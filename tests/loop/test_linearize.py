@@ -21,7 +21,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, loop_gain, tracking
-from feeddrive.loop.linearize import linearize
+from feeddrive.loop.linearize import linearize, zeros
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
@@ -192,3 +192,10 @@ def test_control_sees_the_same_poles() -> None:
     model = linearize(ball_screw(), ["load_force"], ["position_load"])
     theirs = control.poles(model.to_control())
     assert np.sort_complex(theirs) == pytest.approx(np.sort_complex(model.poles()), abs=1e-9)
+
+
+@pytest.mark.parametrize(("zero", "is_finite"), [(0.75e6, True), (1.5e6, False)])
+def test_a_zero_beyond_a_million_is_at_infinity(zero: float, is_finite: bool) -> None:
+    """(z - zero)/z = 1 - zero/z; rounding makes a zero at infinity a large finite one."""
+    found = zeros(np.array([[0.0]]), np.array([1.0]), np.array([-zero]), 1.0)
+    assert found == pytest.approx([zero]) if is_finite else found.size == 0

@@ -35,7 +35,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.gradient import gradient
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import SETPOINT, Loop, Signals
-from feeddrive.loop.machine import Machine
+from feeddrive.loop.machine import Machine, noise_of
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import concrete
@@ -349,3 +349,10 @@ def test_what_does_not_fit_is_refused():
         simulate(machine, PATH, record=["force"])
     with pytest.raises(ParameterError, match=r"remembered = 8 .* at least 52"):
         Machine.of(loops_, (replace(dry().couplings[-1], remembered=8),))
+
+
+def test_seeds_below_a_million_million_are_those_of_one_axis() -> None:
+    """Noise depends on whole numbers up to 2⁵³: 2¹³ axes with 2⁴⁰ seeds each, none of which is that of another."""
+    seeds = {noise_of(Noise(seed, 0.0), axis).seed for seed in (0.0, 2.0**39, 2.0**40 - 1.0) for axis in range(4)}
+    assert len(seeds) == 12
+    assert noise_of(Noise(2.0**40 - 1.0, 0.0), 2**13 - 1).seed < 2.0**53
