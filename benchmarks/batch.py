@@ -21,8 +21,7 @@ import rounds
 import workload
 from single import PARAMETERS, STATES
 
-from feeddrive.loop.beginning import Work
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import GATHERED, simulate_batch
 
 SOURCE = (Path(__file__).parent / "batch.cpp").read_text()

@@ -15,7 +15,7 @@ import numpy as np
 from feeddrive.path.geometry.joints import Joiner
 from feeddrive.path.geometry.segments import AT_ONCE, Chain
 from feeddrive.path.motion import LINE, Pieces
-from feeddrive.path.proof.prove import Prover
+from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.run import Schedule
 
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3)  # m/s .. m/s4

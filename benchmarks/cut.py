@@ -26,9 +26,8 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.mechanistic_cutter import MechanisticCutter
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.sine import Sine
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import stream
 
 SOURCE = (Path(__file__).parent / "cut.c").read_text()

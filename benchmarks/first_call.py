@@ -26,11 +26,10 @@ def child(what: str) -> None:
     import workload
 
     from feeddrive.language.machine_code import target
-    from feeddrive.loop.beginning import Work
     from feeddrive.loop.engine import llvm as native
     from feeddrive.loop.engine import llvm as time_loop
     from feeddrive.loop.engine.plan import plan
-    from feeddrive.loop.runner import Prepared, gathering
+    from feeddrive.loop.runner import Prepared, Work, gathering
     from feeddrive.loop.simulate import simulate
 
     marks = {"imports": time.process_time() - begun}

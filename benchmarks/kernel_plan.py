@@ -9,8 +9,7 @@ from __future__ import annotations
 from kernel_ramps import endless_speed, evaluate, ramp_distance, ramp_pieces
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2, Ints
+from feeddrive.language.kernels.source import Floats, Floats2, Ints, zeros
 
 HOLD, INTERVAL = 1, 0
 

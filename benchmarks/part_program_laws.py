@@ -17,9 +17,9 @@ from pathlib import Path
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.comparison.compare import compare_laws
 from feeddrive.evaluation import Engine, Folder
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
+from feeddrive.files.section import to_toml
 from feeddrive.learning.iterative_feedforward import compensated
 from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.control import Control

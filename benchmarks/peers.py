@@ -29,10 +29,9 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch
 
 RECORD = ("position_load", "velocity_load", "force")

@@ -25,7 +25,7 @@ from feeddrive.path.geometry.segments import Pause
 from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Straight
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.proof.prove import Prover
+from feeddrive.path.proof import Prover
 from feeddrive.path.setpoints import Sampler, planned
 
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3)  # m/s .. m/s⁴

@@ -23,9 +23,8 @@ import workload
 
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language import tree
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate
 
 SOURCE = (Path(__file__).parent / "single.c").read_text()

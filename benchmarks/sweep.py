@@ -26,12 +26,11 @@ import rounds
 import workload
 from batch import BOUND, ByHand
 
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.machine import machine_toml
+from feeddrive.files.section import to_toml
 from feeddrive.language import tree
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import GATHERED
 from feeddrive.study.study import Study, read_study
 from feeddrive.study.sweep import sweep

@@ -15,7 +15,7 @@ from feeddrive import plot
 from feeddrive.analysis.replay import observe
 from feeddrive.analysis.stiffness import stiffness
 from feeddrive.blocks.load.sine_force import SineForce
-from feeddrive.loop.lifting import compliance
+from feeddrive.loop.linearize import compliance
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.altintas2009.recovery import OBSERVERS, OWN, adaptation, compensated, tool_error
 from feeddrive.papers.altintas2009.testbed import REST, T, cascade, dadsc, loop, milling

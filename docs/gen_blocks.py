@@ -23,9 +23,8 @@ from mkdocs.structure.files import File
 
 import feeddrive
 from feeddrive.blocks.catalogue import catalogue
-from feeddrive.files.from_toml import Hint, hints
-from feeddrive.files.from_toml import members as members_of
-from feeddrive.files.section import VARIED, Section
+from feeddrive.files.section import VARIED, Hint, Section, hints
+from feeddrive.files.section import members as members_of
 from feeddrive.language.block import Block, Declaration, Declared, declarations, defaults
 from feeddrive.language.lazy_package import public_names
 from feeddrive.workflow.schemas import FILES, schemas

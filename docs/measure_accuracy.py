@@ -23,10 +23,9 @@ from axis_runs import Dry, EventDriven, matrices, move  # noqa: E402
 from feeddrive.language import ops  # noqa: E402
 from feeddrive.language.graph import Graph  # noqa: E402
 from feeddrive.language.single import single_values  # noqa: E402
-from feeddrive.loop.beginning import Work  # noqa: E402
 from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold  # noqa: E402
 from feeddrive.loop.loop import SETPOINT  # noqa: E402
-from feeddrive.loop.runner import Prepared  # noqa: E402
+from feeddrive.loop.runner import Prepared, Work  # noqa: E402
 from feeddrive.loop.trace import evaluate  # noqa: E402
 
 LOG = ROOT.parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"

@@ -22,8 +22,8 @@ import feeddrive as fd
 from exported import LOOPS
 from feeddrive.export.c_bundle import FLAGS, streamed
 from feeddrive.export.c_code import texts
+from feeddrive.export.design import trial
 from feeddrive.export.layout import layout
-from feeddrive.export.trial import trial
 from feeddrive.files.machine import read_machine
 from feeddrive.loop.routine import Routine, controller_routine, plant_routine
 

@@ -26,9 +26,8 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveScaling
-from feeddrive.bus.virtual.canopen_node import serve_canopen
-from feeddrive.bus.virtual.ethercat_slave import serve_ethercat
-from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware
+from feeddrive.bus.virtual_drive import DrivenAxis, Firmware
+from feeddrive.bus.virtual_nodes import serve_canopen, serve_ethercat
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard

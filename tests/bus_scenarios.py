@@ -25,14 +25,13 @@ from bus_bench import LIMITS, SCALING, T, bench_loop, client, drive, powered, wi
 from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.bus import ethercat
+from feeddrive.bus import ethercat, virtual_nodes
 from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS, PowerState
 from feeddrive.bus.client import DriveClient, driven_together, transport_of
 from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.bus.play import Profile, listened, play_profile, play_together
 from feeddrive.bus.transport import Claim, read_object, write_object
-from feeddrive.bus.virtual import ethercat_slave
-from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware, PdoMap
+from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, PdoMap
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.simulate import simulate
@@ -493,7 +492,7 @@ def mapping(bus: str) -> dict[str, Any]:
 @contextmanager
 def unanswered(index: int, subindex: int, few: int) -> Iterator[None]:
     """The virtual drive swallows its answers to the first few reads of an object that follow the assignment."""
-    whole, left = ethercat_slave.answer, [few]
+    whole, left = virtual_nodes.answer, [few]
 
     def answer(message: bytes, objects: PdoMap) -> bytes | None:
         asked = message[8] >> 5 == 2 and struct.unpack_from("<HB", message, 9) == (index, subindex)
@@ -502,11 +501,11 @@ def unanswered(index: int, subindex: int, few: int) -> Iterator[None]:
             return None
         return whole(message, objects)
 
-    ethercat_slave.answer = answer
+    virtual_nodes.answer = answer
     try:
         yield
     finally:
-        ethercat_slave.answer = whole
+        virtual_nodes.answer = whole
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import pytest
 
 from feeddrive.analysis.margins import margins
 from feeddrive.files.machine import read_machine
-from feeddrive.loop.lifting import compliance, loop_gain
+from feeddrive.loop.linearize import compliance, loop_gain
 from feeddrive.loop.loop import Loop
 
 F = np.geomspace(0.5, 10_000, 4000)

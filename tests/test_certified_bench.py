@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import feeddrive as fd
-from feeddrive.certificate.discs import deviations
+from feeddrive.certificate.certificate import deviations
 from test_tokyo_bench import estimated, needs_log
 
 

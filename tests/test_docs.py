@@ -212,8 +212,7 @@ def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: 
 
 
 def test_the_page_of_the_keys_has_each_that_a_file_may_hold():
-    from feeddrive.files.from_toml import Hint, hints, members
-    from feeddrive.files.section import Section
+    from feeddrive.files.section import Hint, Section, hints, members
     from feeddrive.language.block import declarations
     from feeddrive.workflow.schemas import FILES
 

@@ -18,7 +18,7 @@ from feeddrive.language.block import Number, parameter
 from feeddrive.language.errors import StructureError
 from feeddrive.loop.routine import controller_routine
 from feeddrive.testing import battery
-from feeddrive.testing.steady import bump, place
+from feeddrive.testing.battery import bump, place
 
 T = 1e-4
 

@@ -13,8 +13,7 @@ import pytest
 from feeddrive.files.columns import Column
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
-from feeddrive.identification.excitation.record import Record
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Record
 
 FOLDER = Path(__file__).parents[2] / "shared" / "data" / "tokyo_motor_bench"
 needs_log = pytest.mark.skipif(not FOLDER.exists(), reason="NOT RUN: the bench's log is not in ../shared")

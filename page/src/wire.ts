@@ -1,4 +1,4 @@
-// What the server sends: a header in JSON and the numbers of all curves as 32-bit floats (studio/wire.py).
+// What the server sends: a header in JSON and the numbers of all curves as 32-bit floats (studio/server.py).
 
 export interface Curve {
   name: string;

@@ -44,10 +44,10 @@ from feeddrive.loop.control import Control as Control
 from feeddrive.loop.frequency_response import FRF as FRF
 from feeddrive.loop.gradient import gradient as gradient
 from feeddrive.loop.guard import Guard as Guard
-from feeddrive.loop.lifting import compliance as compliance
-from feeddrive.loop.lifting import loop_gain as loop_gain
-from feeddrive.loop.lifting import tracking as tracking
+from feeddrive.loop.linearize import compliance as compliance
 from feeddrive.loop.linearize import linearize as linearize
+from feeddrive.loop.linearize import loop_gain as loop_gain
+from feeddrive.loop.linearize import tracking as tracking
 from feeddrive.loop.loop import Loop as Loop
 from feeddrive.loop.machine import Machine as Machine
 from feeddrive.loop.simulate import simulate as simulate

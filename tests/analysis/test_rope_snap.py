@@ -21,8 +21,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import UnstableError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.lifting import compliance, loop_gain
-from feeddrive.loop.linearize import linearize
+from feeddrive.loop.linearize import compliance, linearize, loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.robustness import Robustness
 from feeddrive.analysis.stability import Stability, require_stable, stability
+from feeddrive.analysis.stiffness import Robustness
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.language.errors import UnstableError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.lifting import loop_gain
-from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.linearize import StateSpace, loop_gain
 from feeddrive.loop.loop import Loop
 
 T = 1e-3

@@ -12,8 +12,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.lifting import compliance
-from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.linearize import StateSpace, compliance, linearize
 from feeddrive.loop.loop import Loop
 
 F = np.geomspace(1.0, 500.0, 1500)

@@ -24,12 +24,11 @@ from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language.block import enforce
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.plan import lazy_branches, plan
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.loop.trace import concrete
 

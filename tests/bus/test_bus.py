@@ -20,7 +20,7 @@ from feeddrive.bus.canopen import opened_network
 from feeddrive.bus.cia402 import OBJECTS
 from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.play import play_profile
-from feeddrive.bus.virtual.firmware import Firmware
+from feeddrive.bus.virtual_drive import Firmware
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import Progress
 from simulated_drives import due_by_force

@@ -15,8 +15,8 @@ from bus_bench import SCALING, T, bench_loop, drive
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.bus.client import transport_of
 from feeddrive.bus.sampling import Sampler, sample
-from feeddrive.bus.virtual.canopen_node import serve_canopen
-from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware
+from feeddrive.bus.virtual_drive import DrivenAxis, Firmware
+from feeddrive.bus.virtual_nodes import serve_canopen
 from feeddrive.language.errors import BusError, ParameterError
 
 ACTUAL = {"statusword", "mode_display", "position", "velocity", "torque", "following_error", "second_position"}

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from bus_bench import SCALING, T, bench_loop
 from feeddrive.bus.cia402 import OBJECTS
-from feeddrive.bus.virtual.ethercat_slave import (
+from feeddrive.bus.virtual_drive import DrivenAxis, Firmware
+from feeddrive.bus.virtual_nodes import (
     INIT,
     INPUTS,
     MAILBOX_IN,
@@ -22,7 +23,6 @@ from feeddrive.bus.virtual.ethercat_slave import (
     SlaveController,
     eeprom,
 )
-from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware
 
 APRD, APWR, FPRD, FPWR, BRD, BWR, LRD, LWR, LRW = 1, 2, 4, 5, 7, 8, 10, 11, 12
 STATION = 0x1001

@@ -26,7 +26,7 @@ from feeddrive.bus.cia402 import (
     state_of,
 )
 from feeddrive.bus.drive_file import DriveScaling, interpolation_time, read_drive
-from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware, drive_text, scaling_of
+from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scaling_of
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import ParameterError
 

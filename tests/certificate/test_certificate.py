@@ -11,7 +11,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.certificate import check
-from feeddrive.certificate.discs import LoopResponse, deviations, radius_steps
+from feeddrive.certificate.certificate import LoopResponse, deviations, radius_steps
 from feeddrive.certificate.systems import deployed, rounded
 from feeddrive.language.errors import NotCertifiedError, ParameterError
 from feeddrive.loop.linearize import StateSpace

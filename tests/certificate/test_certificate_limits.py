@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 import feeddrive as fd
 from feeddrive.certificate import check, systems
-from feeddrive.certificate.discs import LoopResponse, measured
+from feeddrive.certificate.certificate import LoopResponse, measured
 from feeddrive.certificate.systems import Lines, NominalPlant, deployed, fitted_plant
 from feeddrive.language.errors import NotCertifiedError, NotIdentifiableError
 from feeddrive.loop.linearize import StateSpace

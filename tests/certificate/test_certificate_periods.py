@@ -15,10 +15,9 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.certificate import check
-from feeddrive.certificate.certificate import Certificate
-from feeddrive.certificate.discs import LoopResponse
+from feeddrive.certificate.certificate import Certificate, LoopResponse
 from feeddrive.language.errors import NotCertifiedError, ParameterError
-from feeddrive.loop.lifting import loop_gain
+from feeddrive.loop.linearize import loop_gain
 
 Document = dict[str, Any]
 

@@ -12,8 +12,8 @@ import pytest
 import feeddrive as fd
 from feeddrive import cli
 from feeddrive.blocks.families import Prefilter
-from feeddrive.files.from_toml import read_block
 from feeddrive.files.run_files import write_run_csv
+from feeddrive.files.section import read_block
 from feeddrive.files.toml_file import read_toml
 from feeddrive.papers.gordon2013.testbed import LONG, placed
 

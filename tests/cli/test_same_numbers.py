@@ -21,7 +21,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.mapping import Mapping
 from feeddrive.language import tree
 from feeddrive.language.progress import Progress
-from feeddrive.studio.recipe import recipe_of
+from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.workflow import identify
 from feeddrive.workflow.identify import machine_text

@@ -22,8 +22,7 @@ from feeddrive import Axis, Control, Guard, Loop, simulate
 from feeddrive.blocks import Actuator, CascadePPI, Rigid, SnapLimitedMove, StepForce, Viscous
 from feeddrive.cli.commands import app
 from feeddrive.cosimulation import simulate_with_fmu
-from feeddrive.cosimulation.fmu import _check_entries, importer
-from feeddrive.cosimulation.simulate_with_fmu import cosimulate, write_cosimulation
+from feeddrive.cosimulation.simulate_with_fmu import _check_entries, cosimulate, importer, write_cosimulation
 from feeddrive.export import c_bundle
 from feeddrive.export.fmu import fmu
 from feeddrive.export.layout import layout

@@ -16,8 +16,7 @@ from feeddrive.export import cortex_m
 from feeddrive.export.c_bundle import c_files, streamed
 from feeddrive.export.c_code import CODE, SENTENCE
 from feeddrive.export.cortex_m import EmulatorError, write_cortex_m
-from feeddrive.export.design import Design, read_design
-from feeddrive.export.trial import trial
+from feeddrive.export.design import Design, read_design, trial
 from feeddrive.language.errors import FileError
 from feeddrive.loop.routine import run
 from hal_programs import needs_linuxcnc

@@ -17,12 +17,11 @@ from exported import LAWS, LOOPS, ONE, PPI, TWO, T
 from exported import loop as a_loop
 from feeddrive.export.c_bundle import self_test, stepped, streamed
 from feeddrive.export.c_code import header_only, texts
-from feeddrive.export.design import read_design
+from feeddrive.export.design import BROKEN, Trial, read_design, trial
 from feeddrive.export.fmu import model_description, variables
 from feeddrive.export.layout import Layout, layout
-from feeddrive.export.manifest import readme
 from feeddrive.export.structured_text import program
-from feeddrive.export.trial import BROKEN, Trial, trial
+from feeddrive.export.targets import readme
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
 from feeddrive.loop.routine import controller_routine, plant_routine, run
 from fresh_draws import Seeded

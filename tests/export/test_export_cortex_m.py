@@ -16,9 +16,8 @@ import feeddrive as fd
 from exported import LAWS, LOOPS
 from feeddrive.export.c_bundle import streamed
 from feeddrive.export.cortex_m import CORES, EmulatorError, answers, find_core, self_test, step_cost, write_cortex_m
-from feeddrive.export.design import CONTROL, Design, read_design
+from feeddrive.export.design import CONTROL, Design, read_design, trial
 from feeddrive.export.layout import layout
-from feeddrive.export.trial import trial
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError
 from feeddrive.loop.routine import controller_routine, run

@@ -17,10 +17,9 @@ from feeddrive import simulate
 from feeddrive.blocks import SnapLimitedMove
 from feeddrive.export import c_bundle
 from feeddrive.export import fmu as binary
-from feeddrive.export.design import CONTROL, PLANT, read_design
+from feeddrive.export.design import CONTROL, PLANT, read_design, trial
 from feeddrive.export.fmu import fmu, write_fmu
 from feeddrive.export.layout import layout
-from feeddrive.export.trial import trial
 from feeddrive.export.verify import verify_export
 from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.language import tree

@@ -16,7 +16,7 @@ import feeddrive as fd
 from exported import LAWS
 from feeddrive.export import linuxcnc_session as session
 from feeddrive.export.c_code import texts
-from feeddrive.export.design import read_design
+from feeddrive.export.design import read_design, trial
 from feeddrive.export.layout import layout
 from feeddrive.export.linuxcnc import (
     STOCK,
@@ -30,7 +30,6 @@ from feeddrive.export.linuxcnc import (
     write_linuxcnc,
 )
 from feeddrive.export.linuxcnc_session import HalError, answers, halrun
-from feeddrive.export.trial import trial
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError, StructureError
 from feeddrive.loop.routine import controller_routine, run
 from slow_share import all_but

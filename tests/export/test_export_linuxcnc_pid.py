@@ -29,7 +29,7 @@ from feeddrive.export.linuxcnc_pid import (
 )
 from feeddrive.export.linuxcnc_session import halrun, session
 from feeddrive.language.errors import FileError, ParameterError, StructureError, UnstableError
-from feeddrive.loop.lifting import loop_gain
+from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import plant_routine
 from feeddrive.loop.simulate import simulate

@@ -13,7 +13,7 @@ from export.test_export_c import WHY, files, laid_out, same_bits
 from exported import LOOPS
 from feeddrive.blocks import GeneralizedPredictive, PolePlacement
 from feeddrive.export.c_bundle import streamed
-from feeddrive.export.trial import Trial
+from feeddrive.export.design import Trial
 from feeddrive.language import tree
 from feeddrive.loop.routine import Routine, controller_routine, run
 from fresh_draws import Seeded, mixed

@@ -22,9 +22,9 @@ from feeddrive.export.targets import write_all, write_export
 from feeddrive.export.verify import verify_export
 from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.language.errors import FeeddriveError, ParameterError
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.machine import Machine
+from feeddrive.loop.runner import Work
 from feeddrive.loop.simulate import Run, simulate
 from fmus import Played
 from slow_share import all_but

@@ -21,7 +21,7 @@ from exported import GUARD, LOOPS, MOTOR, ONE, PPI, TWO, loop
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.controller import active_disturbance_rejection
 from feeddrive.blocks.families import Compensation, Feedforward, Filter, Law, Motor, Observer, Prefilter
-from feeddrive.cosimulation.fmu import Instance, opened
+from feeddrive.cosimulation.simulate_with_fmu import Instance, opened
 from feeddrive.export.c_code import header_only, texts
 from feeddrive.export.fmu import fmu, library_place
 from feeddrive.export.identifiers import ascii_text

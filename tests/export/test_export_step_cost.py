@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.export.trial import trial
+from feeddrive.export.design import trial
 from feeddrive.loop.routine import run
 from slow_share import all_but
 

@@ -21,10 +21,9 @@ from blark.parse import parse_source_code
 import feeddrive as fd
 from exported import LAWS, LOOPS, T
 from feeddrive.export.c_bundle import stepped
-from feeddrive.export.design import read_design
+from feeddrive.export.design import Trial, read_design, trial
 from feeddrive.export.layout import layout
 from feeddrive.export.structured_text import NAMESPACE, Program, program, structured_text_files, write_structured_text
-from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.guard import TRIP_READING
 from feeddrive.loop.routine import Routine, controller_routine, run

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
-from feeddrive.files.comp_file import write_comp_file
+from feeddrive.files.handover import write_comp_file
 from hal_programs import needs_linuxcnc
 
 pytestmark = [pytest.mark.slow(reason="LinuxCNC as a whole moves in its own time"), needs_linuxcnc]

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Force, Friction, Law, Plant, Reference
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.files.from_toml import read_block, read_section, to_toml
-from feeddrive.files.section import Section, text
+from feeddrive.files.section import Section, read_block, read_section, text, to_toml
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, choice, declarations, parameter, part, table

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from counting import lines_run
 from feeddrive.files.columns import Columns
 from feeddrive.files.read_log import read_log
-from feeddrive.files.readers import csv_text
-from feeddrive.files.readers.csv_text import read_csv
+from feeddrive.files.readers import text_files
+from feeddrive.files.readers.text_files import read_csv
 from feeddrive.language.errors import LogError
 
 NUMBERS = np.array([[0.0, 1.5, -2e-7], [0.001, -2.25, 3.0], [0.002, 12345.678, 0.0], [0.003, 0.1, 1e10]])
@@ -241,7 +241,7 @@ def test_a_text_is_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
             content = end.join(lines).encode(encoding)
             whole = read(content)
             with monkeypatch.context() as patch:
-                patch.setattr(csv_text, "PIECE", 3000)
+                patch.setattr(text_files, "PIECE", 3000)
                 found = read(content)
                 assert list(found.values) == ["t", "x"]
                 assert found.units == {"t": "ms", "x": "um"}
@@ -249,14 +249,14 @@ def test_a_text_is_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
                 np.testing.assert_array_equal(found.values["x"], whole.values["x"])
                 assert found.place(1999) == whole.place(1999) == f"line {len(lines)}"
                 assert found.place(777) == whole.place(777)
-    monkeypatch.setattr(csv_text, "PIECE", 3000)
+    monkeypatch.setattr(text_files, "PIECE", 3000)
     at = lines.index("1500;-1")
     with pytest.raises(LogError, match=f"line {at + 1} has 1 cells, the lines above 2: '1500'; correct"):
         read("\n".join([*lines[:at], "1500", *lines[at + 1 :]]))
 
 
 def test_too_much_text_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(csv_text, "MOST_BYTES", 10)
+    monkeypatch.setattr(text_files, "MOST_BYTES", 10)
     with pytest.raises(LogError, match="convert it to Parquet or cut it"):
         read("t,x\n0,1\n1,2\n2,3\n")
 

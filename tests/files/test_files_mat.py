@@ -17,9 +17,8 @@ import scipy.sparse
 from feeddrive.files import columns
 from feeddrive.files.read_log import read_columns, read_log
 from feeddrive.files.readers import arrays
-from feeddrive.files.readers import hdf5 as reader
-from feeddrive.files.readers.arrays import read_mat
-from feeddrive.files.readers.hdf5 import read_here, read_mat73
+from feeddrive.files.readers import arrays as reader
+from feeddrive.files.readers.arrays import read_here, read_mat, read_mat73
 from feeddrive.language.errors import LogError, MissingExtraError
 
 T = np.arange(50) * 1e-3

@@ -22,12 +22,11 @@ from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.bus.drive_file import read_drive
 from feeddrive.files import machine
-from feeddrive.files.from_toml import Hint, hints, members, read_section, to_toml
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import planned_limits, read_machine
 from feeddrive.files.read_log import read_request
 from feeddrive.files.schema import _SUFFIX
-from feeddrive.files.section import Section
+from feeddrive.files.section import Hint, Section, hints, members, read_section, to_toml
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import FeeddriveError

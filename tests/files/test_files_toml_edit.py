@@ -7,7 +7,7 @@ import tomllib
 import pytest
 
 from feeddrive.files.machine import BUNDLED
-from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.files.toml_file import TomlEdit
 from feeddrive.language.errors import FileError, ParameterError
 
 TEXT = """# a machine

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from feeddrive.files.machine import read_machine
-from feeddrive.identification.response.fit_axis import fit_axis
-from feeddrive.identification.response.plant_fit import fit_two_mass
+from feeddrive.identification.response.plant_fit import fit_axis, fit_two_mass
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from screw_responses import SCREW, responses

@@ -9,8 +9,15 @@ import pytest
 from scipy.signal import lfilter
 
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, fisher
-from feeddrive.identification.excitation.record import Record, cut, find_period, repeating, transient_periods
+from feeddrive.identification.excitation.frequency_estimate import (
+    FrequencyEstimate,
+    Record,
+    cut,
+    find_period,
+    fisher,
+    repeating,
+    transient_periods,
+)
 from feeddrive.language.errors import LogError, ParameterError
 
 T = 1e-3

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.frequency_estimate import Record
 from feeddrive.identification.excitation.impacts import find_blows
-from feeddrive.identification.excitation.record import Record
 from feeddrive.language.errors import LogError
 
 T = 1.0 / 8192.0  # s

@@ -20,7 +20,7 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.files.comp_file import comp_text, read_comp_file, write_comp_file
+from feeddrive.files.handover import comp_text, read_comp_file, write_comp_file
 from feeddrive.identification.pitch import learned_from, learned_from_circles, learned_pitch
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.loop.axis import Axis
@@ -28,8 +28,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.machining.circle_causes import circle_causes
-from feeddrive.machining.circle_test import CirclePath, circle_of_run, circle_test
+from feeddrive.machining.circle_test import CirclePath, circle_causes, circle_of_run, circle_test
 
 ERROR = LeadError(row=np.array([0.0, 4e-6, -2e-6, 5e-6, 1e-6]), start=0.0, spacing=0.025)
 PLANT = TwoMass(mass_motor=60.0, mass_load=60.0, stiffness=8e7, damping=4000.0, viscous_motor=300.0, viscous_load=50.0)

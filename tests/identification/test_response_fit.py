@@ -21,7 +21,7 @@ from feeddrive.identification.response.plant_fit import (
     fit_plant,
     fit_two_mass,
 )
-from feeddrive.identification.response.units import response_units
+from feeddrive.identification.response.refine import response_units
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
 from feeddrive.loop.axis import Axis
@@ -415,7 +415,7 @@ def test_two_inertia_bench_from_its_log() -> None:
     import scipy.io
 
     from feeddrive.identification.excitation.estimate_frf import estimate_frf
-    from feeddrive.identification.excitation.record import Record
+    from feeddrive.identification.excitation.frequency_estimate import Record
 
     log = scipy.io.loadmat(BENCH / "MultisineTypeA.mat")
     found = []

@@ -11,8 +11,7 @@ from kernel_beside import halves
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.kernels.elementary import atan, atan2, cos, sin, tan
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, zeros
 
 FACTOR = 2.5
 COUNT = 3

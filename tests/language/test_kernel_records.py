@@ -12,8 +12,7 @@ import pytest
 from kernel_records import Counted, Ramp, Stretch
 
 from feeddrive.language.kernels.kernel import THOROUGH, interpreted
-from feeddrive.language.kernels.plain import columns, rows_for
-from feeddrive.language.kernels.source import KernelError
+from feeddrive.language.kernels.source import KernelError, columns, rows_for
 from kernel_oracle import written
 
 HEAD = """

@@ -54,7 +54,7 @@ import math
 from math import sqrt
 from feeddrive.language.kernels.elementary import sin
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Ints
 
 NAMES = ["a"]

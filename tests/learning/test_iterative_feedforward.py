@@ -31,8 +31,7 @@ from feeddrive.learning.iterative_feedforward import (
     true_error_model,
 )
 from feeddrive.learning.trials import iterate_trials
-from feeddrive.loop.lifting import Lifted
-from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.linearize import Lifted, StateSpace
 from trials import (
     MOVE,
     OUT_AND_BACK,

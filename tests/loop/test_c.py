@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from test_engine import LOOPS, REFERENCE, ROW, arguments, every_operation, given, same
 
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.engine.llvm import native
 from feeddrive.loop.engine.plan import Plan, plan
 from feeddrive.loop.loop import Signals
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.testing import exercise as c
 
 COUNT = 20_000

@@ -22,13 +22,12 @@ from feeddrive.language.graph import ELEMENTARY, Graph
 from feeddrive.language.recent import Recent
 from feeddrive.loop import runner
 from feeddrive.loop import runner as groups
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.engine import plan as lazy_branches
 from feeddrive.loop.engine.llvm import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete, evaluate
 from heard import Heard

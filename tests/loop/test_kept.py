@@ -10,10 +10,9 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.recent import Recent
-from feeddrive.loop import beginning
-from feeddrive.loop import beginning as work
-from feeddrive.loop.beginning import Work
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop import runner
+from feeddrive.loop import runner as work
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate
 
 MOVE = SnapLimitedMove(distance=0.002, velocity=0.1, acceleration=1.0, jerk=50.0, snap=5e3)
@@ -28,7 +27,7 @@ CHANGES = {
 }
 
 
-KEPT = ((beginning, "_holds"), (beginning, "_beginnings"), (beginning, "_structures"), (work, "_references"))
+KEPT = ((runner, "_holds"), (runner, "_beginnings"), (runner, "_structures"), (work, "_references"))
 
 
 def _forget(monkeypatch) -> None:
@@ -70,9 +69,9 @@ def test_machine_code_begins_as_python_does(monkeypatch):
         for each in (*changed, *heavier, *changed):
             found = {}
             for after in (10**9, 0):
-                monkeypatch.setattr(beginning, "PAYS_AFTER", after)
-                monkeypatch.setattr(beginning, "_beginnings", Recent(4))
-                found[after] = beginning.beginning(each, setpoint, start, ())
+                monkeypatch.setattr(runner, "PAYS_AFTER", after)
+                monkeypatch.setattr(runner, "_beginnings", Recent(4))
+                found[after] = runner.beginning(each, setpoint, start, ())
             slow, quick = found.values()
             assert (slow.timing, slow.structure) == (quick.timing, quick.structure)
             for one, other in ((slow.numbers, quick.numbers), (slow.first, quick.first)):
@@ -123,5 +122,5 @@ def test_kept_inputs_cannot_be_written_and_numbers_of_a_run_are_its_own():
 def test_a_zero_and_its_negative_are_kept_apart():
     """1 / 0.0 and 1 / -0.0 differ: the key holds all bits."""
     loop = loops.common()
-    keys = {beginning.key((tree.vary(loop, {"axis.x.plant.damping": value}),)) for value in (0.0, -0.0)}
+    keys = {runner.key((tree.vary(loop, {"axis.x.plant.damping": value}),)) for value in (0.0, -0.0)}
     assert len(keys) == 2

@@ -11,8 +11,7 @@ import feeddrive as fd
 from feeddrive.analysis.loop_model import delay_edge, gain_edge, loop_model
 from feeddrive.analysis.stiffness import force_noise, rope_snap, rope_snap_of_run
 from feeddrive.language.errors import DivergedError, ParameterError
-from feeddrive.loop.lifting import Lifted, compliance, gain_of, lifted, loop_gain, tracking
-from feeddrive.loop.linearize import linearize
+from feeddrive.loop.linearize import Lifted, compliance, gain_of, lifted, linearize, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 
 LINES = np.geomspace(1.0, 9000.0, 60)

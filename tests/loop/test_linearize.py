@@ -20,8 +20,7 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.lifting import compliance, loop_gain, tracking
-from feeddrive.loop.linearize import linearize, zeros
+from feeddrive.loop.linearize import compliance, linearize, loop_gain, tracking, zeros
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 

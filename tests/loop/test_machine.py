@@ -30,13 +30,12 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import reachable
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.control import Control
 from feeddrive.loop.gradient import gradient
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import SETPOINT, Loop, Signals
 from feeddrive.loop.machine import Machine, noise_of
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import concrete
 from feeddrive.testing import exercise as c

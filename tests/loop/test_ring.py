@@ -21,8 +21,8 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Motion, Noise, Setpoint
 from feeddrive.export.c_bundle import streamed
 from feeddrive.export.c_code import texts
+from feeddrive.export.design import Trial
 from feeddrive.export.layout import layout
-from feeddrive.export.trial import Trial
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError, StructureError
@@ -30,7 +30,6 @@ from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.ring import History, Ring, Track
 from feeddrive.loop import routine as routine_run
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import native
 from feeddrive.loop.engine.plan import plan
@@ -39,7 +38,7 @@ from feeddrive.loop.guard import Guard
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.routine import controller_routine
-from feeddrive.loop.runner import Prepared
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete
 from feeddrive.testing import exercise as c

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from feeddrive.machining.elements import enclosed, on_part
+from feeddrive.machining.part_run import enclosed, on_part
 
 R = 6e-3  # m, of the tool
 STEP = 20e-6  # m, between samples

@@ -18,9 +18,10 @@ from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
-from feeddrive.machining.circle_causes import CircleCauses, circle_causes
 from feeddrive.machining.circle_test import (
+    CircleCauses,
     CirclePath,
+    circle_causes,
     circle_fit,
     circle_of_run,
     circle_path,

@@ -107,7 +107,7 @@ def test_a_circle_under_p_pi_has_the_radius_of_the_closed_form(
 
 def test_the_bundled_table_within_a_tenth_of_a_micrometer() -> None:
     """Dead time, a guard, substeps and unequal axes: each axis has the response of its own traced loop."""
-    from feeddrive.loop.lifting import tracking
+    from feeddrive.loop.linearize import tracking
 
     machine = smooth_xy_table()
     run = simulate(machine, circle(R, V))

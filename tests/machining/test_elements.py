@@ -7,7 +7,7 @@ import pytest
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.machining.contour import contour_error
-from feeddrive.machining.elements import elements
+from feeddrive.machining.part_run import elements
 
 UM = 1e-6
 

@@ -9,7 +9,7 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.simulate import Run
-from feeddrive.machining.surface import feed_mark, runout_mark, scallop, wall
+from feeddrive.machining.cutting_force import feed_mark, runout_mark, scallop, wall
 
 T = 5e-5
 SPEED = 6000.0  # rpm

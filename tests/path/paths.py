@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.path.motion import ARC, LINE, POLYNOMIAL, Part, Pieces, derivatives
 from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Point, Spline, Straight
-from feeddrive.path.proof.prove import Prover
+from feeddrive.path.proof import Prover
 from feeddrive.path.setpoints import planned
 
 # m/s, m/s², m/s³, m/s⁴ of each of three axes

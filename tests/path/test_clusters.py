@@ -17,7 +17,7 @@ from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.motion import LINE, Part, Pieces, Section, derivatives, part_of_pieces
 from feeddrive.path.program.moves import Feed, Move, PathMode
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.proof.prove import Prover
+from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import planned
 

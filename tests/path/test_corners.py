@@ -12,7 +12,7 @@ from paths import LIMITS, arc, joined_up, lines, random_limits
 from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.motion import Motion, Part, Pieces
-from feeddrive.path.proof.prove import Proof, Prover
+from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule.corner import ROWS, Crossings, overlapped, straight, width
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler

@@ -11,7 +11,7 @@ from paths import LIMITS, arc, lines, random_curve, random_limits
 
 from feeddrive.path.motion import Motion, Part, Pieces, Section
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.proof.prove import Prover
+from feeddrive.path.proof import Prover
 from feeddrive.path.schedule import lift
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule

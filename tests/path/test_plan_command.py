@@ -413,7 +413,7 @@ def test_a_long_part_is_sampled_in_slices(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_report")
 def test_stops_that_are_too_many_for_the_plan_stand_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("path.planned", "files.planned_program"):
+    for module in ("path.planned", "files.part_program"):
         monkeypatch.setattr(sys.modules[f"feeddrive.{module}"], "FEW", 10)
     rows = "".join(f"G4 P0.001\nX{k % 2}\n" for k in range(1, 13))
     out = tmp_path / "out"

@@ -22,7 +22,7 @@ from feeddrive.path.limits import AxisLimits, MachineLimits
 from feeddrive.path.motion import LINE, POLYNOMIAL, Part, Pause, Pieces, Section, derivatives, part_of_pieces
 from feeddrive.path.program.moves import Arc, Move, PathMode, Spline, Straight
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.proof.prove import Proof, Prover
+from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler, Setpoints, planned
 

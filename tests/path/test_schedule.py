@@ -11,7 +11,7 @@ from paths import LIMITS, arc, lines, random_curve, random_limits, square
 
 from feeddrive.path.geometry.joints import joined
 from feeddrive.path.motion import Motion, Part, Pieces, derivatives
-from feeddrive.path.proof.prove import Proof, Prover
+from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule.ramp import bounds, boxcars, cube_root
 from feeddrive.path.schedule.run import plan_run
 from feeddrive.path.setpoints import Sampler

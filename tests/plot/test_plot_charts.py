@@ -25,8 +25,8 @@ from feeddrive.machining.circle_test import (
 from feeddrive.machining.contour import ContourError, contour_error
 from feeddrive.plot import style
 from feeddrive.plot.chart import THIN
-from feeddrive.plot.circle import circle_chart, unrolled_chart
 from feeddrive.plot.complex_plane import certificate_chart, certificate_discs_chart
+from feeddrive.plot.machining import circle_chart, unrolled_chart
 from feeddrive.plot.part_program import contour_on_path, contour_on_path_chart, place_chart, place_view
 from feeddrive.workflow.certify import certify
 

@@ -25,8 +25,8 @@ from feeddrive.language.quantity import DRAWN, Quantity, Units
 from feeddrive.language.table import chart_of
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.papers.gordon2013 import disturbance, frequency, motion
-from feeddrive.papers.wu2017 import pictures as of_trials
+from feeddrive.papers.gordon2013 import frequency, motion
+from feeddrive.papers.wu2017 import testbed as of_trials
 from feeddrive.plot import registry
 from feeddrive.plot.chart import (
     ABOVE,
@@ -50,10 +50,9 @@ from feeddrive.plot.chart import (
     stairs,
 )
 from feeddrive.plot.drawing import drawn
+from feeddrive.study import answers as of_study
 from feeddrive.study import robust as of_robust
-from feeddrive.study.answers import pictures as of_study
-from feeddrive.study.answers.rows import Share
-from feeddrive.study.answers.statistics import INSIDE, RankCorrelation, SobolIndices
+from feeddrive.study.statistics import INSIDE, RankCorrelation, Share, SobolIndices
 from feeddrive.study.study import Bound
 
 KEEPS_QUANTITIES = True
@@ -248,9 +247,9 @@ OF_PLOT: dict[str, Callable[[], Chart]] = {
     "identification:cogging_over_turn": lambda: plot.cogging_over_turn_chart(
         cogging(), [Stand(direction=1, turns=T, force=5.0 * S)]
     ),
-    "lobes:lobes": lambda: plot.lobes_chart(lobes()),
-    "lobes:cutting_forces": lambda: chart("lobes:cutting_forces")(cut()),
-    "lobes:chatter_signs": lambda: plot.chatter_signs_chart(chatter()),
+    "machining:lobes": lambda: plot.lobes_chart(lobes()),
+    "machining:cutting_forces": lambda: chart("machining:cutting_forces")(cut()),
+    "machining:chatter_signs": lambda: plot.chatter_signs_chart(chatter()),
     "curves:surface": lambda: chart("curves:surface")(wall(9)),
     "tuning:trial": lambda: plot.trial_chart(trial()),
     "tuning:iteration": lambda: plot.iteration_chart(Stand(trial=trial(), predicted_rms=2e-7, predicted=1e-7 * S)),
@@ -277,10 +276,10 @@ OF_PLOT: dict[str, Callable[[], Chart]] = {
     "part_program:part_cutting": lambda: plot.part_cutting_chart(part()),
     "part_program:part_estimates": lambda: plot.part_estimates_chart(part(), "x"),
     "part_program:part_zoom": lambda: plot.part_zoom_chart({"P-PI": part()}, 1.0),
-    "responses:response_fit": lambda: plot.response_fit_chart(agreement()),
-    "responses:response_residuals": lambda: plot.response_residuals_chart(agreement()),
-    "responses:response_nyquist": lambda: plot.response_nyquist_chart(agreement()),
-    "responses:excitation": lambda: plot.excitation_chart(excitation()),
+    "over_frequency:response_fit": lambda: plot.response_fit_chart(agreement()),
+    "over_frequency:response_residuals": lambda: plot.response_residuals_chart(agreement()),
+    "over_frequency:response_nyquist": lambda: plot.response_nyquist_chart(agreement()),
+    "over_frequency:excitation": lambda: plot.excitation_chart(excitation()),
     "identification:steady_runs": lambda: plot.steady_runs_chart(steady()),
     "identification:identified_friction": lambda: plot.identified_friction_chart(friction_curve()),
     "over_time:log": lambda: plot.log_chart(Stand(channels={"force": S, "state": S}, units={"force": "N"}, time=T)),
@@ -311,7 +310,7 @@ OF_ROOMS: dict[str, Callable[[], Chart]] = {
     "contributions": lambda: frequency._drawn(
         {"a": Stand(magnitude=np.ones(frequency.BAND_LINES.size), phase_deg=np.zeros(frequency.BAND_LINES.size))}
     ),
-    "entry": lambda: disturbance._drawn({"a": recorded(), "b": recorded()}),
+    "entry": lambda: motion._drawn({"a": recorded(), "b": recorded()}),
 }
 
 
@@ -369,7 +368,7 @@ def test_results_of_later_rooms_give_charts_too() -> None:
         "benchmark.benchmark:Benchmark",
         "comparison.compare:Comparison",
         "jobs.run_laws:JobResult",
-        "study.answers.answers:Answers",
+        "study.answers:Answers",
         "study.robust:Robust",
     ):
         module, name = place.split(":")

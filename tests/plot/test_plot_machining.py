@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from feeddrive import plot
-from feeddrive.machining.circle_causes import circle_causes
-from feeddrive.machining.circle_test import CirclePath, circle_test
+from feeddrive.machining.circle_test import CirclePath, circle_causes, circle_test
 from feeddrive.machining.contour import ContourError, contour_error
 from feeddrive.machining.load import axis_load
 from feeddrive.machining.reversal import Reversal, Reversals

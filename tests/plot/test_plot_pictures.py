@@ -34,8 +34,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.gradient import gradient
-from feeddrive.loop.lifting import compliance, loop_gain, tracking
-from feeddrive.loop.linearize import linearize
+from feeddrive.loop.linearize import compliance, linearize, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate, simulate_batch
 from feeddrive.plot import frames, registry, style

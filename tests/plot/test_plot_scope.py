@@ -10,22 +10,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from feeddrive.analysis.oscilloscope import Shown, readout
-from feeddrive.plot.scope import POINTS, Channel, kept_points, scope_chart, steady_range
+from feeddrive.plot.over_time import SCOPE_POINTS, Channel, kept_points, scope_chart, steady_range
 
 
-@given(st.integers(POINTS + 1, 20_000), st.integers(0, 5), st.integers(0, 2**32 - 1))
+@given(st.integers(SCOPE_POINTS + 1, 20_000), st.integers(0, 5), st.integers(0, 2**32 - 1))
 def test_few_points_are_kept_and_no_peak_is_lost(rows: int, gaps: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     time = np.sort(rng.uniform(3.0, 4.0, rows))
     y = rng.normal(size=rows)
     y[rng.integers(0, rows, gaps)] = np.nan
-    kept = kept_points(time, y, 2.0 / POINTS)
+    kept = kept_points(time, y, 2.0 / SCOPE_POINTS)
     assert kept.size <= 1000
     assert np.all(np.diff(kept) > 0)
     assert (kept[0], kept[-1]) == (0, rows - 1)
     assert (np.nanmin(y[kept]), np.nanmax(y[kept])) == (np.nanmin(y), np.nanmax(y))
     for k in np.flatnonzero(np.isnan(y)):  # a line is interrupted where it was
-        stretch = np.floor(time * POINTS / 2.0) == np.floor(time[k] * POINTS / 2.0)
+        stretch = np.floor(time * SCOPE_POINTS / 2.0) == np.floor(time[k] * SCOPE_POINTS / 2.0)
         assert np.isnan(y[kept[stretch[kept]]]).any()
 
 
@@ -33,8 +33,8 @@ def test_a_curve_that_runs_by_keeps_its_points() -> None:
     """A window that moves on by some rows shows the same points in the stretches that are in both."""
     time = np.arange(40_000) * 1e-4
     y = np.random.default_rng(2).normal(size=time.size)
-    one, other = (kept_points(time[a : a + 30_000], y[a : a + 30_000], 6.0 / POINTS) + a for a in (0, 3317))
-    both = (time > time[3317] + 6.0 / POINTS) & (time < time[29_999] - 6.0 / POINTS)
+    one, other = (kept_points(time[a : a + 30_000], y[a : a + 30_000], 6.0 / SCOPE_POINTS) + a for a in (0, 3317))
+    both = (time > time[3317] + 6.0 / SCOPE_POINTS) & (time < time[29_999] - 6.0 / SCOPE_POINTS)
     np.testing.assert_array_equal(one[both[one]], other[both[other]])
 
 

@@ -12,7 +12,7 @@ from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stiffness import stiffness
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level
-from feeddrive.identification.response.fit_axis import fit_axis
+from feeddrive.identification.response.plant_fit import fit_axis
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.language.table import READER
@@ -22,8 +22,17 @@ from feeddrive.plot.chart import DOTS, LOG
 from feeddrive.plot.complex_plane import nyquist_chart
 from feeddrive.plot.drawing import drawn
 from feeddrive.plot.identification import friction_chart
-from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
-from feeddrive.plot.responses import Overlay, doubtful, estimates_chart, magnitude_band, overlay_chart, phase_band
+from feeddrive.plot.over_frequency import (
+    Overlay,
+    doubtful,
+    estimates_chart,
+    magnitude_band,
+    open_loop_chart,
+    overlay_chart,
+    phase_band,
+    sensitivity_chart,
+    stiffness_chart,
+)
 
 F = np.geomspace(1.0, 1000.0, 31)
 GAIN = 40.0 / (2j * np.pi * F / 30.0 * (1.0 + 1j * F / 200.0))

@@ -30,17 +30,16 @@ from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.lifting import compliance, loop_gain, tracking
+from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn as draw_chart
-from feeddrive.report.laws import Entry, LawsContents
+from feeddrive.report.laws import Entry, LawsContents, remark_sentences, result_sentences
 from feeddrive.report.laws_report import laws_report
 from feeddrive.report.page import THEME, html, svg
 from feeddrive.report.report import Picture, Report, Section, Verdict
-from feeddrive.report.sentences import remarks, result
 
 LOG = Path(__file__).parents[2].parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 GTAU = 35.15065188248547  # N at the carriage per V, published
@@ -417,16 +416,16 @@ def drawn(path: str) -> list[tuple[float, float]]:
 
 
 def test_the_first_sentence_names_the_best_law_and_its_price() -> None:
-    said = result(compared())
+    said = result_sentences(compared())
     assert said[0].startswith("Of 2 laws 'with feedforward' follows best")
     first, best = compared().entries
     ringing = replace(best, loop_gain=best.loop_gain * np.exp(-0.8j))  # 46 deg less phase
-    priced = result(replace(compared(), entries=(first, ringing)))
+    priced = result_sentences(replace(compared(), entries=(first, ringing)))
     assert priced[0].startswith("What 'with feedforward' costs: its sensitivity peak is")
     assert priced[1] == said[0]
     turned = replace(compared(), entries=compared().entries[::-1])
-    assert result(turned)[0].startswith("None of the others follows better than 'with feedforward'")
-    alone = result(replace(compared(), entries=compared().entries[:1]))
+    assert result_sentences(turned)[0].startswith("None of the others follows better than 'with feedforward'")
+    alone = result_sentences(replace(compared(), entries=compared().entries[:1]))
     assert alone[0].startswith("'today' follows its setpoint with")
     assert "of the motor peak" in alone[0]
 
@@ -434,7 +433,7 @@ def test_the_first_sentence_names_the_best_law_and_its_price() -> None:
 def test_remarks_say_what_must_not_be_overlooked() -> None:
     soft = replace(AXIS, actuator=Actuator(motor=Direct(force_constant=GTAU, peak_force=30.0, continuous_force=5.0)))
     made = replace(loop(True), axis=soft, control=replace(loop(True).control, force_limit=60.0))
-    found = "\n".join(remarks(LawsContents("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
+    found = "\n".join(remark_sentences(LawsContents("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
     assert "the force is at its limit for" in found
     assert "above the motor's peak of 30 N" in found
     assert "overheats the motor" in found

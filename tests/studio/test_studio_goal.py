@@ -19,7 +19,7 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.studio.bench import bench_of
 from feeddrive.studio.desk import Asked, Said
 from feeddrive.studio.jobs import CANCELLED, DONE
-from feeddrive.studio.recipe import recipe_of
+from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 
 SLOW = "ball_screw"  # its search takes long enough to be stopped

@@ -16,7 +16,7 @@ import pytest
 from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED, DONE
-from feeddrive.studio.recipe import recipe_of
+from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.workflow.compare import TAKEN, CompareRequest, names
 
@@ -195,7 +195,7 @@ def test_values_and_radii_go_over_the_wire_behind_their_places(session: Session)
     assert said["shown"] == {}
     done(session, "prove.certify")
     said, numbers = read(session.answer({"number": 1, "do": "prove.show"}))
-    (may,) = [each for each in said["charts"]["certificate.discs"]["panels"][0]["curves"] if each["reach"]]
+    (may,) = [each for each in said["charts"]["certificate.certificate"]["panels"][0]["curves"] if each["reach"]]
     at, n = may["at"], may["n"]
     x, y, reach = numbers[at : at + n], numbers[at + n : at + 2 * n], numbers[at + 2 * n : at + 3 * n]
     assert np.all(np.hypot(x + 1.0, y) > reach)  # no disc holds -1

@@ -18,7 +18,7 @@ import pytest
 import feeddrive as fd
 from feeddrive.language import tree
 from feeddrive.studio.bench import bench_of
-from feeddrive.studio.recipe import recipe_of
+from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.workflow.tune import TuneRequest
 

@@ -15,8 +15,7 @@ import feeddrive as fd
 from feeddrive.plot.chart import Band, Chart, Curve, Panel
 from feeddrive.plot.style import envelope
 from feeddrive.studio.bench import Bench, bench_of
-from feeddrive.studio.server import FIELDS, Session
-from feeddrive.studio.wire import POINTS, message
+from feeddrive.studio.server import FIELDS, POINTS, Session, message
 from feeddrive.tuning.candidates import control_with
 
 ROOT = Path(__file__).parents[2]

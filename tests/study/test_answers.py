@@ -17,13 +17,23 @@ from feeddrive.jobs.run_laws import numbers, run_laws
 from feeddrive.language.errors import ParameterError
 from feeddrive.report.page import html
 from feeddrive.study import distributions as points
-from feeddrive.study.answers import rows as sampled
-from feeddrive.study.answers.answers import Answers, answers_of
-from feeddrive.study.answers.page import report_files, study_report, write_report
-from feeddrive.study.answers.rows import Sampled, Share, clopper_pearson, judged, parts
-from feeddrive.study.answers.sentences import short
-from feeddrive.study.answers.statistics import INSIDE, QUANTILES, YieldCount, front, rank_correlations, sobol
+from feeddrive.study import statistics as sampled
+from feeddrive.study.answers import Answers, answers_of, short
 from feeddrive.study.chunk import run_chunk
+from feeddrive.study.page import report_files, study_report, write_report
+from feeddrive.study.statistics import (
+    INSIDE,
+    QUANTILES,
+    Sampled,
+    Share,
+    YieldCount,
+    clopper_pearson,
+    front,
+    judged,
+    parts,
+    rank_correlations,
+    sobol,
+)
 from feeddrive.study.study import Study, read_study
 
 # A mass on a guideway under P-P control, pushed by 100 N: it is off by F / (Kp Kv) at the end, and never by more, since

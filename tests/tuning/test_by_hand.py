@@ -10,7 +10,7 @@ import pytest
 import feeddrive as fd
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
-from feeddrive.loop.lifting import loop_gain
+from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.by_hand import ByHand, knobs
 from feeddrive.tuning.criteria import Limits

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.analysis.robustness import robustness
+from feeddrive.analysis.stiffness import robustness
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC

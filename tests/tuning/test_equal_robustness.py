@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.robustness import robustness
+from feeddrive.analysis.stiffness import robustness
 from feeddrive.blocks import catalogue
 from feeddrive.blocks.catalogue import members
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
@@ -35,7 +35,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.block import parameter
 from feeddrive.language.errors import ParameterError, StructureError, UnstableError
-from feeddrive.loop.lifting import loop_gain
+from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import axis_model, candidates
 from feeddrive.tuning.criteria import Limits

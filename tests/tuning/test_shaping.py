@@ -11,13 +11,13 @@ from scipy.optimize import minimize
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.robustness import Robustness, robustness
+from feeddrive.analysis.stiffness import Robustness, robustness
 from feeddrive.figures.catalogue import goals
 from feeddrive.figures.of_loops import BANDWIDTH, ROPE_SNAP
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.loop.lifting import compliance, loop_gain
+from feeddrive.loop.linearize import compliance, loop_gain
 from feeddrive.tuning import control_response
 from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.closed_loop import answer, encircles, unstable

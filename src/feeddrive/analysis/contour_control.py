@@ -13,8 +13,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.loop.lifting import tracking
-from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.linearize import StateSpace, linearize, tracking
 from feeddrive.loop.machine import Machine
 
 _SLOW = 1e-2  # Hz: where a lag in s is read from the response; its square is lost in rounding

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.loop.frequency_response import FRF, transfer
-from feeddrive.loop.lifting import Lifted, gain_of, lifted
-from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.linearize import Lifted, StateSpace, gain_of, lifted, linearize
 from feeddrive.loop.loop import Loop
 
 _LOWEST = 1e-5  # of Nyquist: where the lines of a loop gain begin

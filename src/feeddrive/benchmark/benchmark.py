@@ -38,7 +38,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, capitalized, joined, marked
 from feeddrive.loop.control import Control
-from feeddrive.loop.lifting import MOST
+from feeddrive.loop.linearize import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart
 from feeddrive.tuning.candidates import PLAIN, Candidate, candidates

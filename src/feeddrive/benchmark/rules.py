@@ -14,9 +14,8 @@ from typing import Any
 from feeddrive.blocks.families import Reference
 from feeddrive.comparison.tune_all import Rule
 from feeddrive.evaluation.duty import Duty
-from feeddrive.files.from_toml import read_section
 from feeddrive.files.job import read_job
-from feeddrive.files.section import Section, numbers, text
+from feeddrive.files.section import Section, numbers, read_section, text
 from feeddrive.files.toml_file import TomlFile, read_toml
 from feeddrive.language import tree
 from feeddrive.language.block import Number, choice, declarations, parameter, part

@@ -22,8 +22,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from feeddrive.files.from_toml import read_section
-from feeddrive.files.section import Section, text
+from feeddrive.files.section import Section, read_section, text
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError

@@ -1,10 +1,10 @@
-"""The certificate of a control: its document, and the figures and plots computed from the document alone."""
+"""The certificate of a control: its document, and the figures, uncertainty discs and plots computed from it alone."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,11 +12,282 @@ from typing import Any
 import numpy as np
 
 from feeddrive.certificate import check
-from feeddrive.certificate.discs import LoopResponse, control_of, matrices
-from feeddrive.language.errors import NotCertifiedError
+from feeddrive.certificate.systems import NominalPlant
+from feeddrive.language.errors import NotCertifiedError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
+from feeddrive.loop.linearize import Lifted, StateSpace
+
+_BESIDE = np.linspace(-4.0, 4.0, 33)  # offsets, in half-widths of a resonance, at which lines are added
+_PER_DECADE, _LOWEST = 150, 1e-6  # of Nyquist
+_REFINED = 6  # refinement rounds, each of which narrows the search by a factor of ten
+
+
+def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
+    """Return the control of a certificate, sampled at T."""
+    rates = entry.get("samples", [entry])
+    systems = tuple(
+        matrices({"states": entry["states"], **sample}, entry["readings"], ["force"], T) for sample in rates
+    )
+    return Lifted(systems) if "samples" in entry else systems[0]
+
+
+def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
+    """Return a linear system of a certificate."""
+    A, B, C, D = (
+        np.array([[float.fromhex(x) for x in row] for row in entry[name]], dtype=float) for name in ("A", "B", "C", "D")
+    )
+    n = len(entry["A"])
+    return StateSpace(
+        A.reshape(n, n),
+        B.reshape(n, len(inputs)),
+        C.reshape(len(outputs), n),
+        D.reshape(len(outputs), len(inputs)),
+        T,
+        tuple(entry["states"]),
+        tuple(inputs),
+        tuple(outputs),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LoopResponse:
+    """The frequency response of a loop in a certificate. `bands` are the steps of r, one radius or one per reading.
+
+    For a multirate control, Hl is the force at f + l/(NT) in the closed loop in response to a sine of 1 N at f at the
+    plant's input: with discs of radius r the loop is stable if r Σ|Hl| < 1 at all f.  For N = 1 that is
+    r |L| < |1 + L|.
+    """
+
+    control: StateSpace | Lifted
+    plant: StateSpace
+    bands: Sequence[Mapping[str, Any]]
+
+    @property
+    def samples(self) -> tuple[StateSpace, ...]:
+        """The control at each sample of a period, one or several."""
+        return self.control.samples if isinstance(self.control, Lifted) else (self.control,)
+
+    @cached_property
+    def closed(self) -> Lifted:
+        """The closed loop from the plant's input to the force."""
+        P = self.plant
+        n = self.samples[0].A.shape[0]
+        names = (*self.samples[0].states, *P.states), ("cut",), ("force",)
+        closed_samples: list[StateSpace] = []
+        for C in self.samples:
+            A = np.block([[C.A, C.B @ P.C], [P.B @ C.C, P.A + P.B @ C.D @ P.C]])
+            B, row = np.vstack([np.zeros((n, 1)), P.B]), np.hstack([C.C, C.D @ P.C])
+            closed_samples.append(StateSpace(A, B, row, np.zeros((1, 1)), P.sample_time, *names))
+        return Lifted(tuple(closed_samples))
+
+    @cached_property
+    def pole(self) -> complex:
+        """The dominant (largest |z|) pole of the closed loop over a period."""
+        return complex(self.closed.poles()[0])
+
+    @property
+    def growth(self) -> float:
+        """The largest |z| of the closed-loop poles over a period."""
+        return abs(self.pole)
+
+    def images(self, frequency: np.ndarray) -> np.ndarray:
+        """Return Hl, shape (lines, N)."""
+        A, B, C, D = self.closed.stacked(["cut"], ["force"])
+        N, n, T = len(self.samples), A.shape[0], self.control.sample_time
+        turn = np.exp(2j * np.pi * T * np.outer(frequency, np.arange(N)))
+        z = np.exp(2j * np.pi * T * N * frequency)
+        states = np.linalg.solve(z[:, None, None] * np.eye(n) - A, (turn @ B.T)[:, :, None])[:, :, 0]
+        return np.fft.fft((states @ C.T + turn @ D.T) * np.conj(turn), axis=1) / N
+
+    def gains(self, frequency: np.ndarray) -> np.ndarray:
+        """Return -Ci Pi per reading, shape (readings, lines).
+
+        For a multirate control, return the effective gain for a sine, in one row.
+        """
+        if isinstance(self.control, Lifted):
+            return 1.0 / (1.0 + self.images(frequency)[None, :, 0]) - 1.0
+        loop_gains = [
+            -self.control.response(frequency, input=reading).response
+            * self.plant.response(frequency, output=output).response
+            for reading, output in zip(self.control.inputs, self.plant.outputs, strict=True)
+        ]
+        return np.array(loop_gains)
+
+    def radii(self, frequency: np.ndarray) -> np.ndarray:
+        """Return r of each disc, at a band edge the larger one; shape (discs, lines)."""
+        edges = np.array([band["to_Hz"] for band in self.bands])
+        r = np.array([band["r"] for band in self.bands], dtype=float)
+        left = np.minimum(np.searchsorted(edges, frequency * (1.0 - 1e-12), side="left"), edges.size - 1)
+        right = np.minimum(np.searchsorted(edges, frequency * (1.0 + 1e-12), side="right"), edges.size - 1)
+        return np.maximum(r[left], r[right]).T
+
+    def room(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return |1 + L| and the part of it that the discs use.
+
+        That part is Σ ri |Li|, or r |L| with one disc, or r |1 + L| Σ|Hl| for a multirate control.
+        """
+        if isinstance(self.control, Lifted):
+            images = self.images(frequency)
+            distance = 1.0 / np.abs(1.0 + images[:, 0])
+            return distance, self.radii(frequency)[0] * distance * np.sum(np.abs(images), axis=1)
+        gains, r = self.gains(frequency), self.radii(frequency)
+        whole = gains.sum(axis=0)
+        taken = r[0] * np.abs(whole) if r.shape[0] == 1 else np.sum(r * np.abs(gains), axis=0)
+        return np.abs(1.0 + whole), taken
+
+    def size(self, frequency: np.ndarray) -> np.ndarray:
+        """Return the part of |1 + L| that a disc of r = 1 uses: |L|, or |1 + L| Σ|Hl| for a multirate control."""
+        if isinstance(self.control, Lifted):
+            images = self.images(frequency)
+            return np.sum(np.abs(images), axis=1) / np.abs(1.0 + images[:, 0])
+        return np.abs(self.gains(frequency).sum(axis=0))
+
+    def lines(self) -> np.ndarray:
+        """Return frequencies up to Nyquist, Hz, uniformly spaced in ln f, denser around resonances.
+
+        Every edge of the radius bands is included.
+        """
+        T = self.control.sample_time
+        nyquist = 0.5 / T
+        last = self.samples[-1], self.closed.samples[-1]
+        poles = np.concatenate([system.poles() for system in (self.plant, *last)])
+        # what decays by ten within a sample makes no narrow peak, and 0 has no logarithm
+        poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
+        s = np.log(poles) / T
+        near = (np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
+        spread = np.geomspace(_LOWEST * nyquist, nyquist, round(-np.log10(_LOWEST) * _PER_DECADE))
+        edges = np.array([band["to_Hz"] for band in self.bands])
+        every = np.unique(np.concatenate([spread, near, edges]))
+        every = every[(every >= spread[0]) & (every <= nyquist)]
+        return every[np.append(np.diff(every) > 1e-13 * every[:-1], True)]
+
+    def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
+        """Return the factor by which all discs could be wider, and the limiting frequency in Hz."""
+        f = self.lines()
+        if also:
+            spread = np.concatenate([x * np.geomspace(0.98, 1.0 / 0.98, 81) for x in also])
+            # a peak that the checker found between the lines of an earlier search
+            f = np.unique(np.concatenate([f, spread[spread <= f[-1]]]))
+        room = self._ratio(f)
+        best = float(np.min(room)), float(f[np.argmin(room)])  # it may lie on an edge of the radius
+        # each local minimum is refined between its neighbors
+        inner = np.flatnonzero((room <= np.append(room[1:], np.inf)) & (room <= np.append(np.inf, room[:-1])))
+        for i in inner[np.argsort(room[inner])][:8]:
+            low, high = f[max(i - 1, 0)], f[min(i + 1, f.size - 1)]
+            for _ in range(_REFINED):
+                fine = np.unique(np.linspace(low, high, 21))
+                values = self._ratio(fine)
+                k = int(np.argmin(values))
+                if values[k] < best[0]:
+                    best = float(values[k]), float(fine[k])
+                low, high = fine[max(k - 1, 0)], fine[min(k + 1, fine.size - 1)]
+        return best
+
+    def _ratio(self, f: np.ndarray) -> np.ndarray:
+        # a disc of radius 0 uses nothing: the floor keeps the quotient finite
+        distance, taken = self.room(f)
+        return distance / np.maximum(taken, 1e-12 * distance)
+
+
+Radius = float | Sequence[tuple[float, float]]
+_ALIKE = 1.15  # largest ratio of the radii of neighboring lines that become one step
+
+
+def deviations(lines: int, confidence: float) -> float:
+    """Return the disc radius, in multiples of √variance, that contains all lines simultaneously with the confidence.
+
+    For a complex normal error P(|dG|² > q var) = e^-q; q = ln(lines/(1 - confidence)) covers all lines (Bonferroni),
+    for any correlation of their errors.
+    """
+    return math.sqrt(math.log(max(lines, 1) / (1.0 - confidence)))
+
+
+def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
+    """Return steps (up to Hz, r) from a number, or from points (Hz, r) interpolated linearly in ln f.
+
+    A step has the larger radius of its ends.  Raises ParameterError for negative radii and frequencies that do not
+    increase.
+    """
+    if isinstance(radius, (int, float)):
+        if not (np.isfinite(radius) and radius >= 0.0):
+            raise ParameterError(f"radius = {Quantity(radius):6} of a disc, |dP/P|, must be a finite number >= 0")
+        return [(nyquist, float(radius))]
+    f, r = (np.array([float(point[i]) for point in radius]) for i in (0, 1))
+    if f.size == 0 or np.any(~np.isfinite(r)) or np.any(r < 0.0) or np.any(f <= 0.0) or np.any(np.diff(f) <= 0.0):
+        raise ParameterError("the radius needs points (Hz, r) with frequencies that rise and radii >= 0")
+    steps = np.arange(math.log(f[0]), math.log(f[-1]), 0.02)
+    f_all = np.unique(np.concatenate([f, np.exp(steps)]))
+    r_all = np.interp(np.log(f_all), np.log(f), r)
+    return _steps(f_all, r_all, float(r[0]), float(r[-1]), nyquist, 1.001)
+
+
+def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
+    """Return (|G - P| + sure √variance) / |P| at each measured line of a reading."""
+    lines = plant.lines[reading]
+    model = plant.model.response(lines.frequency, output=plant.model.outputs[reading]).response
+    return (np.abs(lines.response - model) + sure * np.sqrt(lines.variance)) / np.abs(model)
+
+
+def measured(
+    plant: NominalPlant, sure: float, least: float, beyond: float, nyquist: float
+) -> list[list[tuple[float, float]]]:
+    """Return steps of r for each reading that contain every line with its confidence.
+
+    Between two lines r is the larger of both; below the first line it is the maximum of the first octave; above the
+    last line it is the maximum of the last octave, and at least `beyond`; it is nowhere less than `least`.
+    """
+    steps: list[list[tuple[float, float]]] = []
+    for reading, lines in enumerate(plant.lines):
+        f, r = lines.frequency, np.maximum(needed(plant, reading, sure), least)
+        low, high = float(np.max(r[f <= 2.0 * f[0]])), float(np.max(r[f >= 0.5 * f[-1]]))
+        steps.append(_steps(f, r, low, max(high, beyond), nyquist, _ALIKE))
+    return steps
+
+
+def _steps(
+    f: np.ndarray, r: np.ndarray, low: float, high: float, nyquist: float, alike: float
+) -> list[tuple[float, float]]:
+    """Merge lines into steps: neighbors whose radii differ by at most the factor `alike` become one step."""
+    inside = f < nyquist
+    f, r = f[inside], r[inside]
+    raw = [(float(f[0]), low), *zip(f[1:].tolist(), np.maximum(r[:-1], r[1:]).tolist(), strict=True), (nyquist, high)]
+    steps: list[tuple[float, float]] = []
+    least = math.inf
+    for to, radius in raw:
+        radius = _up(radius)
+        if steps and max(steps[-1][1], radius) <= alike * min(least, radius):
+            steps[-1] = to, max(steps[-1][1], radius)
+            least = min(least, radius)
+        else:
+            steps.append((to, radius))
+            least = radius
+    return steps
+
+
+def _up(radius: float) -> float:
+    """Round up to four digits."""
+    if radius == 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(radius)) - 3)
+    # a radius that has four digits stays as it is, although its quotient may be rounded up
+    return math.ceil(radius / unit - 1e-7) * unit
+
+
+def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str, Any]]:
+    """Return the steps of all readings on common edges, in certificate form."""
+    edges = sorted({to for steps in readings for to, _ in steps})
+    bands: list[dict[str, Any]] = []
+    low = 0.0
+    for to in edges:
+        r = [next(radius for end, radius in steps if end >= to) for steps in readings]
+        if bands and bands[-1]["r"] == r:
+            bands[-1]["to_Hz"] = to
+        else:
+            bands.append({"from_Hz": low, "to_Hz": to, "r": r})
+        low = to
+    return bands
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 
 from feeddrive.certificate import check
-from feeddrive.certificate.certificate import Certificate
-from feeddrive.certificate.discs import LoopResponse, Radius, deviations, measured, radius_steps, together
+from feeddrive.certificate.certificate import (
+    Certificate,
+    LoopResponse,
+    Radius,
+    deviations,
+    measured,
+    radius_steps,
+    together,
+)
 from feeddrive.certificate.systems import Deployed, NominalPlant, deployed, measured_plant, modelled_plant
 from feeddrive.language import tree
 from feeddrive.language.errors import NotCertifiedError, ParameterError
@@ -19,8 +26,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.lifting import Lifted
-from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.linearize import Lifted, StateSpace
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.operating_point import OperatingPoint
 

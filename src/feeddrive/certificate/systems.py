@@ -26,8 +26,7 @@ from feeddrive.language.ring import Ring
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.lifting import MOST, Lifted, lifted
-from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.linearize import MOST, Lifted, StateSpace, lifted, linearize
 from feeddrive.loop.loop import Loop
 
 READINGS = ("reading_motor", "reading_load")

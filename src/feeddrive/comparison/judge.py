@@ -20,7 +20,7 @@ from feeddrive.language.text import Text, joined, marked
 from feeddrive.learning.stops import learn_stops
 from feeddrive.learning.trajectory_prefilter import tune_prefilter
 from feeddrive.learning.trials import iterate_trials
-from feeddrive.loop.lifting import MOST
+from feeddrive.loop.linearize import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 from feeddrive.tuning.candidates import Candidate, Refusal

@@ -18,19 +18,18 @@ from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import CROSSOVER, DELAY_MARGIN, NOISE_GAIN, SENSITIVITY_PEAK
 from feeddrive.figures.of_runs import SNAP_SETTLING
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.run_files import file_names, summary_text
+from feeddrive.files.section import to_toml
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.loop.lifting import compliance, tracking
-from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents
+from feeddrive.loop.linearize import compliance, tracking
+from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents, block_sentence, described
 from feeddrive.report.laws_report import laws_report
 from feeddrive.report.page import html
 from feeddrive.report.report import Marked, Picture, Report, Section, Verdict
-from feeddrive.report.sentences import block_sentence, described
 
 _TABLES = (CRITERIA[:5], CRITERIA[5:9], CRITERIA[9:])  # that fit side by side
 _ROBUSTNESS = (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN, CROSSOVER)

@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.export.c_code import SENTENCE, header_only, number, texts
-from feeddrive.export.design import CONTROL, Design
+from feeddrive.export.design import CONTROL, Answers, Design, Trial, trial
 from feeddrive.export.layout import Layout, LayoutRun
-from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.trial import Answers, Trial, trial
+from feeddrive.export.targets import readme, write_bundle
 from feeddrive.language.errors import FileError, MissingProgramError
 from feeddrive.loop.routine import Routine, run
 

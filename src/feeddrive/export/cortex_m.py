@@ -15,10 +15,9 @@ import numpy as np
 
 from feeddrive.export.c_bundle import c_files, filled
 from feeddrive.export.c_code import mark, number
-from feeddrive.export.design import CONTROL, Design
+from feeddrive.export.design import CONTROL, Answers, Design, Trial
 from feeddrive.export.layout import Layout, LayoutRun
-from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.trial import Answers, Trial
+from feeddrive.export.targets import readme, write_bundle
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.routine import Variable, target_name

@@ -21,14 +21,13 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from feeddrive.cosimulation.fmu import Archive, Instance, opened
+from feeddrive.cosimulation.simulate_with_fmu import Archive, Instance, opened
 from feeddrive.export.c_bundle import compiler
 from feeddrive.export.c_code import CODE, SENTENCE, number, texts
-from feeddrive.export.design import Design
+from feeddrive.export.design import Answers, Design, Trial
 from feeddrive.export.identifiers import ascii_text
 from feeddrive.export.layout import Layout
-from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.trial import Answers, Trial
+from feeddrive.export.targets import readme, write_bundle
 from feeddrive.files.atomic_io import check_directory
 from feeddrive.language.block import Declaration
 from feeddrive.language.errors import FileError, ParameterError

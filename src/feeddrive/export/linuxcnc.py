@@ -17,7 +17,7 @@ from feeddrive.export.c_code import Texts, header_only, rules, texts
 from feeddrive.export.design import CONTROL, Design, require_alone
 from feeddrive.export.identifiers import HAL_LENGTH, check_name
 from feeddrive.export.layout import layout
-from feeddrive.export.manifest import readme, write_bundle
+from feeddrive.export.targets import readme, write_bundle
 from feeddrive.files.atomic_io import check_directory
 from feeddrive.language.errors import DivergedError, ParameterError, StructureError
 from feeddrive.language.quantity import Quantity

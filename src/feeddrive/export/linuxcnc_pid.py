@@ -22,13 +22,13 @@ from feeddrive.export.design import Design, require_alone
 from feeddrive.export.drive_quantities import SAFETY, Cascade, LostPart, kv_lines, lost, numbers, read_cascade
 from feeddrive.export.identifiers import HAL_LENGTH
 from feeddrive.export.linuxcnc import servo_period
-from feeddrive.export.manifest import readme, write_bundle
+from feeddrive.export.targets import readme, write_bundle
 from feeddrive.language import tree
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import DivergedError, ParameterError, StructureError, UnstableError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.control import Control
-from feeddrive.loop.lifting import loop_gain
+from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 

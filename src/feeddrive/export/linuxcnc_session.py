@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.design import Design
+from feeddrive.export.design import Answers, Design, Trial
 from feeddrive.export.linuxcnc import hal, input_pin, servo_period
-from feeddrive.export.trial import Answers, Trial
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.routine import Routine

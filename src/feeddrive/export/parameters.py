@@ -31,7 +31,7 @@ from feeddrive.export.drive_quantities import (
     read_cascade,
 )
 from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS, left_out, period, stock_law, stock_loop
-from feeddrive.export.manifest import readme, write_bundle
+from feeddrive.export.targets import readme, write_bundle
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError

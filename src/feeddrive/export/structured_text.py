@@ -15,10 +15,9 @@ from typing import Protocol
 import numpy as np
 
 from feeddrive.export.c_bundle import stepped
-from feeddrive.export.design import CONTROL, Design
+from feeddrive.export.design import CONTROL, Design, Trial, trial
 from feeddrive.export.identifiers import ST_WORDS, ascii_text, bare, identifier
 from feeddrive.export.layout import Field, Layout, LayoutRun
-from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.structured_text_code import (
     CONSTANTS,
     INDENT,
@@ -37,7 +36,7 @@ from feeddrive.export.structured_text_code import (
     literal,
     plain,
 )
-from feeddrive.export.trial import Trial, trial
+from feeddrive.export.targets import readme, write_bundle
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.language.naming import Name

@@ -12,10 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.export.c_bundle import stepped
-from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, read_design
-from feeddrive.export.manifest import FILE, MOST_BYTES, NEW, Manifest, changed_files, read_manifest
-from feeddrive.export.targets import TARGETS, Proof, write_again
-from feeddrive.export.trial import Answers, Trial, trial
+from feeddrive.export.design import CONTROL, MACHINE_FILE, Answers, Design, Trial, read_design, trial
+from feeddrive.export.targets import (
+    FILE,
+    MOST_BYTES,
+    NEW,
+    TARGETS,
+    Manifest,
+    Proof,
+    changed_files,
+    read_manifest,
+    write_again,
+)
 from feeddrive.files.atomic_io import files_of, read_whole
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.quantity import Quantity

@@ -6,15 +6,14 @@ make_lazy(
     __name__,
     {
         "columns": "Column",
-        "comp_file": "comp_text read_comp_file write_comp_file",
         "frf": "encoders read_controllers read_frf read_frfs write_frf",
-        "from_toml": "to_toml",
         "growing": "GrowingFile GrowingTable",
-        "handover": "write_csv write_mat",
+        "handover": "comp_text read_comp_file write_comp_file write_csv write_mat",
         "job": "Job read_job",
         "log": "Log write_log",
         "machine": "MachineFile read_machine",
         "mapping": "Guess guess_roles write_roles Mapping",
         "read_log": "read_arrays read_log read_request",
+        "section": "to_toml",
     },
 )

@@ -25,16 +25,18 @@ from feeddrive.files.atomic_io import refusal
 from feeddrive.files.columns import Column, factor_of, is_time
 from feeddrive.files.mapping import unit_in_name
 from feeddrive.files.read_log import reader_of
-from feeddrive.files.readers.csv_text import (
+from feeddrive.files.readers.text_files import (
+    COUNTER,
     CsvLayout,
+    counts_samples,
     is_skipped,
     layout_of,
     plain_numbers,
     read_csv,
+    read_halsampler,
     split,
     text_of,
 )
-from feeddrive.files.readers.recorders import COUNTER, counts_samples, read_halsampler
 from feeddrive.language.errors import FileError, LogError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text

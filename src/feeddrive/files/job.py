@@ -31,13 +31,11 @@ from typing import Any, ClassVar, TypeAlias
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.machine_families import Coupling
-from feeddrive.files.cutting import ProcessSection
-from feeddrive.files.from_toml import read_field, read_section
 from feeddrive.files.machine import MachineFile, find_bundled, read_machine
 from feeddrive.files.mapping import LogSection
-from feeddrive.files.planned_program import PlannedProgram, ProgramSection, planned_program
+from feeddrive.files.part_program import PlannedProgram, ProcessSection, ProgramSection, planned_program
 from feeddrive.files.read_log import LogRequest, log_request
-from feeddrive.files.section import Section, file_name, named, numbers, text
+from feeddrive.files.section import Section, file_name, named, numbers, read_field, read_section, text
 from feeddrive.files.toml_file import Key, TomlFile, TomlTable, read_toml
 from feeddrive.language import tree
 from feeddrive.language.block import Number, choice, declarations, parameter, part

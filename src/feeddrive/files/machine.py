@@ -28,10 +28,8 @@ from typing import Any, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.machine_families import Coupling
-from feeddrive.files.from_toml import read_section, to_toml
-from feeddrive.files.section import Section, named, text
-from feeddrive.files.toml_edit import quoted, with_values
-from feeddrive.files.toml_file import Key, TomlFile, read_toml
+from feeddrive.files.section import Section, named, read_section, text, to_toml
+from feeddrive.files.toml_file import Key, TomlFile, quoted, read_toml, with_values
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import FileError, ParameterError, StructureError, nearest, plain
 from feeddrive.language.quantity import Quantity

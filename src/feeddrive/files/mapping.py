@@ -29,11 +29,9 @@ from typing import ClassVar, TypeAlias
 
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.columns import COUNTS, OWN_UNIT, ROLES, Column, unit_at_the_end, unit_of
-from feeddrive.files.from_toml import read_section
 from feeddrive.files.log import Log
-from feeddrive.files.section import Section, file_name, named, text
-from feeddrive.files.toml_edit import quoted
-from feeddrive.files.toml_file import parse_toml
+from feeddrive.files.section import Section, file_name, named, read_section, text
+from feeddrive.files.toml_file import parse_toml, quoted
 from feeddrive.language import units
 from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError

@@ -31,19 +31,17 @@ from feeddrive.files.columns import (
     most_unpacked,
     unit_at_the_end,
 )
-from feeddrive.files.from_toml import read_section
 from feeddrive.files.log import Log, write_log
 from feeddrive.files.mapping import ChannelsSection, LogSection, Mapping
 from feeddrive.files.readers import mdf
 from feeddrive.files.readers.arrays import START as _NPY
-from feeddrive.files.readers.arrays import read_mat, read_npy
-from feeddrive.files.readers.csv_text import read_csv
-from feeddrive.files.readers.hdf5 import read_mat73
-from feeddrive.files.readers.recorders import (
+from feeddrive.files.readers.arrays import read_mat, read_mat73, read_npy
+from feeddrive.files.readers.text_files import (
     is_epos,
     is_halsampler,
     is_halscope,
     is_twincat,
+    read_csv,
     read_epos,
     read_halsampler,
     read_halscope,
@@ -52,6 +50,7 @@ from feeddrive.files.readers.recorders import (
 from feeddrive.files.readers.uff import STARTS as _UFF
 from feeddrive.files.readers.uff import read_uff
 from feeddrive.files.run_files import read_parquet
+from feeddrive.files.section import read_section
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest, plain

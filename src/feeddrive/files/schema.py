@@ -11,8 +11,7 @@ import typing
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-from feeddrive.files.from_toml import Hint, hints, members, options_of_type
-from feeddrive.files.section import VARIED, Section
+from feeddrive.files.section import VARIED, Hint, Section, hints, members, options_of_type
 from feeddrive.language.block import Block, Declaration, declarations, defaults
 
 Schema: TypeAlias = dict[str, Any]

@@ -8,8 +8,7 @@ make_lazy(
         "cogging": "CoggingFit CoggingRun cogging_passes identify_cogging",
         "excitation.estimate_frf": "estimate_frf",
         "excitation.excitation": "Excitation design_excitation",
-        "excitation.frequency_estimate": "FrequencyEstimate",
-        "excitation.record": "Record",
+        "excitation.frequency_estimate": "FrequencyEstimate Record",
         "friction_curve": (
             "FrictionCurve SteadyRuns fit_friction runs_of steady_runs LearnedStops learned_stops stretches"
         ),
@@ -19,8 +18,7 @@ make_lazy(
         "motion.output_error": "Refinement refine",
         "motion.rigid": "DelayFit find_delay RigidFit identify_rigid",
         "pitch": "LearnedPitch learned_from learned_from_circles learned_pitch",
-        "response.fit_axis": "fit_axis",
         "response.modal_fit": "fit_modes",
-        "response.plant_fit": "fit_modal_axis fit_plant fit_two_mass",
+        "response.plant_fit": "fit_axis fit_modal_axis fit_plant fit_two_mass",
     },
 )

@@ -10,7 +10,7 @@ from feeddrive.identification.excitation.estimate_frf import estimate_frf as est
 from feeddrive.identification.excitation.excitation import Excitation as Excitation
 from feeddrive.identification.excitation.excitation import design_excitation as design_excitation
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate as FrequencyEstimate
-from feeddrive.identification.excitation.record import Record as Record
+from feeddrive.identification.excitation.frequency_estimate import Record as Record
 from feeddrive.identification.friction_curve import FrictionCurve as FrictionCurve
 from feeddrive.identification.friction_curve import LearnedStops as LearnedStops
 from feeddrive.identification.friction_curve import SteadyRuns as SteadyRuns
@@ -35,8 +35,8 @@ from feeddrive.identification.pitch import LearnedPitch as LearnedPitch
 from feeddrive.identification.pitch import learned_from as learned_from
 from feeddrive.identification.pitch import learned_from_circles as learned_from_circles
 from feeddrive.identification.pitch import learned_pitch as learned_pitch
-from feeddrive.identification.response.fit_axis import fit_axis as fit_axis
 from feeddrive.identification.response.modal_fit import fit_modes as fit_modes
+from feeddrive.identification.response.plant_fit import fit_axis as fit_axis
 from feeddrive.identification.response.plant_fit import fit_modal_axis as fit_modal_axis
 from feeddrive.identification.response.plant_fit import fit_plant as fit_plant
 from feeddrive.identification.response.plant_fit import fit_two_mass as fit_two_mass

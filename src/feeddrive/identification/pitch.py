@@ -13,7 +13,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
-from feeddrive.machining.circle_causes import CircleCauses
+from feeddrive.machining.circle_test import CircleCauses
 
 _MOST = 65_536  # entries of a table that an export may hold
 _LEAST_SPEED = 1e-6  # m/s: slower is standing

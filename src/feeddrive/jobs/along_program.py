@@ -13,9 +13,8 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.engagement import arc
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.machine_families import Cutter
-from feeddrive.files.cutting import Cut
 from feeddrive.files.job import Job
-from feeddrive.files.planned_program import PlannedProgram
+from feeddrive.files.part_program import Cut, PlannedProgram
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Cell, Column, Table
@@ -23,13 +22,11 @@ from feeddrive.language.text import Text
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.cutting_force import cutting_forces
-from feeddrive.machining.elements import on_part
 from feeddrive.machining.load import SpindleLoad, spindle_load
-from feeddrive.machining.part_run import PartRun, part_run
+from feeddrive.machining.part_run import PartRun, on_part, part_run
 from feeddrive.machining.regeneration import ToothPassage, regeneration
 from feeddrive.machining.tool_point import tool_point
-from feeddrive.report.laws import Entry
-from feeddrive.report.sentences import block_sentence
+from feeddrive.report.laws import Entry, block_sentence
 from feeddrive.tuning.candidates import PLAIN, candidates
 
 

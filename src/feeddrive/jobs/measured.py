@@ -17,7 +17,7 @@ from feeddrive.language.errors import LogError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
-from feeddrive.report.sentences import block_sentence
+from feeddrive.report.laws import block_sentence
 
 _USED = ("setpoint_position", "position_load", "force", "command", "load_force", "excitation")
 _SCALED = 0.8  # of the residual: with another scale of an injected force it must be less to be worth a word

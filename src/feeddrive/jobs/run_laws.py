@@ -38,17 +38,16 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, joined
-from feeddrive.loop.lifting import MOST, compliance, loop_gain, period_of, tracking
+from feeddrive.loop.linearize import MOST, compliance, loop_gain, period_of, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.machining.part_run import PartRun
 from feeddrive.plot.chart import Chart
-from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents
+from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents, block_sentence, described
 from feeddrive.report.laws_report import laws_report
 from feeddrive.report.machining_report import laws_table
 from feeddrive.report.report import Report
-from feeddrive.report.sentences import block_sentence, described
 
 # figures of the table of laws, in the order of its columns
 _FIGURES = (

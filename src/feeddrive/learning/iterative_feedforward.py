@@ -24,8 +24,7 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.learning.trial import Trial, check_clock
-from feeddrive.loop.lifting import Lifted, linear_model
-from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.linearize import Lifted, StateSpace, linear_model
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import samples
 

@@ -11,8 +11,7 @@ from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.loop.lifting import lifted
-from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.linearize import StateSpace, lifted, linearize
 from feeddrive.loop.loop import Loop
 
 _INPUTS, _OUTPUTS = ("set_position", "set_velocity"), ("position_load",)

@@ -30,8 +30,7 @@ from feeddrive.learning.iterative_feedforward import (
 )
 from feeddrive.learning.trajectory_prefilter import REGRESSORS, fit_prefilter
 from feeddrive.learning.trial import Trial, simulated_trial
-from feeddrive.loop.lifting import Lifted
-from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.linearize import Lifted, StateSpace
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, simulate

@@ -8,11 +8,11 @@ from feeddrive.loop.frequency_response import FRF as FRF
 from feeddrive.loop.gradient import Gradient as Gradient
 from feeddrive.loop.gradient import gradient as gradient
 from feeddrive.loop.guard import Guard as Guard
-from feeddrive.loop.lifting import compliance as compliance
-from feeddrive.loop.lifting import loop_gain as loop_gain
-from feeddrive.loop.lifting import tracking as tracking
 from feeddrive.loop.linearize import StateSpace as StateSpace
+from feeddrive.loop.linearize import compliance as compliance
 from feeddrive.loop.linearize import linearize as linearize
+from feeddrive.loop.linearize import loop_gain as loop_gain
+from feeddrive.loop.linearize import tracking as tracking
 from feeddrive.loop.loop import Loop as Loop
 from feeddrive.loop.loop import Signals as Signals
 from feeddrive.loop.machine import Machine as Machine

@@ -18,12 +18,11 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import Column, Result, Table
-from feeddrive.loop.beginning import STARTS, TracedBeginning, Work, each_axis, traced_beginning
 from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.machine import System, check_system
-from feeddrive.loop.runner import Prepared, by_lane
+from feeddrive.loop.runner import STARTS, Prepared, TracedBeginning, Work, by_lane, each_axis, traced_beginning
 from feeddrive.loop.simulate import checked_signals, sample_count
 from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
 

@@ -1,27 +1,485 @@
-"""A compiled program with its values, states and statistics: one variant, or many in lanes on all threads."""
+"""A compiled program with its values, states and statistics: one variant, or many in lanes on all threads.
+
+A run begins with its sampled inputs, prepared numbers and initial state.
+Prepared numbers and initial state come from the same source, `prepare` and `start` of the blocks.  The first runs of a
+structure compute them in Python, which is faster than compiling what runs once; later runs use the compiled graph, with
+bit-identical results.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import lru_cache
-from typing import Any, NamedTuple
+from functools import cache, cached_property, lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.blocks.reference.stretches import Piece, Stretch, Way, rest
+from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops, tree
-from feeddrive.language.graph import Symbol
+from feeddrive.language.block import Number
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring, settled
-from feeddrive.loop.beginning import Work, beginning, typed
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
+from feeddrive.loop.hold import Hold
 from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.machine import System
-from feeddrive.loop.trace import Carried, Program, trace
+from feeddrive.loop.trace import Carried, Program, concrete, evaluate, numbers, trace
+
+_KEPT = 200_000  # samples of a reference that are kept at most, for the next run along it
+_references: Recent[Path] = Recent(8)
+_SHORT = 1000  # samples; fewer are left to numpy
+# Samples of stretches that numpy computes before machine code is made: it costs about as much as so many of them.
+_PAYS_AFTER = 100_000
+_sampled_by_numpy = [0]
+
+
+class Path:
+    """The sampled setpoints of an axis, shape (5, samples), read-only."""
+
+    def __init__(self, rows: np.ndarray) -> None:
+        self.rows = rows
+        self._travels: dict[int, float] = {}
+
+    def travel(self, most: int) -> float:
+        """Return the travel in m, evaluated at up to `most` samples."""
+        if most not in self._travels:
+            self._travels[most] = travel(self.rows[0, _spread(self.rows.shape[1], most)])
+        return self._travels[most]
+
+
+class Work:
+    """The sampled inputs of a run for any range of samples: setpoints, load force, enable, added force.
+
+    For a machine each of them is a mapping by axis; an axis without an entry has no such force.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        reference: Reference | Mapping[str, Reference],
+        load: Load | Mapping[str, Load] | None = None,
+        enable: np.ndarray | Mapping[str, np.ndarray] | None = None,
+        added_force: Load | Mapping[str, Load] | None = None,
+    ) -> None:
+        self.T = float(system.sample_time)
+        self._single = isinstance(system, Loop)
+        self._ports = dict(zip(system.loops(), system.ports(), strict=True))
+        by_axis = [
+            self._by_axis(value, what)
+            for value, what in (
+                (reference, "reference"),
+                (load, "load"),
+                (enable, "enable"),
+                (added_force, "added_force"),
+            )
+        ]
+        self.reference, self.load, self.enable, self.added_force = by_axis
+        missing = [axis for axis in self._ports if axis not in self.reference]
+        if missing:
+            raise ParameterError(f"reference: axis {', '.join(missing)} has none; an axis at rest needs a move by 0 m")
+        self._first, self._count = 0, 0
+        self._paths: dict[str, Path] = {}  # by axis
+        self._forces: dict[str, np.ndarray] = {}  # by the name of the input
+
+    def _by_axis(self, argument: Any, what: str) -> dict[str, Any]:
+        if self._single:
+            if what == "reference" and not isinstance(argument, Reference):
+                kind = type(argument).__name__
+                raise ParameterError(
+                    f"reference: a block such as SnapLimitedMove, or Recorded for an array, not a {kind}"
+                )
+            return {} if argument is None else dict.fromkeys(self._ports, argument)
+        if argument is not None and not isinstance(argument, Mapping):
+            raise ParameterError(f"{what}: a machine takes one for each axis, by name: {', '.join(self._ports)}")
+        unknown = [axis for axis in argument or {} if axis not in self._ports]
+        if unknown:
+            raise ParameterError(
+                f"{what}: the machine has no axis {', '.join(unknown)}; it has {', '.join(self._ports)}"
+            )
+        return dict(argument or {})
+
+    @property
+    def duration(self) -> float:
+        """The duration of the longest reference, s."""
+        return max(reference.duration for reference in self.reference.values())
+
+    def first(self) -> Any:
+        """Return the setpoint at t = 0, as numbers; for a machine by axis."""
+        if self._first != 0 or self._count == 0:
+            self.sample(0, 1)
+        setpoints = {axis: Setpoint(*path.rows[:, 0]) for axis, path in self._paths.items()}
+        return next(iter(setpoints.values())) if self._single else setpoints
+
+    def travel(self, count: int, most: int) -> float:
+        """Return the longest travel of an axis in m, at up to `most` samples spread over the first `count`."""
+        if self._first == 0 and self._count == count:
+            return max(path.travel(most) for path in self._paths.values())
+        return max(
+            travel(reference.at(_spread(count, most) * self.T).position) for reference in self.reference.values()
+        )
+
+    def sample(self, first: int, count: int) -> slice:
+        """Sample the inputs over a range unless the cached range contains it; return its slice of the cached range."""
+        start = first - self._first
+        if start < 0 or start + count > self._count:
+            # made when first needed: along a path that is cached it is not
+            t = cache(lambda: (first + np.arange(count)) * self.T)
+            self._paths = {axis: self._along(self.reference[axis], t, first, count) for axis in self._ports}
+            self._forces = {
+                f"{port}{name}": np.broadcast_to(forces[axis].at(t()), count)
+                for axis, port in self._ports.items()
+                for name, forces in (("load_force", self.load), ("added_force", self.added_force))
+                if axis in forces
+            }
+            self._first, self._count, start = first, count, 0
+        return slice(start, start + count)
+
+    def sampled(self, first: int, count: int) -> dict[str, Any]:
+        """Return setpoints, load and added forces (0 N if absent) by name over a range of samples; the last is
+        cached.
+        """
+        held, inputs = self.sample(first, count), {}
+        for axis, port in self._ports.items():
+            inputs |= {f"{port}{name}": row[held] for name, row in zip(SETPOINT, self._paths[axis].rows, strict=True)}
+            for name in (f"{port}load_force", f"{port}added_force"):
+                inputs[name] = self._forces[name][held] if name in self._forces else np.broadcast_to(0.0, count)
+        return inputs
+
+    def _along(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
+        """Return the setpoints of a reference; those of a whole run are cached for further runs along the same path."""
+        place = key(reference) if first == 0 and 1 < count <= _KEPT else None
+        if place is None:
+            return self._fresh(reference, t, first, count)
+        return _references.get((place, count, self.T), lambda: self._fresh(reference, t, first, count))
+
+    def _fresh(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
+        """Sample the setpoints of a reference."""
+        stretches = reference.stretches() if count >= _SHORT else ()
+        if stretches and _sampled_by_numpy[0] > _PAYS_AFTER:
+            out = _by_stretches(stretches, self.T, first, count)
+        else:
+            _sampled_by_numpy[0] += count if stretches else 0
+            out = np.empty((len(SETPOINT), count))
+            for row, values in zip(out, reference.at(t()), strict=True):
+                row[:] = values
+        out.flags.writeable = False
+        return Path(out)
+
+    def inputs(self, code: Native, first: int, count: int) -> np.ndarray:
+        """Return the inputs of samples first .. first + count - 1 in the order of the machine code, shape (count, n),
+        read-only.
+        """
+        names = tuple(name for name, _ in code.plan.inputs)
+        begin = SETPOINT.index(names[0]) if self._single and names and names[0] in SETPOINT else 0
+        # setpoints alone, in their order: a view of the sampled rows, no copy
+        if self._single and names == SETPOINT[begin : begin + len(names)]:
+            stretch = self.sample(first, count)
+            (path,) = self._paths.values()
+            return path.rows[begin : begin + len(names), stretch].T
+        rows = self.sampled(first, count)
+        for axis, enable in self.enable.items():  # the last value holds on
+            rows[f"{self._ports[axis]}enable"] = enable[np.minimum(first + np.arange(count), len(enable) - 1)]
+        out = np.empty((len(names), count))
+        for row, name in zip(out, names, strict=True):
+            row[:] = rows.get(name, 0.0)
+        out.flags.writeable = False
+        return out.T
+
+
+def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int) -> np.ndarray:
+    """Compute the setpoints of samples first .. first + count - 1 by machine code, bit-identical to numpy."""
+    sampler, out = _sampler(), np.empty((count, len(SETPOINT)))
+    rows = np.array([(*way, *piece, T) for way, piece in stretches])
+    way, piece = len(Way._fields), len(Way._fields) + len(Piece._fields)
+    columns = rows.T[:, :, None]
+    # a division that is rounded tells the first sample of a stretch to one sample
+    near = np.ceil((rows[:, 0] + rows[:, way]) / T)
+    times: Any = (near[:, None] + (-1.0, 0.0, 1.0)) * T
+    held = Stretch(Way(*columns[:way]), Piece(*columns[way:piece])).holds(times)
+    begins = np.clip(near + 2.0 - np.sum(held, axis=1) - first, 0.0, count).astype(np.int64)
+    # the first stretch holds before its begin, too
+    begins[0] = 0
+    constants, outputs = rows.ctypes.data, out.ctypes.data
+    for place, (low, high) in enumerate(pairwise([*begins.tolist(), count])):
+        if low < high and stretches[place].way.lasts == 0.0:
+            out[low:high].fill(0.0)
+            out[low:high, 0].fill(stretches[place].way.first)
+        elif low < high:
+            memory = constants + place * rows.strides[0], 0, 0, outputs + low * out.strides[0], 0
+            sampler.run_at(high - low, first + low, memory, (0, 0))
+    return out.T
+
+
+@lru_cache(maxsize=1)
+def _sampler() -> Native:
+    """Return machine code for the setpoints of one stretch, with its parameters and the sample time as constants."""
+    graph = Graph()
+    leaves = [name for name, _ in tree.leaves(rest(0.0, 0.0))]
+    stretch = tree.rebuild(rest(0.0, 0.0), (graph.input(name) for name in leaves))
+    sample, T = graph.input("sample"), graph.input("sample_time")
+    setpoint = stretch.at(cast(Number, sample * T))
+    program = Program(
+        graph=graph,
+        constants={name: graph.input(name).index for name in (*leaves, "sample_time")},
+        inputs={},
+        states=(),
+        outputs={name: graph.symbol(value).index for name, value in zip(SETPOINT, setpoint, strict=True)},
+        sample=sample.index,
+        tables={},
+    )
+    # numpy keeps subnormal numbers, and both samplers must give the same bits
+    return native(plan(program), flush=False)
+
+
+def travel(positions: Any) -> float:
+    """Return the difference between the largest and the smallest position."""
+    return float(np.ptp(positions))
+
+
+@lru_cache(maxsize=64)
+def _spread(count: int, most: int) -> np.ndarray:
+    """Return the indices of up to `most` of the first `count` samples, including the first and the last."""
+    return np.unique(np.linspace(0, count - 1, most).astype(np.int64))
+
+
+# Runs with other numbers that compute in Python before machine code is made: it costs about as much as so many of them.
+PAYS_AFTER = 12
+
+
+class Trees(NamedTuple):
+    """A system with numpy numbers as leaves, its prepared numbers, and its initial state."""
+
+    plain: Any
+    prepared: Any
+    begun: Any
+
+
+class Beginning:
+    """The data for the start of a run: delay structure, numbers and initial states by name, tables and structure."""
+
+    def __init__(
+        self,
+        timing: Any,
+        numbers: dict[str, Any],
+        first: dict[str, Any],
+        tables: dict[str, Any],
+        structure: Hashable,
+        trees: Callable[[], Trees],
+    ) -> None:
+        self.timing, self.numbers, self.first = timing, numbers, first
+        self.tables, self.structure, self._trees = tables, structure, trees
+
+    @cached_property
+    def trees(self) -> Trees:
+        """The same numbers as trees, needed only for a trace or a live change."""
+        return self._trees()
+
+    @cached_property
+    def varying(self) -> frozenset[str]:
+        """The names of numbers and initial states that are arrays over lanes."""
+        both = {**self.numbers, **self.first}
+        return frozenset(name for name, value in both.items() if isinstance(value, np.ndarray))
+
+
+class _Structure:
+    """The number of starts of a structure with new numbers, and its machine code after enough of them."""
+
+    def __init__(self) -> None:
+        self.begun = 0
+        self.code: NativeBeginning | None = None
+
+
+_holds: Recent[Hold] = Recent(256)
+_beginnings: Recent[Beginning] = Recent(256)
+_structures: Recent[_Structure] = Recent(64)
+
+
+def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str]) -> Beginning:
+    """Return the data for the start of a run; `start` is (position, velocity), by default that of the setpoint.
+
+    The result is cached for the next run of a loop with the same numbers, but not for machines, tables or variants in
+    lanes.
+    """
+    if start is None:
+        start = each_axis(lambda at: (at.position, at.velocity), setpoint)
+    position, velocity = (each_axis(lambda at, i=i: typed(at[i]), start) for i in (0, 1))
+
+    def by_python() -> Beginning:
+        return _by_python(system, setpoint, position, velocity, partial)
+
+    if not isinstance(system, Loop):
+        return by_python()
+    shape, values = tree.structure_and_values(system)
+    row = _bits([*values, position, velocity, *setpoint])
+    if row is None:
+        return by_python()
+    # whether a number is a float or a numpy number matters to a trace
+    key = shape, tuple(map(type, setpoint)), frozenset(partial)
+
+    def built() -> Beginning:
+        timing = system.timing(partial)
+        seen = _structures.get((*key, timing), _Structure)
+        seen.begun += 1
+        if seen.begun <= PAYS_AFTER:
+            return by_python()
+        if seen.code is None:
+            seen.code = NativeBeginning(system, timing, row)
+        trees = seen.code.run(row)
+        if trees is None:
+            # these numbers need more iterations than those of the trace: one without a limit serves all that follow
+            seen.code = NativeBeginning(system, timing, None)
+            trees = cast(tuple[dict[str, Any], dict[str, Any]], seen.code.run(row))
+        return Beginning(timing, *trees, {}, shape, lambda: by_python().trees)
+
+    return _beginnings.get((key, row.tobytes()), built)
+
+
+def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial: Collection[str]) -> Beginning:
+    """Return the prepared numbers and the initial state of a loop or machine, computed in Python."""
+    timing = system.timing(partial)
+    plain = concrete(system)
+    with np.errstate(all="ignore"):
+        prepared = _prepared(plain, timing)
+        begun = plain.start(prepared, timing, setpoint, position, velocity)
+    named = dict(tree.leaves(plain))
+    named.update(numbers(prepared, "prepared"))
+    first = {name: v for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
+    trees = Trees(plain, prepared, begun)
+    return Beginning(timing, named, first, dict(tree.tables(system)), tree.structure(system), lambda: trees)
+
+
+def _prepared(plain: Any, timing: Any) -> Any:
+    """Return the prepared numbers of a loop or machine; the hold of an unchanged axis is reused."""
+    if not isinstance(plain, Loop):
+        return plain.prepare(timing)
+    axis, T = plain.axis, plain.sample_time
+    core = (axis.plant, axis.actuator, axis.friction_motor, axis.friction_load)
+    kept = key(core)
+    if kept is None:
+        return plain.prepare(timing)
+    hold = _holds.get((kept, axis.substeps, T, timing), lambda: axis.prepare(T, timing))
+    return plain.Prepared(plain.control.prepare(T), hold)
+
+
+def key(held: Any) -> Hashable:
+    """Return the structure of blocks and the bits of their numbers as a cache key; None for tables or lanes."""
+    structure, values = tree.structure_and_values(held)
+    row = _bits(values)
+    return None if row is None else (structure, row.tobytes())
+
+
+def _bits(values: Sequence[Any]) -> np.ndarray | None:
+    """Return numbers as an array of floats; None for tables or lanes."""
+    if np.ndarray in map(type, values):
+        return None
+    return np.array(values, dtype=np.float64)
+
+
+def typed(value: Any) -> Any:
+    """Convert a number, or the numbers of all lanes, to numpy types."""
+    return np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else np.float64(value)
+
+
+def each_axis(function: Callable[[Any], Any], argument: Any) -> Any:
+    """Apply a function to the argument of a loop, or to the argument of each axis of a machine."""
+    return (
+        {name: function(one) for name, one in argument.items()} if isinstance(argument, Mapping) else function(argument)
+    )
+
+
+class TracedBeginning(NamedTuple):
+    """The graph of `prepare` and `start`.
+
+    Leaves are the numbers of the system by name, and `start.position`, `start.velocity`, `start.set_position` ...; for
+    a machine the latter are prefixed by the axis.
+    """
+
+    graph: Graph
+    constants: dict[str, int]  # nodes of prepared numbers, by name
+    states: dict[str, int]  # nodes of first states, by name
+
+
+STARTS = tuple(f"start.{name}" for name in ("position", "velocity", *SETPOINT))
+
+
+def traced_beginning(system: System, timing: Any, counted: Callable[[Symbol], float] | None = None) -> TracedBeginning:
+    """Trace `prepare` and `start` of a system on symbols; `counted` as in `Graph`."""
+    graph = Graph(counted)
+    rows = {name: graph.table(name, len(row)) for name, row in tree.tables(system)}
+    leaves = (graph.input(name) for name, _ in tree.leaves(system))
+    symbolic: Any = tree.with_tables(tree.rebuild(system, leaves), rows)
+    prepared = symbolic.prepare(timing)
+    at = {
+        axis: [cast(Number, graph.input(f"{port}{name}")) for name in STARTS]
+        for axis, port in zip(system.loops(), system.ports(), strict=True)
+    }
+    position, velocity, setpoint = (
+        {axis: take(row) for axis, row in at.items()}
+        for take in (lambda row: row[0], lambda row: row[1], lambda row: Setpoint(*row[2:]))
+    )
+    if isinstance(system, Loop):
+        setpoint, position, velocity = setpoint[system.name], position[system.name], velocity[system.name]
+    begun = symbolic.start(prepared, timing, setpoint, position, velocity)
+    constants = {name: graph.symbol(v).index for name, v in tree.leaves(prepared, "prepared") if isinstance(v, Symbol)}
+    states = {name: graph.symbol(v).index for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
+    return TracedBeginning(graph, constants, states)
+
+
+class NativeBeginning:
+    """The machine code of `prepare` and `start` for one structure of a loop."""
+
+    def __init__(self, loop: Loop, timing: Any, row: np.ndarray | None) -> None:
+        """Compile `prepare` and `start`.
+
+        `row` holds the numbers of a run and limits loops of fixed count to the iterations that it needs; None: no
+        limit.
+        """
+        self._leaves = [name for name, _ in tree.leaves(loop)]
+        names = [*self._leaves, *STARTS]
+        counts: dict[int, float] = {}
+
+        def counted(symbol: Symbol) -> float:
+            assert row is not None
+            # a loop of fixed count ends in the trace where it ends for these numbers
+            (count,) = evaluate(symbol.graph, [symbol.index], dict(zip(names, row, strict=True)))
+            return counts.setdefault(symbol.index, float(count))
+
+        graph, constants, states = traced_beginning(loop, timing, None if row is None else counted)
+        self._constants, self._states, self._counts = list(constants), list(states), np.array([*counts.values()])
+        ends = [*counts, *constants.values(), *states.values()]
+        program = Program(
+            graph=graph,
+            constants={name: graph.input(name).index for name in names},
+            inputs={},
+            states=(),
+            outputs={str(place): node for place, node in enumerate(ends)},
+            sample=None,
+            tables={},
+        )
+        # quick: what runs once a start never earns back the time of optimizing it
+        self._native: Native = native(plan(program), flush=False, quick=True)
+
+    def run(self, row: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]] | None:
+        """Return numbers and initial states by name; None if a loop of fixed count exceeds the traced iterations."""
+        outputs = np.empty((1, len(self._native.plan.outputs)))
+        self._native.run(1, 0, row, np.empty((1, 0)), np.empty(0), outputs, ())
+        counts, prepared = len(self._counts), len(self._counts) + len(self._constants)
+        if not np.all(outputs[0, :counts] <= self._counts):
+            return None
+        values = dict(zip(self._leaves, row, strict=False))
+        values.update(zip(self._constants, outputs[0, counts:prepared], strict=True))
+        return values, dict(zip(self._states, outputs[0, prepared:], strict=True))
+
 
 LEFT = "statistics.left"
 

@@ -20,13 +20,12 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, signal_unit
 from feeddrive.language.table import UNIT, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.loop.beginning import Work
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native
 from feeddrive.loop.engine.plan import ARITHMETIC
 from feeddrive.loop.loop import UNITS, Loop, quantity, unit_of
 from feeddrive.loop.machine import Machine, System, check_system, turning_ports
-from feeddrive.loop.runner import LEFT, Prepared, cores, gathered, grouped, recorded
+from feeddrive.loop.runner import LEFT, Prepared, Work, cores, gathered, grouped, recorded
 
 # by sample (int) or time in s (float): a whole control, or values of some of its parameters by path
 Changes: TypeAlias = Mapping[int | float, Control | Mapping[str, float]]

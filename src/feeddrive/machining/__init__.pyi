@@ -2,11 +2,11 @@
 
 # written by `make stubs`
 
-from feeddrive.machining.circle_causes import CircleCauses as CircleCauses
-from feeddrive.machining.circle_causes import circle_causes as circle_causes
+from feeddrive.machining.circle_test import CircleCauses as CircleCauses
 from feeddrive.machining.circle_test import CirclePath as CirclePath
 from feeddrive.machining.circle_test import CircleTest as CircleTest
 from feeddrive.machining.circle_test import QuadrantPeak as QuadrantPeak
+from feeddrive.machining.circle_test import circle_causes as circle_causes
 from feeddrive.machining.circle_test import circle_of_run as circle_of_run
 from feeddrive.machining.circle_test import circle_path as circle_path
 from feeddrive.machining.circle_test import circle_test as circle_test
@@ -14,10 +14,12 @@ from feeddrive.machining.circle_test import quadrant_peaks as quadrant_peaks
 from feeddrive.machining.contour import ContourError as ContourError
 from feeddrive.machining.contour import contour_error as contour_error
 from feeddrive.machining.cutting_force import CuttingForces as CuttingForces
+from feeddrive.machining.cutting_force import Surface as Surface
 from feeddrive.machining.cutting_force import cutting_forces as cutting_forces
-from feeddrive.machining.elements import Elements as Elements
-from feeddrive.machining.elements import elements as elements
-from feeddrive.machining.elements import on_part as on_part
+from feeddrive.machining.cutting_force import feed_mark as feed_mark
+from feeddrive.machining.cutting_force import runout_mark as runout_mark
+from feeddrive.machining.cutting_force import scallop as scallop
+from feeddrive.machining.cutting_force import wall as wall
 from feeddrive.machining.load import AxisLoad as AxisLoad
 from feeddrive.machining.load import MachineLoad as MachineLoad
 from feeddrive.machining.load import SpindleLoad as SpindleLoad
@@ -33,18 +35,16 @@ from feeddrive.machining.lobes import cut_stability as cut_stability
 from feeddrive.machining.lobes import semi_discretisation as semi_discretisation
 from feeddrive.machining.lobes import stability_lobes as stability_lobes
 from feeddrive.machining.lobes import zero_order as zero_order
+from feeddrive.machining.part_run import Elements as Elements
 from feeddrive.machining.part_run import PartRun as PartRun
+from feeddrive.machining.part_run import elements as elements
+from feeddrive.machining.part_run import on_part as on_part
 from feeddrive.machining.part_run import part_run as part_run
 from feeddrive.machining.regeneration import Regeneration as Regeneration
 from feeddrive.machining.regeneration import regeneration as regeneration
 from feeddrive.machining.reversal import Reversals as Reversals
 from feeddrive.machining.reversal import reversals as reversals
 from feeddrive.machining.reversal import stick_time as stick_time
-from feeddrive.machining.surface import Surface as Surface
-from feeddrive.machining.surface import feed_mark as feed_mark
-from feeddrive.machining.surface import runout_mark as runout_mark
-from feeddrive.machining.surface import scallop as scallop
-from feeddrive.machining.surface import wall as wall
 from feeddrive.machining.tool_point import ToolMode as ToolMode
 from feeddrive.machining.tool_point import ToolPoint as ToolPoint
 from feeddrive.machining.tool_point import tool_modes as tool_modes

@@ -29,7 +29,7 @@ from feeddrive.loop.guard import travel_rules
 from feeddrive.path.program.blocks import BlockError, located
 from feeddrive.path.program.frame import FARTHEST
 from feeddrive.path.program.moves import Move, PathMode
-from feeddrive.path.proof.prove import DERIVATIVES
+from feeddrive.path.proof import DERIVATIVES
 
 LETTERS, ROTARY = "XYZABCUVW", "ABC"
 """Axes of a part program, and those of them that turn: in rad where the others are in m."""

@@ -13,7 +13,7 @@ from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.proof.prove import DERIVATIVES, Proof
+from feeddrive.path.proof import DERIVATIVES, Proof
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 
 _STRETCHES = 8192

@@ -20,12 +20,11 @@ from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
-from feeddrive.path.override import Override
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
-from feeddrive.path.proof.prove import Prover
+from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
-from feeddrive.path.schedule.run import Schedule
+from feeddrive.path.schedule.run import Override, Schedule
 
 SHORT = 100  # largest number of segments of a chain that is planned in two ways
 

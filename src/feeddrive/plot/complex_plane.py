@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from feeddrive.analysis.stability import Encirclement, Stability
-    from feeddrive.certificate.certificate import Certificate
-    from feeddrive.certificate.discs import LoopResponse
+    from feeddrive.certificate.certificate import Certificate, LoopResponse
     from feeddrive.loop.frequency_response import FRF
     from feeddrive.loop.linearize import StateSpace
     from feeddrive.tuning.poles import Placement

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from feeddrive.analysis.effort import Effort
     from feeddrive.loop.gradient import Gradient
     from feeddrive.loop.simulate import Batch
-    from feeddrive.machining.surface import Surface
+    from feeddrive.machining.cutting_force import Surface
 
 
 class Row(NamedTuple):

@@ -38,9 +38,8 @@ if TYPE_CHECKING:
     from feeddrive.identification.motion.rigid import DelayFit, RigidFit
     from feeddrive.identification.regression import Residuals, Validation
     from feeddrive.identification.response.agreement import Agreement
-    from feeddrive.identification.response.fit_axis import AxisFits
     from feeddrive.identification.response.modal_fit import ModalFit
-    from feeddrive.identification.response.plant_fit import PlantFit
+    from feeddrive.identification.response.plant_fit import AxisFits, PlantFit
     from feeddrive.learning.iterative_feedforward import Iteration
     from feeddrive.learning.trajectory_prefilter import PrefilterFit
     from feeddrive.learning.trial import Trial
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
     from feeddrive.loop.gradient import Gradient
     from feeddrive.loop.linearize import StateSpace
     from feeddrive.loop.simulate import Batch, Run
-    from feeddrive.machining.circle_causes import CircleCauses
+    from feeddrive.machining.circle_test import CircleCauses
     from feeddrive.machining.contour import ContourError
     from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import Lobes

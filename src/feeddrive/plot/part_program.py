@@ -11,7 +11,7 @@ from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
 from feeddrive.path.limits import FEED, STANDSTILL
 from feeddrive.path.planned import Planned
-from feeddrive.path.proof.prove import DERIVATIVES
+from feeddrive.path.proof import DERIVATIVES
 from feeddrive.path.setpoints import causes
 from feeddrive.plot import style
 from feeddrive.plot.chart import (

@@ -1,4 +1,4 @@
-"""The contents of a report that compares laws on the same task: an entry for each law, and their common facts."""
+"""The contents of a report that compares laws on the same task: an entry for each law, common facts, and sentences."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.analysis.stiffness import Stiffness, stiffness
+from feeddrive.language.block import Block, declarations
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
+from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
@@ -127,3 +131,182 @@ class LawsContents:
     planned: Planned | None = None
     cuts: Sequence[Part] = ()
     details: Sequence[Section] = ()
+
+
+MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethwaite, section 2.4
+
+
+def result_sentences(contents: LawsContents) -> list[str]:
+    """Return the results as sentences, most important first."""
+    replayed = next((entry for entry in contents.entries if entry.replay is not None), None)
+    if replayed is not None and replayed.replay is not None:
+        return _prediction(replayed.replay)
+    if len(contents.entries) == 1:
+        return _alone(contents.entries[0])
+    return _compared(contents)
+
+
+def _prediction(replay: Replay) -> list[str]:
+    off, error = replay.rms("position_load"), _rms(replay.measured["following_error"][replay.skipped :])
+    peak = float(np.max(np.abs(replay.residual("position_load"))))
+    share = off / error if error else 0.0
+    sentences: list[str] = [
+        Text(
+            f"The model predicts the measured position to {Quantity(off, 'm'):3} RMS ({Quantity(peak, 'm'):3} at "
+            f"most), while the axis itself follows its setpoint with {Quantity(error, 'm'):3} RMS: the residual is "
+            f"{Quantity(share, 'share'):3} of the following error."
+        )
+    ]
+    if "force" in replay.measured:
+        share = replay.share("force")
+        sentences.append(Text(f"The residual of the force is {Quantity(share, 'share'):3} of its RMS."))
+    return sentences
+
+
+def _alone(entry: Entry) -> list[str]:
+    limit = next(iter(entry.limits.items()), None)
+    peak = entry.peak("force")
+    force = f"the largest force is {Quantity(peak, 'N'):3}"
+    if limit is not None:
+        force += f", {Quantity(peak / limit[1], 'share'):3} of the {limit[0]}"
+    sentences: list[str] = [Text(f"{_quoted(entry)} follows its setpoint with {_errors(entry)}; {force}.")]
+    if entry.margins is not None:
+        ringing = number(entry.margins.sensitivity_peak, 3)
+        sentences.append(Text(f"Its sensitivity peak is Ms = {ringing}, {_judged(entry)}."))
+    return sentences
+
+
+def _compared(contents: LawsContents) -> list[str]:
+    first = contents.entries[0]
+    best = min(contents.entries, key=lambda entry: entry.rms("following_error"))
+    if best is first:
+        return [Text(f"None of the others follows better than {_quoted(first)}: {_errors(first)}.")]
+    ratio = first.rms("following_error") / (best.rms("following_error") or 1.0)
+    # from a third on a factor reads better than 67 % less
+    less = f"{number(ratio, 2)} times" if ratio >= 3.0 else f"{Quantity(1.0 - 1.0 / ratio, 'share'):3}"
+    ranking = Text(
+        f"Of {len(contents.entries)} laws {_quoted(best)} follows best: {_errors(best)}, {less} less RMS than "
+        f"{_quoted(first)} ({_errors(first)})."
+    )
+    prices = [price for price in (_price_of_robustness(first, best), _price_of_stiffness(first, best)) if price]
+    costs = [Text(f"What {_quoted(best)} costs: {joined('; ', prices)}.")] if prices else []
+    return [*costs, ranking]
+
+
+def _price_of_robustness(first: Entry, best: Entry) -> str:
+    if first.margins is None or best.margins is None:
+        return ""
+    before, after = first.margins.sensitivity_peak, best.margins.sensitivity_peak
+    # two percent of Ms are no price that a reader would weigh
+    if after <= 1.02 * before:
+        return ""
+    return f"its sensitivity peak is {number(after, 3)} in place of {number(before, 3)}, {_judged(best)}"
+
+
+def _price_of_stiffness(first: Entry, best: Entry) -> str:
+    if first.stiffness is None or best.stiffness is None:
+        return ""
+    before, after = first.stiffness.minimum, best.stiffness.minimum
+    if after >= 0.98 * before:
+        return ""
+    fallen = Quantity(after, "N/m", form="3")
+    return Text(f"the least dynamic stiffness falls from {Quantity(before, 'N/m', bare=True):3} to {fallen}")
+
+
+def _judged(entry: Entry) -> str:
+    peak = 0.0 if entry.margins is None else entry.margins.sensitivity_peak
+    return f"{'above' if peak > MS_BOUND else 'within'} the usual bound of {number(MS_BOUND)}"
+
+
+def remark_sentences(contents: LawsContents) -> list[str]:
+    """Return important remarks, followed by the notes of the job."""
+    listed: list[str] = []
+    ringing = [
+        f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak, 3)})"
+        for entry in contents.entries
+        if entry.margins is not None and entry.margins.sensitivity_peak > MS_BOUND
+    ]
+    if ringing:
+        listed.append(
+            f"The sensitivity peak is above {number(MS_BOUND)}: {', '.join(ringing)}. A small change of the axis makes "
+            "such a loop ring."
+        )
+    for entry in contents.entries:
+        name = _quoted(entry)
+        listed += _of_force(entry, name)
+        tripped = np.flatnonzero(entry.run["trip"])
+        if tripped.size:
+            time = Quantity(entry.run.time[tripped[0]], "s", form="SI")
+            listed.append(Text(f"{name}: the guard tripped at {time}."))
+    return [*listed, *(note for note in contents.notes if note != contents.rule)]
+
+
+def _of_force(entry: Entry, name: str) -> list[str]:
+    listed: list[str] = []
+    limit = entry.loop.control.force_limit
+    if limit is not None:
+        # 1 - 1e-9: the limited command equals the limit but for rounding of its unit
+        at_limit = float(np.mean(np.abs(entry.counted("force")) >= limit * (1.0 - 1e-9)))
+        if at_limit > 0.0:
+            share = Quantity(at_limit, "share", form="3")
+            listed.append(Text(f"{name}: the force is at its limit for {share} of the time."))
+    for what, bound in entry.limits.items():
+        if what == "motor peak" and entry.peak("force") > bound * (1.0 + 1e-9):
+            listed.append(
+                Text(
+                    f"{name}: the largest force, {Quantity(entry.peak('force'), 'N'):3}, is above the motor's peak of "
+                    f"{Quantity(bound, 'N'):3}: the model does not limit it there, the machine will."
+                )
+            )
+        if what.startswith("motor continuous") and entry.rms("force") > bound:
+            listed.append(
+                Text(
+                    f"{name}: the RMS force, {Quantity(entry.rms('force'), 'N'):3}, is above the motor's continuous "
+                    f"{Quantity(bound, 'N'):3}: repeated without pause this work overheats the motor."
+                )
+            )
+    return listed
+
+
+def _errors(entry: Entry) -> str:
+    rms, peak = (Quantity(value("following_error"), "m", form="3") for value in (entry.rms, entry.peak))
+    return Text(f"{rms} RMS, {peak} at most")
+
+
+def _quoted(entry: Entry) -> str:
+    return f"'{entry.name}'"
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values * values)))
+
+
+def block_sentence(block: Block) -> Text:
+    """Describe a block by its kind, the parameters that are set, and its parts in brackets."""
+    declared = declarations(type(block))
+    values = {name: getattr(block, name) for name in declared}
+    parameters = [
+        f"{name.replace('_', ' ')} {Quantity(value, declared[name].unit):6 SI}"
+        for name, value in values.items()
+        if isinstance(value, float)
+    ]
+    parts = [
+        f"({block_sentence(part)})"
+        for value in values.values()
+        for part in (value if isinstance(value, tuple) else (value,))
+        if isinstance(part, Block)
+    ]
+    return Text(f"{block.kind.replace('_', ' ')}: {joined(', ', [*parameters, *parts])}")
+
+
+def described(control: Control) -> Text:
+    """Describe the parts of a control, with the parameters that are set."""
+    parts = [block_sentence(control.law)]
+    parts += [Text(f"compensation {block_sentence(block)}") for block in control.compensation]
+    parts += [Text(f"filter {block_sentence(block)}") for block in control.filters]
+    parts += [Text(f"feedforward {block_sentence(block)}") for block in control.feedforward]
+    if control.prefilter is not None:
+        parts.append(Text(f"prefilter {block_sentence(control.prefilter)}"))
+    if control.force_limit is not None:
+        parts.append(Text(f"limit {Quantity(control.force_limit, 'N')}"))
+    return joined("; ", parts)

@@ -21,8 +21,7 @@ from feeddrive.plot.identification import has_friction
 from feeddrive.plot.over_time import alike
 from feeddrive.plot.style import POINTS
 from feeddrive.report import machining_report as part_report
-from feeddrive.report import sentences
-from feeddrive.report.laws import Entry, LawsContents
+from feeddrive.report.laws import Entry, LawsContents, remark_sentences, result_sentences
 from feeddrive.report.machining_report import ran
 from feeddrive.report.report import Code, Facts, Marked, Part, Picture, Remarks, Report, Section, Verdict, facts
 
@@ -213,9 +212,9 @@ def laws_report(contents: LawsContents) -> Report:
         *([] if along else [errors(contents)]),
         limits(contents),
         *frequency(contents),
-        Remarks(sentences.remarks(contents)),
+        Remarks(remark_sentences(contents)),
     ]
-    sentences_ = part_report.lead(contents) if along else sentences.result(contents)
+    sentences_ = part_report.lead(contents) if along else result_sentences(contents)
     tripped = any(np.any(entry.run["trip"] > 0.0) for entry in contents.entries)
     same = "The same job, with the same versions and seed, gives the same numbers to the last bit."
     return Report(

@@ -10,8 +10,7 @@ from feeddrive import plot
 from feeddrive.language.quantity import Quantity, number, unit_name
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text, joined
-from feeddrive.machining.circle_causes import CircleCauses
-from feeddrive.machining.circle_test import CircleTest, peaks_table
+from feeddrive.machining.circle_test import CircleCauses, CircleTest, peaks_table
 from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
 from feeddrive.report.laws import Entry, LawsContents

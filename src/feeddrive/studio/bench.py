@@ -25,7 +25,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.plot.chart import Chart
 from feeddrive.plot.identification import friction_chart
-from feeddrive.plot.responses import Overlay
+from feeddrive.plot.over_frequency import Overlay
 from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.closed_loop import through
 from feeddrive.tuning.criteria import Limits

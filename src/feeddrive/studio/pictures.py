@@ -21,9 +21,8 @@ from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.simulate import Run
 from feeddrive.plot.chart import Band, Chart, Curve, Disc, Mark, Note
 from feeddrive.plot.complex_plane import damping_chart, nyquist_chart, plane_chart
-from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
+from feeddrive.plot.over_frequency import open_loop_chart, overlay_chart, sensitivity_chart, stiffness_chart
 from feeddrive.plot.over_time import moves_chart, snap_chart, step_response_chart
-from feeddrive.plot.responses import overlay_chart
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.desk import Desk, Values
 from feeddrive.tuning.by_hand import Look

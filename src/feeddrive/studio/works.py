@@ -94,10 +94,10 @@ def _fit_charts(result: Any) -> Iterator[tuple[str, Chart]]:
     """
     from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
     from feeddrive.identification.motion.identify import Identified
-    from feeddrive.identification.response.fit_axis import AxisFits
     from feeddrive.identification.response.modal_fit import ModalFit
+    from feeddrive.identification.response.plant_fit import AxisFits
     from feeddrive.plot.identification import friction_chart, identified_chart
-    from feeddrive.plot.responses import estimates_chart, response_fit_chart
+    from feeddrive.plot.over_frequency import estimates_chart, response_fit_chart
 
     if isinstance(result, Identified):
         yield "made", identified_chart(result)
@@ -142,7 +142,7 @@ def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
     before  the same circles under another control, for comparison
     """
     from feeddrive.machining.circle_test import quadrant_peaks
-    from feeddrive.plot.circle import circle_chart, unrolled_chart
+    from feeddrive.plot.machining import circle_chart, unrolled_chart
 
     test: CircleTest = shown.result
     peaks = list[dict[str, Any]]()

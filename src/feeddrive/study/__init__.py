@@ -5,9 +5,9 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "answers.answers": "Answers answers_of",
-        "answers.page": "write_report",
+        "answers": "Answers answers_of",
         "chunk": "run_chunk",
+        "page": "write_report",
         "robust": "Robust tune_robust",
         "store": "Manifest Store",
         "study": "Bound Study read_study",

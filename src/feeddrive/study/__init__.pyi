@@ -2,10 +2,10 @@
 
 # written by `make stubs`
 
-from feeddrive.study.answers.answers import Answers as Answers
-from feeddrive.study.answers.answers import answers_of as answers_of
-from feeddrive.study.answers.page import write_report as write_report
+from feeddrive.study.answers import Answers as Answers
+from feeddrive.study.answers import answers_of as answers_of
 from feeddrive.study.chunk import run_chunk as run_chunk
+from feeddrive.study.page import write_report as write_report
 from feeddrive.study.robust import Robust as Robust
 from feeddrive.study.robust import tune_robust as tune_robust
 from feeddrive.study.store import Manifest as Manifest

@@ -38,8 +38,8 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.runner import cores
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, Abscissa, Box, Chart, Curve, Panel, stairs
-from feeddrive.study.answers.rows import Share
 from feeddrive.study.chunk import Chunk
+from feeddrive.study.statistics import Share
 from feeddrive.study.study import Bound, Study, StudyLike, read_study
 from feeddrive.study.variants import variant_groups, variants
 from feeddrive.tuning.control_response import ControlResponse

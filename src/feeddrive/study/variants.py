@@ -15,8 +15,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 from feeddrive.study import distributions as points
-from feeddrive.study.base import Base
-from feeddrive.study.study import Study
+from feeddrive.study.study import Base, Study
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,8 +43,7 @@ from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
-from feeddrive.files.from_toml import read_field
-from feeddrive.files.section import VARIED, Section, named, text
+from feeddrive.files.section import VARIED, Section, named, read_field, text
 from feeddrive.files.toml_file import TomlTable
 from feeddrive.language import block, quantity, units
 from feeddrive.language.block import Declaration, Number, check_bounds

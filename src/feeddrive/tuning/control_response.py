@@ -16,12 +16,12 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol, reachable
 from feeddrive.language.recent import Recent
-from feeddrive.loop.beginning import PAYS_AFTER
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.gradient import Resolvent, push, require_slopes, resolved
-from feeddrive.loop.lifting import MOST, images_turn
+from feeddrive.loop.linearize import MOST, images_turn
+from feeddrive.loop.runner import PAYS_AFTER
 from feeddrive.loop.trace import Program, node_values
 
 READINGS = ("reading_motor", "reading_load")

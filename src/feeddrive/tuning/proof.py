@@ -22,7 +22,7 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.loop.lifting import Lifted
+from feeddrive.loop.linearize import Lifted
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.closed_loop import Figures

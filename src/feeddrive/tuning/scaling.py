@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.analysis.robustness import Robustness, robustness
+from feeddrive.analysis.stiffness import Robustness, robustness
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.quantity import Quantity, number

@@ -1,34 +1,404 @@
 """`feeddrive channels`, and the mapping of log columns to roles that all commands use.
 
 The mapping comes from the options or a TOML file; otherwise it is guessed and shown.
+
+The magnitudes of a log show whether its units are plausible for a feed drive.
+A command stops before it works on a travel of 200 m or a mass of 0.1 kg: the two likeliest interpretations of the units
+are shown side by side, and nothing is written until the unit is given.
 """
 
 from __future__ import annotations
 
 from collections import abc
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from feeddrive.files.columns import Column, is_time, unit_at_the_end
+from feeddrive.files.columns import ROLES, Column, is_time, unit_at_the_end, unit_of
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.log import Log, LogLike
-from feeddrive.files.mapping import Guess, Mapping, MappingLike, guess_roles, write_roles
+from feeddrive.files.mapping import Guess, Mapping, MappingLike, guess_roles, measures, write_roles
 from feeddrive.files.read_log import LogRequest, OpenedFile, read_log, read_request, time_units
 from feeddrive.files.readers.ast_xml import is_ast
+from feeddrive.identification.plausibility import RANGES, out_of_range, outside, scaled, sizes, spoken, unlikely
+from feeddrive.identification.regression import SHAFT, TABLE, Frame
+from feeddrive.language import units
 from feeddrive.language.errors import FileError, LogError, ParameterError
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.readings import Doubt, with_units
-from feeddrive.workflow.readings import doubt as doubt_of
 from feeddrive.workflow.request import Request, argument, option
+
+_MOTIONS = (
+    "position_load",
+    "position_motor",
+    "angle_motor",
+    "angle_load",
+    "velocity_load",
+    "velocity_motor",
+    "speed_motor",
+    "speed_load",
+    "setpoint_position",
+    "setpoint_angle",
+)
+_FORCES = ("force", "torque")
+# units in which each quantity may be logged; the first is SI
+_UNITS = {
+    "m": ("m", "mm", "um", "in"),
+    "m/s": ("m/s", "mm/s", "m/min", "mm/min"),
+    "rad": ("rad", "deg", "rev"),
+    "rad/s": ("rad/s", "rpm", "deg/s"),
+    "N": ("N", "kN", "mN"),
+    "N m": ("N m", "mN m", "kN m"),
+}
+# HAL has no units: LINEAR_UNITS in the INI file sets mm or inch
+_OF_HAL = ("mm", "in")
+_HAL_FORMATS = ("halscope", "halsampler")
+_HAL_PINS = ("joint.", "axis.", "pid.")
+
+
+FLAGS = {
+    "position_load": "--position",
+    "position_motor": "--position",
+    "angle_motor": "--angle",
+    "torque": "--torque",
+    "velocity_load": "--velocity",
+    "speed_motor": "--speed",
+    "force": "--force",
+    "setpoint_position": "--set-position",
+}
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A doubt whether the magnitudes of a log are those of a feed drive, as a sentence; empty without a doubt.
+
+    told      True if its units were given by the user, so that the work continues; otherwise it must stop
+    readings  the two likeliest interpretations side by side, if other units make the log plausible
+    moves     True if a mass could be found in the log; a log of noise has magnitudes, too
+    """
+
+    why: str = ""
+    told: bool = True
+    readings: Table | None = None
+    moves: bool = False
+
+    def stop(self, progress: Progress) -> None:
+        """Show the interpretations and raise LogError, unless the units were given."""
+        if self.why and not self.told:
+            if self.readings is not None:
+                progress.remark(self.readings)
+            raise LogError(self.why)
+
+
+def units_first(doubts: Sequence[str]) -> Advice | None:
+    """Return the judgment that units must be settled first, for implausible magnitudes; None without a doubt."""
+    return Judgment.UNITS_IN_DOUBT.because(doubts[0]) if doubts else None
+
+
+@dataclass(frozen=True)
+class _Group:
+    """The column of the motion or of the force: its role, its unit as read, and how the unit is known."""
+
+    role: str
+    column: str
+    unit: str
+    how: str  # told, stated or ""
+
+    @property
+    def si(self) -> str:
+        return ROLES[self.role]
+
+    def origin(self) -> str:
+        """Return how the unit is known, as the start of a sentence."""
+        if self.how == "stated":
+            return f"'{self.column}' is in {self.unit}, as the file says"
+        return f"'{self.column}' states no unit"
+
+
+def with_units(file: OpenedFile, mapping: abc.Mapping[str, Column], texts: Sequence[str]) -> dict[str, Column]:
+    """Return the mapping with the units of `--unit` for columns that state none.
+
+    Raises ParameterError for a unit that fits none of these columns.
+    """
+    columns = dict(mapping)
+    for text in texts:
+        unit = unit_of(text)
+        if unit is None:
+            raise ParameterError(f"--unit {text}: is no unit; give one as mm, um, in, N, kN, 'N m' or deg")
+        hit = False
+        for role, column in mapping.items():
+            if column.unit or column.factor is not None or stated(file, column.name, role) or role == "time":
+                continue
+            try:
+                units.factor(unit, ROLES[role])
+            except ParameterError:
+                continue
+            columns[role], hit = Column(name=column.name, unit=unit), True
+        if not hit:
+            raise ParameterError(
+                f"{file}: --unit {text}: no column that states no unit is of that kind; a unit for one column is given "
+                f"with its name, as --position 'x:{text}'"
+            )
+    return columns
+
+
+def stated(file: OpenedFile, column: str, role: str) -> str:
+    """Return the unit that the file states for a column, in its header or at the end of its name; empty without one."""
+    return file.columns.units.get(column, "") or unit_at_the_end(column, role)
+
+
+def doubt(
+    file: OpenedFile,
+    log: Log,
+    mapping: abc.Mapping[str, Column],
+    told: Collection[str],
+    flags: abc.Mapping[str, str] = FLAGS,
+    steady: bool = False,
+) -> Doubt:
+    """Return a doubt if the magnitudes of a log, as it was read, are implausible for a feed drive.
+
+    told    roles whose unit or factor was given by the user
+    flags   the option of the command for each role
+    steady  True for a log without acceleration ramps: its accelerations and mass are not checked
+    """
+    groups = [_group(file, mapping, told, roles) for roles in (_MOTIONS, _FORCES)]
+    motion, force = groups
+    if motion is None and force is None:
+        return Doubt()
+    frame = SHAFT if motion is not None and motion.si.startswith("rad") else TABLE
+    torque = force if force is not None and force.role == "torque" and not force.how else None
+    if force is not None and (force.role == "torque") != (frame is SHAFT):
+        frame, force = (SHAFT, force) if motion is None else (frame, None)
+    measured = _sizes(log, frame, motion, force)
+    if steady:
+        measured = {name: size for name, size in measured.items() if name in ("travel", "speed", "force", "torque")}
+    is_hal = motion is not None and not motion.how and motion.si == "m" and _hal(file, motion.column)
+    # with a table motion the torque's unit is questioned too, unless a command may be the force
+    silent = torque is not None and (force is torque or "command" not in mapping)
+    wrong = outside(frame, measured)
+    if not wrong and not is_hal and not silent:
+        return Doubt()
+    readings = _readings(frame, measured, motion, force, is_hal)
+    if silent and torque is not None and not wrong and not is_hal:
+        return Doubt(_silent_torque(file, torque, log, measured), told=False)
+    why = out_of_range(wrong, measured)
+    open_ = [group for group in groups if group is not None and group.how != "told" and group in (motion, force)]
+    if not open_:
+        return Doubt(Text(f"{file}: as its units were told, {why}"))
+    who = " and ".join(group.origin() for group in open_)
+    if not readings or unlikely(frame, readings[0].sizes)[0] > 0.0:
+        return Doubt(
+            Text(
+                f"{file}: {who}, and {why}; in no usual unit is this a feed drive: check which column is what, and "
+                "give each with its unit, as --position 'x:mm' --force 'f:kN'"
+            ),
+            told=False,
+        )
+    best = readings[:2]
+    asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else Text(f"as read, {why}")
+    return Doubt(
+        Text(
+            f"{file}: {who}: {asked}. Likeliest: {joined(' or ', (reading.sentence(frame) for reading in best))}. Say "
+            "which "
+            f'with {" or ".join(reading.options(flags) for reading in best)}, or unit = "..." in a file for '
+            "--channels; nothing was written"
+        ),
+        told=False,
+        readings=_table(str(file), frame, best),
+        moves=RANGES[frame][4].quantity in measured,
+    )
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """An interpretation of a log: units of motion and force, and its magnitudes in them."""
+
+    choices: tuple[tuple[_Group, str], ...]
+    sizes: dict[str, float]
+
+    @property
+    def changes(self) -> int:
+        """The number of units that differ from those of the log as read."""
+        return sum(group.unit != unit for group, unit in self.choices)
+
+    @property
+    def name(self) -> str:
+        """The units in words: `x in mm, f in N`."""
+        return ", ".join(f"{group.column} in {unit}" for group, unit in self.choices)
+
+    def options(self, flags: abc.Mapping[str, str]) -> str:
+        """Return the command line options for this interpretation."""
+        open_ = [(group, unit) for group, unit in self.choices if group.how != "told"]
+        kept = [(group, unit) for group, unit in open_ if group.unit != unit] or open_
+        words = [
+            f"--unit {unit if ' ' not in unit else repr(unit)}"
+            if not group.how
+            else f"{flags.get(group.role, '--' + group.role)} '{group.column}:{unit}'"
+            for group, unit in kept
+        ]
+        return " ".join(words)
+
+    def sentence(self, frame: Frame) -> str:
+        """Return the units and magnitudes in words: `x in mm (travel 200 mm, ...)`."""
+        sizes = [
+            Text(f"{span.quantity} {spoken(self.sizes[span.quantity], span.unit)}")
+            for span in RANGES[frame]
+            if span.quantity in self.sizes and " over " not in span.quantity
+        ]
+        return Text(f"{self.name} ({joined(', ', sizes)})")
+
+
+def _readings(
+    frame: Frame, measured: abc.Mapping[str, float], motion: _Group | None, force: _Group | None, is_hal: bool
+) -> list[_Reading]:
+    """Return interpretations of the log in other units, likeliest first; fewer changed units are likelier."""
+    there = [group for group in (motion, force) if group is not None]
+    choices: list[list[tuple[_Group, str]]] = []
+    for group in there:
+        if group.how == "told" or group.si not in _UNITS:
+            choices.append([(group, group.unit)])
+        elif is_hal and group is motion:
+            choices.append([(group, unit) for unit in _OF_HAL])
+        else:
+            choices.append([(group, unit) for unit in dict.fromkeys((group.unit, *_UNITS[group.si]))])
+    readings: list[_Reading] = []
+    for choice in product(*choices):
+        factors = {
+            group.role: units.factor(unit, group.si) / units.factor(group.unit, group.si) for group, unit in choice
+        }
+        by = [1.0 if group is None else factors[group.role] for group in (motion, force)]
+        readings.append(_Reading(choice, scaled(frame, measured, by[0], by[1])))
+
+    def order(reading: _Reading) -> tuple[float, int, float]:
+        decades, unusual = unlikely(frame, reading.sizes)
+        return decades, reading.changes, unusual
+
+    return sorted(readings, key=order)
+
+
+def _sizes(log: Log, frame: Frame, motion: _Group | None, force: _Group | None) -> dict[str, float]:
+    acting = None if force is None else log[force.role]
+    if motion is not None and motion.si.endswith("/s"):
+        speed = {RANGES[frame][1].quantity: float(np.max(np.abs(log[motion.role])))}
+        return {**speed, **sizes(frame, log.sample_time, None, acting)}
+    return sizes(frame, log.sample_time, None if motion is None else log[motion.role], acting)
+
+
+def _group(
+    file: OpenedFile, mapping: abc.Mapping[str, Column], told: Collection[str], roles: Sequence[str]
+) -> _Group | None:
+    role = next((candidate for candidate in roles if candidate in mapping), None)
+    if role is None:
+        return None
+    column = mapping[role]
+    if role in told:
+        return _Group(role, column.name, column.unit or ROLES[role], "told")
+    unit_text = stated(file, column.name, role)
+    unit = column.unit or unit_of(unit_text) or ROLES[role]
+    return _Group(role, column.name, unit if measures(unit, role) else ROLES[role], "stated" if unit_text else "")
+
+
+def _hal(file: OpenedFile, column: str) -> bool:
+    return file.columns.format in _HAL_FORMATS or column.startswith(_HAL_PINS)
+
+
+def _silent_torque(file: OpenedFile, force: _Group, log: Log, measured: abc.Mapping[str, float]) -> str:
+    most = float(np.max(np.abs(log["torque"])))
+    inertia = measured.get("inertia")
+    as_it_is = f"up to {Quantity(most, 'N m'):3}"
+    rated = ""
+    if inertia is not None:
+        as_it_is += f", inertia {Quantity(inertia, 'kg m2'):3}"
+        rated = f", inertia {Quantity(inertia / 100.0, 'kg m2'):3} for each N m of rated torque"
+    return Text(
+        f"{file}: '{force.column}' states no unit, and drives log a torque in N m or in percent of the rated one. "
+        f"Likeliest: {force.column} in N m ({as_it_is}), or in percent (up to {Quantity(0.01 * most, 'share'):3} of "
+        f"the rated torque{rated}). Say which with --unit 'N m', or --torque '{force.column}*FACTOR' with the rated "
+        "torque in N m / 100 as FACTOR (feeddrive force computes it); nothing was written"
+    )
+
+
+def _table(name: str, frame: Frame, readings: Sequence[_Reading]) -> Table:
+    rows = [
+        [
+            span.quantity,
+            span.bounds(),
+            *(
+                Text(f"{spoken(r.sizes[span.quantity], span.unit)}{' !' if span.apart(r.sizes[span.quantity]) else ''}")
+                for r in readings
+            ),
+        ]
+        for span in RANGES[frame]
+        if span.quantity in readings[0].sizes
+    ]
+    heads = ["", "feed drives", *(reading.name for reading in readings)]
+    return Table(f"{name}: the two likeliest readings", heads, rows, sentences=2)
+
+
+_OUTPUTS = (
+    ("m", "mm", "um", "nm"),
+    ("m/s", "mm/s"),
+    ("m/s2", "mm/s2"),
+)  # units of a response's numerator, by order of derivative
+
+
+def check_response(
+    where: str, frf: FRF, told: bool, progress: Progress, cure: Callable[[str], str] | None = None
+) -> str:
+    """Raise LogError for a response with an implausible mass; if its unit was given, return a sentence instead.
+
+    The mass is the median over the lines of |F / (ω² x)|; a response in another kind of unit is not judged.
+
+    cure  returns the command line option for a unit of the response, as um/N
+    """
+    mass, unit = RANGES[TABLE][4], frf.unit or "m/N"
+    try:
+        known = units.response(unit_of(unit) or unit)
+    except ParameterError:
+        known = None
+    of_order = [f"({names[0]})/N" if n else f"{names[0]}/N" for n, names in enumerate(_OUTPUTS)]
+    if known is None or known[0] not in of_order:
+        return ""
+    order, size = of_order.index(known[0]), 1.0 / known[1]
+    there = np.abs(frf.response) > 0.0
+    if not np.any(there):
+        return ""
+    w, response = 2.0 * np.pi * frf.frequency[there], np.abs(frf.response[there])
+    masses = [w ** (n - 2) / response for n in range(len(_OUTPUTS))]
+    read_mass = float(np.median(masses[order])) / size
+    if not mass.apart(read_mass):
+        return ""
+    why = Text(f"read in {unit} its mass is {spoken(read_mass, 'kg')}, where feed drives have {mass.bounds()}")
+    if told:
+        return Text(f"{where}: {why}, as its unit was told")
+    read: list[tuple[str, float, float]] = []  # unit, mass, and its scatter over the lines, least for the right order
+    for n in [order] if frf.unit else range(len(_OUTPUTS)):
+        scatter = float(np.std(np.log(masses[n])))
+        for name in _OUTPUTS[n]:
+            in_it = float(np.median(masses[n])) / units.factor(name, _OUTPUTS[n][0])
+            read.append((f"({name})/N" if n else f"{name}/N", in_it, scatter))
+    read = sorted(read, key=lambda reading: (mass.apart(reading[1]), reading[2], mass.unusual(reading[1])))[:2]
+    rows = [["mass", mass.bounds(), *(Text(f"{spoken(mass_read, 'kg')}") for _, mass_read, _ in read)]]
+    heads = ["", "feed drives", *(reading[0] for reading in read)]
+    progress.remark(Table(f"{where}: the two likeliest readings", heads, rows, sentences=2))
+    unit_source = f"is in {unit} by what the file says" if frf.unit else "states no unit"
+    cure = cure or (lambda unit: f"{'--unit' if not frf.unit else 'a file that says'} '{unit}'")
+    cures = " or ".join(cure(reading[0]) for reading in read)
+    likely = joined(" or ", (f"{unit_read} ({spoken(mass_read, 'kg')})" for unit_read, mass_read, _ in read))
+    raise LogError(
+        f"{where}: the response to {frf.output} {unit_source}: {why}. Likeliest: {likely}. Say which with {cures}; "
+        f"nothing was written"
+    )
 
 
 @dataclass(frozen=True)
@@ -79,7 +449,7 @@ def mapped(
     sure = {role for role, column in whole.items() if column != mapping[role]}
     sure |= {role for role, column in told.items() if column.unit or column.factor is not None}
     unused = tuple(f"{role} ('{column.name}')" for role, column in told.items() if role not in (*wanted, "time"))
-    return Mapped(log, whole, doubt_of(path, log, whole, sure, steady=steady), unused)
+    return Mapped(log, whole, doubt(path, log, whole, sure, steady=steady), unused)
 
 
 def _guessed_roles(

@@ -27,10 +27,12 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.simulate import simulate
-from feeddrive.machining.circle_causes import Cause, CircleCauses, circle_causes
 from feeddrive.machining.circle_test import (
+    Cause,
+    CircleCauses,
     CirclePath,
     CircleTest,
+    circle_causes,
     circle_of_run,
     circle_path,
     circle_test,

@@ -17,10 +17,10 @@ from feeddrive import plot
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.files.columns import ROLES, Column, is_time
 from feeddrive.files.drive import Drive
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.read_log import OpenedFile, read_arrays
-from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.files.section import to_toml
+from feeddrive.files.toml_file import TomlEdit
 from feeddrive.identification.cogging import CoggingFit, CoggingOrder, CoggingRun, cogging_passes, identify_cogging
 from feeddrive.language import units
 from feeddrive.language.block import Number
@@ -32,6 +32,7 @@ from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.language.units import rounded
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
+from feeddrive.workflow.channels import units_first
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     DriveLogsRequest,
@@ -44,7 +45,6 @@ from feeddrive.workflow.drive_logs import (
     write_report,
     written,
 )
-from feeddrive.workflow.readings import units_first
 from feeddrive.workflow.request import argument, called, option
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")

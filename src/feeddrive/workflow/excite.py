@@ -24,7 +24,7 @@ from feeddrive.language.units import turning
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import UNITS, Loop
-from feeddrive.plot.responses import frequency_estimate_chart
+from feeddrive.plot.over_frequency import frequency_estimate_chart
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.command import Outcome, command

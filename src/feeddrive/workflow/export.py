@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from feeddrive.export.design import Design
-from feeddrive.export.manifest import edits_kept
-from feeddrive.export.targets import write_all
+from feeddrive.export.targets import edits_kept, write_all
 from feeddrive.export.verify import MOST, Verified, verify_export
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineLike

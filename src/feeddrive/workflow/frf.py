@@ -17,8 +17,7 @@ from feeddrive.files.log import Log, LogLike
 from feeddrive.files.mapping import MappingLike, guess_roles, unit_in_name
 from feeddrive.files.read_log import LogRequest, OpenedFile, read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
-from feeddrive.identification.excitation.record import Record
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Record
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.judgment import Advice, Judgment
@@ -30,9 +29,8 @@ from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import TRUSTED
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts
-from feeddrive.workflow.channels import requested, show, whole_log
+from feeddrive.workflow.channels import check_response, doubt, requested, show, units_first, whole_log, with_units
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.readings import check_response, doubt, units_first, with_units
 from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, frequencies, option
 
 # usual column names of each role, in order of preference

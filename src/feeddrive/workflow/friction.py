@@ -13,11 +13,11 @@ import numpy as np
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.files.drive import Drive
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.read_log import OpenedFile
-from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.files.section import to_toml
+from feeddrive.files.toml_file import TomlEdit
 from feeddrive.identification.friction_curve import (
     LEAST_ROWS,
     Compared,
@@ -39,6 +39,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow import drive_logs
+from feeddrive.workflow.channels import units_first
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     FORCES,
@@ -50,7 +51,6 @@ from feeddrive.workflow.drive_logs import (
     velocity_and_force,
     written,
 )
-from feeddrive.workflow.readings import units_first
 from feeddrive.workflow.request import argument, called, option
 
 _POOR = 0.15  # residual over the force's RMS beyond which a curve is rejected

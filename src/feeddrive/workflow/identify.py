@@ -17,11 +17,11 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.columns import Column
 from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.frf import read_frfs
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.read_log import OpenedFile
-from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.files.section import to_toml
+from feeddrive.files.toml_file import TomlEdit
 from feeddrive.identification.motion.identify import Identified, identify_motion, swapped
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.regression import Estimate
@@ -38,11 +38,10 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.filters import read_block
-from feeddrive.workflow.channels import mapped, no_column
+from feeddrive.workflow.channels import Doubt, mapped, no_column
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import column_texts, narrow, write_report, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
-from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called
 
 _POSITIONS = ("position_load", "position_motor")  # in order of preference

@@ -16,17 +16,16 @@ from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.files.columns import unit_of
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
 from feeddrive.files.read_log import OpenedFile
-from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.files.section import to_toml
+from feeddrive.files.toml_file import TomlEdit
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.regression import lever
-from feeddrive.identification.response.fit_axis import AxisFits, fit_axis
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
-from feeddrive.identification.response.plant_fit import PlantFit
+from feeddrive.identification.response.plant_fit import AxisFits, PlantFit, fit_axis
 from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, sentence
 from feeddrive.language.judgment import Advice, Judgment
@@ -37,9 +36,9 @@ from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
+from feeddrive.workflow.channels import check_response, units_first
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.drive_logs import narrow, write_report, written
-from feeddrive.workflow.readings import check_response, units_first
 from feeddrive.workflow.request import CHANNELS, OUT, Request, argument, called, frequencies, option
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected

@@ -14,12 +14,12 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.drive import drive_with
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
 from feeddrive.files.read_log import OpenedFile
+from feeddrive.files.section import to_toml
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity

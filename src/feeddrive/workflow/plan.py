@@ -1,6 +1,6 @@
 """`feeddrive plan`: plan a part program as setpoints that provably keep the limits of a machine.
 
-The output files are written by `files/planned_program.py`.
+The output files are written by `files/part_program.py`.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from time import monotonic
 from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, planned_limits, read_machine
-from feeddrive.files.planned_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
+from feeddrive.files.part_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.language.errors import NoSlopeError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.override import read_steps
 from feeddrive.path.planned import Planned, Take, planned_of
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
+from feeddrive.path.schedule.run import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.report.machining_report import plan_report
 from feeddrive.report.page import html

@@ -22,13 +22,12 @@ from feeddrive.bus.play import (
     read_profile,
 )
 from feeddrive.bus.transport import Lateness
-from feeddrive.bus.virtual.canopen_node import serve_canopen
-from feeddrive.bus.virtual.ethercat_slave import serve_ethercat
-from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware, drive_text, scaling_of
+from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scaling_of
+from feeddrive.bus.virtual_nodes import serve_canopen, serve_ethercat
 from feeddrive.files.atomic_io import new_directory, write_whole
 from feeddrive.files.log import write_log
 from feeddrive.files.machine import MachineLike, read_machine
-from feeddrive.files.planned_program import PLAN, SETPOINTS
+from feeddrive.files.part_program import PLAN, SETPOINTS
 from feeddrive.language.errors import AbortedError, BusError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity

@@ -23,9 +23,9 @@ from feeddrive.evaluation.engine import MOST_WORKERS, Engine
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import write_log
-from feeddrive.files.planned_program import FILES
+from feeddrive.files.part_program import FILES
 from feeddrive.files.run_files import file_names, summary_text, write_run_csv, write_run_parquet
-from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.files.toml_file import TomlEdit
 from feeddrive.jobs.run_laws import JobResult, job_report, numbers, run_laws
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError

@@ -15,8 +15,8 @@ from pathlib import Path
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.study.answers.answers import answers_of
-from feeddrive.study.answers.page import study_report, write_report
+from feeddrive.study.answers import answers_of
+from feeddrive.study.page import study_report, write_report
 from feeddrive.study.study import StudyLike
 from feeddrive.study.sweep import Sweep
 from feeddrive.study.sweep import sweep as run_sweep

@@ -17,10 +17,10 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.evaluation.duty import duty_of
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import summary_text
-from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.files.section import to_toml
+from feeddrive.files.toml_file import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, sentence
@@ -30,9 +30,9 @@ from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
+from feeddrive.report.laws import block_sentence
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
-from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.closed_loop import Figures, reported
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.filters import aligned

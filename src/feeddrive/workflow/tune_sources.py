@@ -27,7 +27,7 @@ from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, measured_point, with_table_force
 from feeddrive.tuning.recipes import margin_goals
-from feeddrive.workflow.readings import check_response
+from feeddrive.workflow.channels import check_response
 from feeddrive.workflow.request import called, stem, told_apart
 
 LOAD = ("reading_load", "position_load", "load")

@@ -16,8 +16,8 @@ from typing import Any
 
 from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.run_files import summary_text
+from feeddrive.files.section import to_toml
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Cell, Column, Table

@@ -7,10 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level
+from feeddrive.identification.excitation.frequency_estimate import (
+    FrequencyEstimate,
+    Level,
+    Record,
+    cut,
+    find_period,
+    repeating,
+    transient_periods,
+)
 from feeddrive.identification.excitation.impacts import find_blows, impacts
 from feeddrive.identification.excitation.nonperiodic import METHODS, averaged, local_polynomial
-from feeddrive.identification.excitation.record import Record, cut, find_period, repeating, transient_periods
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.frequency_response import FRF, coherence_of

@@ -15,7 +15,7 @@ from feeddrive.blocks.reference.derivatives import Derivatives, product
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.smooth_step import window
-from feeddrive.identification.excitation.record import Record
+from feeddrive.identification.excitation.frequency_estimate import Record
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.language.quantity import Quantity, unit_name

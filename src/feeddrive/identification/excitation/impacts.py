@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.frequency_estimate import FEWEST, FrequencyEstimate, Record, saturation
 from feeddrive.identification.excitation.nonperiodic import local_rational
-from feeddrive.identification.excitation.record import FEWEST, Record, saturation
 from feeddrive.language.errors import LogError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text

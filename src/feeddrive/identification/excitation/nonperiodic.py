@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
-from feeddrive.identification.excitation.record import Record
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Record
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text

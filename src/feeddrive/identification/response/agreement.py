@@ -9,8 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from feeddrive.identification.regression import Estimate
-from feeddrive.identification.response.refine import Model, Refined, Unknown, refine
-from feeddrive.identification.response.units import ResponseUnits
+from feeddrive.identification.response.refine import Model, Refined, ResponseUnits, Unknown, refine
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text

@@ -10,8 +10,7 @@ import numpy as np
 
 from feeddrive.identification.regression import Estimate, estimates_table
 from feeddrive.identification.response.agreement import Agreement, agreement
-from feeddrive.identification.response.refine import Refined, Unknown, refine
-from feeddrive.identification.response.units import ResponseUnits, taken
+from feeddrive.identification.response.refine import Refined, ResponseUnits, Unknown, refine, taken
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, unit_name

@@ -28,12 +28,13 @@ import numpy as np
 
 from feeddrive.language.kernels.elementary import Elementary
 from feeddrive.language.kernels.llvm import Statements
-from feeddrive.language.kernels.plain import Cells, Rows
 from feeddrive.language.kernels.source import (
     BOOL,
     FLOAT,
     INT,
+    Cells,
     KernelError,
+    Rows,
     Source,
     Type,
     described,

@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple, cast
 
 from feeddrive.language.kernels.elementary import Elementary
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import BOOL, FLOAT, INT, Layout, Source, Type, is_record, source_of
+from feeddrive.language.kernels.source import BOOL, FLOAT, INT, Layout, Source, Type, is_record, source_of, zeros
 from feeddrive.language.kernels.text import LEAST, REMEDIES, Arithmetic, Function, Value, assembled, shown, struct_type
 from feeddrive.language.machine_code import number
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from feeddrive.language.progress import Progress
-from feeddrive.papers.altintas2009 import shipped, together
+from feeddrive.papers.altintas2009 import recovery, shipped
 from feeddrive.papers.altintas2009.equations import equations
 from feeddrive.papers.altintas2009.recovery import estimation, machine_modes
 from feeddrive.papers.altintas2009.rigidity import delays, motion, rigidity
@@ -16,7 +16,7 @@ def altintas2009(progress: Progress) -> Experiment:
     progress.step("equations in the ideal loop")
     algebra, poles = equations()
     progress.step("shipped blocks against their equations")
-    beside = [claim for row in (*shipped.ROWS, *together.ROWS) for claim in row()]
+    beside = [claim for row in (*shipped.ROWS, *recovery.ROWS) for claim in row()]
     progress.step("stiffness under four rules")
     stiff, stiff_pictures = rigidity()
     progress.step("disturbance recovery")

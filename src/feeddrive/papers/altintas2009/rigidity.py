@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive import plot
-from feeddrive.analysis.robustness import robustness
-from feeddrive.analysis.stiffness import stiffness
+from feeddrive.analysis.stiffness import robustness, stiffness
 from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
@@ -24,7 +23,7 @@ from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.core import advance
-from feeddrive.loop.lifting import compliance
+from feeddrive.loop.linearize import compliance
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.altintas2009.testbed import (
     MASS,

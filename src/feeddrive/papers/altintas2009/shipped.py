@@ -19,8 +19,7 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.papers.altintas2009.testbed import cascade, continuous, dadsc, ideal_model
-from feeddrive.papers.claims import Claim
-from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, RandomReadings, misfit, stepped
+from feeddrive.papers.claims import RANDOM, SAMPLES, Claim, RandomMotion, RandomReadings, misfit, stepped
 
 T = 2e-4
 MASS, VISCOUS = 37.0, 55.0

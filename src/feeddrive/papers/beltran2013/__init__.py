@@ -13,7 +13,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import unit_name
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
-from feeddrive.loop.lifting import compliance
+from feeddrive.loop.linearize import compliance
 from feeddrive.loop.simulate import Run
 from feeddrive.papers.beltran2013 import mill, shipped
 from feeddrive.papers.beltran2013.mill import AXES, Case, disturbances, loop

@@ -37,8 +37,7 @@ from feeddrive.papers.beltran2013.mill import (
     loop,
     mass,
 )
-from feeddrive.papers.claims import Claim, stated
-from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, RandomReadings, misfit, stepped
+from feeddrive.papers.claims import RANDOM, SAMPLES, Claim, RandomMotion, RandomReadings, misfit, stated, stepped
 
 RULE = f"{RANDOM}; M = 139 kg, T = 0.1 ms; largest difference over the largest value"
 # first row of F, and the column of u times kg/N, from an independent program

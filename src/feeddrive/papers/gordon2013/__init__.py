@@ -10,7 +10,7 @@ from feeddrive.blocks.plant.two_bodies import Gains
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import number
 from feeddrive.papers.claims import Claim, Experiment
-from feeddrive.papers.gordon2013 import disturbance, frequency, motion, shipped
+from feeddrive.papers.gordon2013 import frequency, motion, shipped
 from feeddrive.papers.gordon2013.testbed import DESIGN, TRUTH, Part
 
 _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
@@ -19,11 +19,11 @@ _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
     ("high-speed tracking", motion.tracking_error),
     ("frequency view of the contributions", frequency.frequency_view),
     ("ablation", motion.ablation),
-    ("friction", disturbance.friction),
-    ("machining", disturbance.machining),
+    ("friction", motion.friction),
+    ("machining", motion.machining),
     ("tooth passing", frequency.tooth_passing),
     ("robustness", frequency.robustness),
-    ("another table, a clock that jitters", disturbance.other_axis),
+    ("another table, a clock that jitters", motion.other_axis),
     ("gains and poles", shipped.gains),
     ("force, commands and feedforward", shipped.commands),
     ("filter pack", shipped.filter_pack),

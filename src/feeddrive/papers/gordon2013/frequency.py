@@ -22,8 +22,7 @@ from feeddrive.language.table import UNIT, Cell, Column, Table
 from feeddrive.language.text import Text
 from feeddrive.learning.trajectory_prefilter import tune_prefilter
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.lifting import compliance, loop_gain, tracking
-from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.linearize import StateSpace, compliance, linearize, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.claims import Claim, stated

@@ -20,10 +20,9 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import RANDOM, SAMPLES, Claim, RandomMotion, RandomReadings, misfit, stepped
 from feeddrive.papers.gordon2013.frequency import LINES, Linear
 from feeddrive.papers.gordon2013.testbed import DESIGN, GAINS, MODEL, SOFTER, TRUTH, Part, placed
-from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, RandomReadings, misfit, stepped
 
 T = 5e-5
 COUPLED = replace(MODEL, coupling_mass=3.0)

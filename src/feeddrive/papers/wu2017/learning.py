@@ -23,7 +23,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.claims import Claim, stated
-from feeddrive.papers.wu2017 import pictures
+from feeddrive.papers.wu2017 import testbed
 from feeddrive.papers.wu2017.testbed import (
     CHANGING,
     NOISE,
@@ -58,7 +58,7 @@ def learning() -> tuple[list[Claim], list[Table], list[Picture], dict[str, Trial
         _table(f"the same with {SET_VALUED}, ordering only", hard, hard_changing, expected=False),
         _parameter_table(same["+ Stribeck"]),
     ]
-    shown = [pictures.errors(same), pictures.parameters(same["+ Stribeck"]), pictures.over_time(same)]
+    shown = [testbed.errors(same), testbed.parameters(same["+ Stribeck"]), testbed.over_time(same)]
     return [*_claims(same, changing), *_set_valued(hard, hard_changing)], tables, shown, same
 
 
@@ -232,7 +232,7 @@ def signals() -> tuple[list[Claim], list[Table], list[Picture]]:
     )
     kinds = ("parameters, + Stribeck", "signal")
     drawn = {f"{kind}: {case}": by_case[case, kind, False] for case in list(CASES)[:2] for kind in kinds}
-    shown = [pictures.against_signal(drawn, f"Parameters and signal, {SET_VALUED}", "signal")]
+    shown = [testbed.against_signal(drawn, f"Parameters and signal, {SET_VALUED}", "signal")]
     return _signal_claims(by_case), [table], shown
 
 
@@ -313,7 +313,7 @@ class MeasuredCircle(NamedTuple):
     @property
     def error(self) -> np.ndarray:
         """The contour error, m."""
-        return np.hypot(self.x, self.y) - pictures.RADIUS
+        return np.hypot(self.x, self.y) - testbed.RADIUS
 
     @property
     def rms(self) -> float:
@@ -328,7 +328,7 @@ class MeasuredCircle(NamedTuple):
 
 def circle(axis: str) -> Circle:
     """Return the circle: R = 20 mm, 0.1 m/s, two turns."""
-    return Circle(radius=pictures.RADIUS, feed=0.1, turns=2, phase=AXES[axis], run_up_time=RUN_UP)
+    return Circle(radius=testbed.RADIUS, feed=0.1, turns=2, phase=AXES[axis], run_up_time=RUN_UP)
 
 
 def contouring() -> tuple[list[Claim], list[Table], list[Picture]]:
@@ -343,12 +343,12 @@ def contouring() -> tuple[list[Claim], list[Table], list[Picture]]:
     table = Table(f"contour error of the circle, {TANH} unless said; expected 10.8, 9.5, 2.3 to 2.5 um", columns, rows)
     time = smooth["start"].time
     # the x axis reverses at y = 0: half a turn after the first full one
-    middle = RUN_UP / 2 + 1.5 * 2.0 * np.pi * pictures.RADIUS / 0.1
+    middle = RUN_UP / 2 + 1.5 * 2.0 * np.pi * testbed.RADIUS / 0.1
     window = (time > middle - 0.1) & (time < middle + 0.2)
     on_circle = ["start", *SETS]
     shown = [
-        pictures.contour({name: (smooth[name].x, smooth[name].y) for name in on_circle}),
-        pictures.quadrant(time[window], {name: smooth[name].error[window] for name in on_circle}),
+        testbed.contour({name: (smooth[name].x, smooth[name].y) for name in on_circle}),
+        testbed.quadrant(time[window], {name: smooth[name].error[window] for name in on_circle}),
     ]
     return _circle_claims(smooth, hard), [table], shown
 

@@ -29,7 +29,7 @@ from feeddrive.learning.trial import simulated_trial
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.papers.claims import Claim
-from feeddrive.papers.wu2017 import pictures
+from feeddrive.papers.wu2017 import testbed
 from feeddrive.papers.wu2017.testbed import (
     SAME,
     SETS,
@@ -180,7 +180,7 @@ def _by_mass() -> tuple[list[Claim], Table, Picture]:
     ]
     title = f"rate of convergence of the model-based form (model-free: {Quantity(free):.3f})"
     table = Table(title, columns, rows)
-    return claims, table, pictures.rates(np.array(MASSES), by_knowledge, free)
+    return claims, table, testbed.rates(np.array(MASSES), by_knowledge, free)
 
 
 def _rate(loop: Loop, believed: Loop, ratio: float) -> float:

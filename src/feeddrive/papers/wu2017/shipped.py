@@ -15,11 +15,10 @@ from feeddrive.language import tree
 from feeddrive.language.quantity import number
 from feeddrive.learning.iterative_feedforward import compensated, convergence, error_model, filtered, next_iteration
 from feeddrive.learning.trial import simulated_trial
-from feeddrive.loop.lifting import tracking
+from feeddrive.loop.linearize import tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.papers.claims import Claim
-from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, misfit
+from feeddrive.papers.claims import RANDOM, SAMPLES, Claim, RandomMotion, misfit
 from feeddrive.papers.wu2017.rates import TRUE, ideal_axis, ideal_run
 from feeddrive.papers.wu2017.testbed import FORCE_CONSTANT, SAME, move
 

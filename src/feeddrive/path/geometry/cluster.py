@@ -21,8 +21,7 @@ from __future__ import annotations
 from math import sqrt
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, zeros
 from feeddrive.path.geometry.segments import hermite, largest_norm, part_of
 
 ENDS = 5  # number of knots beyond each end

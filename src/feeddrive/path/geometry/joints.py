@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, zeros
 from feeddrive.path.geometry.cluster import (
     BLEND,
     CROSSED,

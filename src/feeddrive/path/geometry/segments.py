@@ -22,8 +22,7 @@ import numpy as np
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, zeros
 from feeddrive.path.motion import ARC, LINE, POLYNOMIAL, Pause, Pieces, derivatives, turned
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.moves import (

@@ -32,9 +32,8 @@ from feeddrive.path.program.blocks import (
     located,
     read_offsets,
 )
-from feeddrive.path.program.flow import MOST_AGAIN
 from feeddrive.path.program.frame import Frame, Travel
-from feeddrive.path.program.interpreter import Interpreter
+from feeddrive.path.program.interpreter import MOST_AGAIN, Interpreter
 from feeddrive.path.program.moves import Command, Move, read_command
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 

@@ -23,8 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2
+from feeddrive.language.kernels.source import Floats, Floats2, zeros
 from feeddrive.path.motion import (
     LINE,
     Entering,

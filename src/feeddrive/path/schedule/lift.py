@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.path.motion import LINE, Motion, Part, Pieces, cubic, one_after_the_other, part_of_pieces, way
-from feeddrive.path.proof.prove import DERIVATIVES, faults_of
+from feeddrive.path.proof import DERIVATIVES, faults_of
 from feeddrive.path.schedule.spline import (
     GRADE,
     POINTS,

@@ -21,8 +21,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, zeros
 from feeddrive.path.motion import cubic, way, when
 
 # a bound is sure to be one after rounding

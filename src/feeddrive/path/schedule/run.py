@@ -10,17 +10,89 @@ points the feed factor is read: if it has changed, the motion brakes as soon as 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.language.kernels.plain import columns, rows_for
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.kernels.source import columns, rows_for
+from feeddrive.language.quantity import Quantity
 from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, one_after_the_other, part_of_pieces
-from feeddrive.path.override import Override
 from feeddrive.path.schedule.plan import MARGIN, Stretch, brake_soon, plan, timed
 from feeddrive.path.schedule.ramp import Path, pieces_room
+
+MOST = 2.0
+"""The largest factor."""
+
+
+class Override(NamedTuple):
+    """The feed factor as steps over time; constructed by `override`.
+
+    time    start of each step, s from the start of the program, the first at 0, shape (n,)
+    factor  feed factor from then on, 0 .. 2; 0 holds the motion, shape (n,)
+    """
+
+    time: np.ndarray
+    factor: np.ndarray
+
+    def at(self, time: float) -> float:
+        """Return the factor at a time, s."""
+        return float(self.factor[np.searchsorted(self.time, time, side="right") - 1])
+
+    def moves_again(self, time: float) -> float:
+        """Return the first time at or after `time` at which the factor is not 0, s."""
+        k = int(np.searchsorted(self.time, time, side="right")) - 1
+        if self.factor[k] > 0.0:
+            return time
+        return float(self.time[k + int(np.argmax(self.factor[k:] > 0.0))])
+
+
+def override(steps: Sequence[tuple[float, float]]) -> Override:
+    """Return an override from pairs of time (s) and factor; before the first pair the factor is 1.
+
+    Raises ParameterError for times that do not increase, a factor outside 0 .. 2, and a hold that never ends.
+    """
+    time, factor = [0.0], [1.0]
+    for k, (begin, value) in enumerate(steps):
+        if not 0.0 <= begin < np.inf or (k and begin <= time[-1]):
+            raise ParameterError(
+                f"override: the times must rise from 0 s on, step {k + 1} is at {Quantity(begin, 's'):6 SI}"
+            )
+        if not 0.0 <= value <= MOST:
+            raise ParameterError(
+                f"override: the factor of step {k + 1} must be 0 .. {Quantity(MOST)} (0 .. "
+                f"{Quantity(MOST, 'share'):6}), got {Quantity(value):6}"
+            )
+        if begin == 0.0:
+            factor[0] = value
+            continue
+        time.append(float(begin))
+        factor.append(float(value))
+    if factor[-1] == 0.0:
+        raise ParameterError("override: the last factor is 0, a hold that never ends: add a step with a factor > 0")
+    return Override(np.array(time), np.array(factor, float))
+
+
+def read_steps(text: str) -> Override:
+    """Parse the text of an override: steps of time in s, a colon and the feed in %, e.g. `1:50, 2:0, 3.5:120`.
+
+    Raises ParameterError as `override` does, and for malformed text.
+    """
+    steps: list[tuple[float, float]] = []
+    for step in text.split(","):
+        time, colon, percent = step.partition(":")
+        try:
+            steps.append((float(time), float(percent.strip().removesuffix("%")) / 100.0))
+        except ValueError:
+            missing = "" if colon else " (there is no colon)"
+            raise ParameterError(
+                f"override: {step.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, such "
+                "as 1:50, 2:0, 3.5:120"
+            ) from None
+    return override(steps)
+
 
 # shares of what curvature allows, of a piece that is held at its cap and of one that ramps cross: for contours, and for
 # chains of corners, where ramps need more of the room

@@ -6,10 +6,10 @@ from functools import partial
 from pathlib import Path
 
 from feeddrive.files.machine import BUNDLED
-from feeddrive.files.toml_edit import quoted
+from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
-from feeddrive.studio.recipe import whole
+from feeddrive.studio.rooms.take import whole
 from feeddrive.studio.works import Shown, certified, circle_shown, circled, program_run
 from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest

@@ -20,7 +20,7 @@ from feeddrive.language.quantity import Quantity, number, signal_unit
 from feeddrive.language.text import Text
 from feeddrive.language.units import rounded
 from feeddrive.plot.chart import Chart
-from feeddrive.plot.scope import Channel, Ranges, scope_chart
+from feeddrive.plot.over_time import Channel, Ranges, scope_chart
 from feeddrive.plot.style import written
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act
 from feeddrive.studio.live import Following

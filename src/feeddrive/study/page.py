@@ -15,22 +15,33 @@ from typing import Any
 import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.files.from_toml import to_toml
 from feeddrive.files.job import Job
 from feeddrive.files.machine import machine_toml
-from feeddrive.files.planned_program import FILES
+from feeddrive.files.part_program import FILES
 from feeddrive.files.run_files import summary_text, versions
+from feeddrive.files.section import to_toml
 from feeddrive.language.errors import FeeddriveError, plain
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.machine import Machine
 from feeddrive.report.page import html
 from feeddrive.report.report import Code, Facts, Picture, Remarks, Report, Section, Verdict, further
-from feeddrive.study.answers import pictures
-from feeddrive.study.answers.answers import Answers
-from feeddrive.study.answers.rows import Share
-from feeddrive.study.answers.sentences import correlation, interval_text, name_of, share_text, short, value_cell
-from feeddrive.study.answers.statistics import INSIDE, QUANTILES
+from feeddrive.study.answers import (
+    Answers,
+    correlation,
+    decides_chart,
+    error_band_chart,
+    front_chart,
+    histograms_chart,
+    interval_text,
+    name_of,
+    share_text,
+    short,
+    stiffness_band_chart,
+    value_cell,
+    yields_chart,
+)
+from feeddrive.study.statistics import INSIDE, QUANTILES, Share
 from feeddrive.study.store import place
 from feeddrive.study.study import Study
 from feeddrive.study.variants import VariantGroup, variant_groups, variants
@@ -161,7 +172,7 @@ def study_report(answers: Answers) -> Report:
         "Machines that keep the specification",
         "Each bound by itself, and all together.",
         "Share of the machines that keep each bound, with its interval.",
-        lambda: pictures.yields_chart(answers.yields),
+        lambda: yields_chart(answers.yields),
     )
     front = _front(answers)
     return Report(
@@ -275,7 +286,7 @@ def _pictures(answers: Answers) -> Iterator[Picture]:
         "Distributions",
         "Of each figure over the machines; dashed: its bound.",
         "Histograms of the figures over the machines.",
-        lambda: pictures.histograms_chart(answers.sample, answers.stiffness is not None),
+        lambda: histograms_chart(answers.sample, answers.stiffness is not None),
     )
     if answers.sobol or answers.correlations:
         yield Picture(
@@ -283,7 +294,7 @@ def _pictures(answers: Answers) -> Iterator[Picture]:
             "Sensitivity",
             "Of the figures with a bound, and of being inside of all bounds.",
             "Bars of what decides the figures, with intervals.",
-            lambda: pictures.decides_chart(study, answers.sobol, answers.correlations),
+            lambda: decides_chart(study, answers.sobol, answers.correlations),
         )
     if answers.stiffness is not None:
         stiff = answers.stiffness
@@ -292,7 +303,7 @@ def _pictures(answers: Answers) -> Iterator[Picture]:
             "Dynamic stiffness over frequency",
             f"Of {stiff.machines:,} machines, at the measured frequencies, with straight lines between them.",
             "Quantile bands of the dynamic stiffness over frequency.",
-            lambda: pictures.stiffness_band_chart(stiff),
+            lambda: stiffness_band_chart(stiff),
         )
     if answers.error is not None:
         error = answers.error
@@ -302,7 +313,7 @@ def _pictures(answers: Answers) -> Iterator[Picture]:
             f"Of {error.machines} machines that were run again: the largest absolute value in each of "
             f"{error.x.size} windows.",
             "Quantile bands of the following error over time.",
-            lambda: pictures.error_band_chart(error),
+            lambda: error_band_chart(error),
         )
     if answers.front is not None:
         front = answers.front
@@ -311,7 +322,7 @@ def _pictures(answers: Answers) -> Iterator[Picture]:
             f"Between {' and '.join(front.figures)}" if len(front.figures) < 3 else "Tracking, stiffness, robustness",
             "Rings: the Pareto front. No other machine is better in one of them and as good in all others.",
             "Scatter of the machines with the Pareto front.",
-            lambda: pictures.front_chart(front, answers.sample),
+            lambda: front_chart(front, answers.sample),
         )
 
 

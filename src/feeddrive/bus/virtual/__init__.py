@@ -1,1 +1,0 @@
-"""A virtual drive: CiA 402 firmware around a simulated axis, on EtherCAT or CANopen."""
