@@ -88,6 +88,12 @@ def test_ends(name: str, at: list[float], expected: list[float]):
     assert np.isnan(computed(name, [NAN])).all()
 
 
+def test_a_sine_is_right_up_to_ten_thousand_radians():
+    """There neighboring floats are a thousandth of a radian apart; the argument itself is exact."""
+    x = np.float32(9000.5)
+    assert computed("sin", [x])[0] == pytest.approx(math.sin(float(x)), abs=1e-6)
+
+
 @pytest.mark.parametrize("name", ["sin", "tanh", "atan"])
 def test_odd_functions_are_odd(name: str):
     x = np.concatenate([spread(1e-3, 12.0), np.abs(decades(-30, 3))])
