@@ -177,3 +177,12 @@ def test_an_export_holds_rings_of_up_to_256_cells(cells: int, fits: bool) -> Non
     else:
         with pytest.raises(StructureError, match=f"ring of {cells} cells, more than the 256"):
             controller_routine(loop(LAW, block), "axis_x")
+
+
+@pytest.mark.parametrize(("off", "accepted"), [(0.7e-4, True), (1.5e-4, False)])
+def test_a_period_misses_whole_samples_by_less_than_a_ten_thousandth(off: float, accepted: bool) -> None:
+    if accepted:
+        assert tune_repetitive(loop(LAW), 0.2 * (1.0 + off)).block.period_samples == round(0.2 / T)
+        return
+    with pytest.raises(ParameterError, match="must be a whole number of samples"):
+        tune_repetitive(loop(LAW), 0.2 * (1.0 + off))

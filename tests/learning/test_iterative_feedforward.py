@@ -27,6 +27,7 @@ from feeddrive.learning.iterative_feedforward import (
     error_model,
     filtered,
     next_iteration,
+    not_excited,
     regressors,
     true_error_model,
 )
@@ -485,3 +486,39 @@ def test_the_rigid_plant_may_be_given() -> None:
     trial = trial_with_friction(loop, MOVE)
     found = next_iteration(loop, trial, form="model_based", plant=Rigid(mass=100.0))
     assert found.after.parameters()["mass"] == pytest.approx(120.0, rel=0.03)
+
+
+@pytest.mark.parametrize(("share", "frozen"), [(0.015, True), (0.03, False)])
+def test_two_percent_of_the_samples_separate_friction_from_gravity(share: float, frozen: bool) -> None:
+    back = round(1000 * share)
+    velocity = np.repeat([0.1, -0.1], [1000 - back, back])
+    columns = np.column_stack([np.sign(velocity), np.linspace(-1.0, 1.0, 1000)])
+    reasons = not_excited(["coulomb_positive", "mass"], columns, columns, velocity, 0.01)
+    assert ("coulomb_positive" in reasons) is frozen
+
+
+@pytest.mark.parametrize(("own", "frozen"), [(0.015, True), (0.03, False)])
+def test_a_column_needs_a_fiftieth_that_others_do_not_explain(own: float, frozen: bool) -> None:
+    """Its parameter has an error that is 1/share as large as that of a column alone."""
+    velocity = np.array([0.1, -0.1, 0.1, -0.1])
+    mass, other = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
+    columns = np.column_stack([mass, np.sqrt(1.0 - own**2) * mass + own * other])
+    assert ("viscous" in not_excited(["mass", "viscous"], columns, columns, velocity, 0.0)) is frozen
+
+
+@pytest.mark.parametrize(("rows", "enough"), [(15, False), (30, True)])
+def test_a_parameter_needs_twenty_samples(rows: int, enough: bool) -> None:
+    loop = linear_loop({"mass": 30.0})
+    trial = trial_with_friction(loop, MOVE)
+    part = slice(120, 120 + rows)  # while the axis accelerates
+    trial = dataclasses.replace(
+        trial,
+        setpoint=Setpoint(*(np.asarray(row)[part] for row in trial.setpoint)),
+        following_error=trial.following_error[part],
+        saturated=None,
+    )
+    if enough:
+        assert next_iteration(loop, trial).errors
+        return
+    with pytest.raises(LogError, match="15 samples are left for 1 parameters"):
+        next_iteration(loop, trial)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.learning.set_path import (
     ChangedReference,
+    SetPath,
     _Columns,
     _least,
     cardinal_spline,
@@ -27,6 +29,7 @@ from feeddrive.learning.set_path import (
 )
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from field_laws import R, T, W, loop
@@ -170,3 +173,46 @@ def test_what_splines_refuse() -> None:
         filtered_splines(on_v(), SHORT, window=8)
     with pytest.raises(ParameterError, match="samples without a window"):
         filtered_splines(on_v(), replace(SHORT, dwell_after=3.0))
+
+
+class Decaying:
+    """A table whose answer to anything ends after some samples."""
+
+    period = 1
+
+    def __init__(self, samples: int) -> None:
+        self.samples = samples
+
+    def answers(self, positions: np.ndarray, _: int = 0) -> np.ndarray:
+        return (np.arange(len(positions)) < self.samples).astype(float)[:, None]
+
+
+def test_an_answer_may_take_forty_thousand_samples() -> None:
+    """Twice as many rows are tried until they hold it: 30976 do not and are few enough for another time."""
+    settling: Any = Decaying(50_000)
+    assert _Columns(settling, 5, 20).answers[0].size == 50_000
+    endless: Any = Decaying(100_000)
+    with pytest.raises(ParameterError, match="has not settled after 61952 samples"):
+        _Columns(endless, 5, 20)
+
+
+@pytest.mark.parametrize(("zero", "kept"), [(-0.5, 1), (-0.7, 2)])
+def test_a_zero_that_rings_is_not_inverted(zero: float, kept: int) -> None:
+    """Its inverse alternates: to a tenth after 3 samples at |z| = 0.5, after 6 at 0.7."""
+    table = StateSpace(
+        np.zeros((1, 1)),
+        np.array([[1.0, 0.0]]),
+        np.array([[-zero]]),
+        np.array([[1.0, 0.0]]),
+        T,
+        ("x",),
+        ("set_position", "set_velocity"),
+        ("position_load",),
+    )
+    assert inverse_path(SetPath((table,))).kept.size == kept
+
+
+def test_a_changed_path_rests_for_50_ms() -> None:
+    path = zero_phase(ON_R, MOVE)
+    rest = path.wanted.position.size * T - MOVE.duration - path.lead
+    assert rest == pytest.approx(0.05, abs=2.0 * T)

@@ -7,9 +7,11 @@ import pytest
 
 from feeddrive.blocks.compensation.learned_force import LearnedForce
 from feeddrive.blocks.load.recorded_force import RecordedForce
+from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language.errors import ParameterError
-from feeddrive.learning.trials import iterate_trials, learn_signal
+from feeddrive.learning.iterative_feedforward import error_model
+from feeddrive.learning.trials import _correction, _moves, _response, iterate_trials, learn_signal
 from feeddrive.loop.simulate import simulate
 from trials import MOVE, OUT_AND_BACK, START, T, along, linear_loop
 
@@ -67,3 +69,21 @@ def test_bounds() -> None:
         learn_signal(loop, MOVE, gain=1.5)
     with pytest.raises(ParameterError, match="trials"):
         learn_signal(loop, MOVE, 1)
+
+
+@pytest.mark.parametrize(("size", "least", "most"), [(1.0, 0.999, 1.0), (0.01, 0.4, 0.6), (0.001, 0.0, 0.02)])
+def test_the_learning_filter_inverts_what_is_above_a_hundredth_of_the_largest_response(
+    size: float, least: float, most: float
+) -> None:
+    """Of an error where |Ĝ_d| is a hundredth of its largest value one half is taken."""
+    model = error_model(linear_loop(START), "axis_model")
+    f = np.geomspace(1.0, 0.4999 / T, 20_000)
+    response = _response(model, np.append(0.0, f))
+    taken = _correction(model, np.append(0.0, f)) * response
+    k = int(np.argmin(np.abs(np.abs(response) - size * np.max(np.abs(response)))))
+    assert least <= taken[k].real <= most
+
+
+@pytest.mark.parametrize(("travel", "moves"), [(0.7e-9, False), (1.5e-9, True)])
+def test_an_axis_that_travels_less_than_a_nanometer_stands(travel: float, moves: bool) -> None:
+    assert _moves(Recorded(position=np.linspace(0.0, travel, 100), sample_time=T), T) is moves

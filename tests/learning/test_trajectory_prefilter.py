@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 import feeddrive as fd
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.learning.trajectory_prefilter import REGRESSORS
+from feeddrive.learning.trajectory_prefilter import REGRESSORS, _check_clock, _fit
 from feeddrive.learning.trial import differenced
 from feeddrive.loop.loop import UNITS
 
@@ -265,3 +267,25 @@ def test_the_result_shows_itself() -> None:
     assert found.to_pandas().shape == (TIME.size, 3)
     assert len(found.plot().axes) == 2
     assert UNITS["following_error"] == "m"
+
+
+@pytest.mark.parametrize(("condition", "accepted"), [(700.0, True), (1500.0, False)])
+def test_regressors_up_to_a_condition_of_a_thousand_are_told_apart(condition: float, accepted: bool) -> None:
+    """Two columns of equal RMS with the correlation r have the condition √((1 + r)/(1 - r))."""
+    r = (condition**2 - 1.0) / (condition**2 + 1.0)
+    turn = 2.0 * np.pi * np.arange(1000) / 1000
+    velocity = np.sqrt(2.0) * np.cos(turn)
+    other = r * velocity + np.sqrt(2.0 * (1.0 - r**2)) * np.sin(turn)
+    setpoint: Any = Setpoint(0.0, velocity, other)
+    if accepted:
+        fit = _fit("log", turn, velocity, setpoint, ("velocity", "acceleration"), None)
+        assert fit.condition == pytest.approx(condition, rel=0.01)
+        return
+    with pytest.raises(LogError, match="cannot be told apart"):
+        _fit("log", turn, velocity, setpoint, ("velocity", "acceleration"), None)
+
+
+@pytest.mark.parametrize(("off", "accepted"), [(0.7e-6, True), (1.5e-6, False)])
+def test_a_clock_is_the_controllers_to_a_millionth(off: float, accepted: bool) -> None:
+    with contextlib.nullcontext() if accepted else pytest.raises(LogError, match="is not the controller's"):
+        _check_clock("log", (1.0 + off) * T, T)

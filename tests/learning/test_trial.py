@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.learning.iterative_feedforward import begin_compensation, next_iteration
-from feeddrive.learning.trial import measured_trial, simulated_trial
+from feeddrive.learning.trial import check_clock, measured_trial, simulated_trial
 from feeddrive.loop.simulate import simulate
 from trials import MOVE, RECORD, START, T, along, linear_loop, trial_with_friction
 
@@ -189,3 +190,9 @@ def test_a_trial_shows_itself() -> None:
     assert trial.table().rows[0][2] == pytest.approx(0.1)
     assert trial.to_pandas().shape == (trial.time.size, 6)
     assert not dataclasses.replace(trial).starts_moving
+
+
+@pytest.mark.parametrize(("off", "accepted"), [(0.7e-3, True), (1.5e-3, False)])
+def test_the_clock_of_a_log_may_differ_by_a_thousandth(off: float, accepted: bool) -> None:
+    with contextlib.nullcontext() if accepted else pytest.raises(LogError, match="differs from the controller's"):
+        check_clock("log", (1.0 + off) * T, T)

@@ -315,8 +315,9 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
     delay, B = int(there[0]), whole[there[0] : there[-1] + 1]
     zeros = np.roots(B)
     away = (np.abs(zeros) >= 1.0) | ((zeros.real < 0.0) & (np.abs(zeros) > _LEFT))
-    kept = np.real(np.poly(zeros[away]))
-    return InversePath(A, B[0] * np.real(np.poly(zeros[~away])), kept, delay)
+    # the polynomial of no zeros is a plain 1.0 in numpy
+    inverted, kept = (np.atleast_1d(np.real(np.poly(zeros[row]))) for row in (~away, away))
+    return InversePath(A, B[0] * inverted, kept, delay)
 
 
 def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
