@@ -31,6 +31,7 @@ from feeddrive.learning.iterative_feedforward import (
     regressors,
     true_error_model,
 )
+from feeddrive.learning.trial import Trial
 from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.linearize import Lifted, StateSpace
 from trials import (
@@ -509,14 +510,8 @@ def test_a_column_needs_a_fiftieth_that_others_do_not_explain(own: float, frozen
 @pytest.mark.parametrize(("rows", "enough"), [(15, False), (30, True)])
 def test_a_parameter_needs_twenty_samples(rows: int, enough: bool) -> None:
     loop = linear_loop({"mass": 30.0})
-    trial = trial_with_friction(loop, MOVE)
-    part = slice(120, 120 + rows)  # while the axis accelerates
-    trial = dataclasses.replace(
-        trial,
-        setpoint=Setpoint(*(np.asarray(row)[part] for row in trial.setpoint)),
-        following_error=trial.following_error[part],
-        saturated=None,
-    )
+    accelerating = along(MOVE)[120 : 120 + rows]
+    trial = Trial("short", MOVE.at(accelerating), np.full(rows, 1e-6), T)
     if enough:
         assert next_iteration(loop, trial).errors
         return
