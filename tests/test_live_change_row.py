@@ -11,7 +11,8 @@ import pytest
 from feeddrive import Axis, Control, Loop, simulate
 from feeddrive.blocks import CascadePPI, LinearMove, Rigid, StepForce
 from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection
-from feeddrive.blocks.families import Filter, Law
+from feeddrive.blocks.compensation.learned_force import LearnedForce
+from feeddrive.blocks.families import Filter, Law, Prefilter
 from feeddrive.blocks.filter.biquad import below_nyquist, prewarped
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.language.block import Number, parameter
@@ -19,6 +20,7 @@ from feeddrive.language.errors import StructureError
 from feeddrive.loop.routine import controller_routine
 from feeddrive.testing import battery
 from feeddrive.testing.battery import bump, place
+from feeddrive.testing.exercise import Exercise, Inputs, run_of
 
 T = 1e-4
 
@@ -183,3 +185,71 @@ def test_a_block_without_an_answer_runs_but_is_neither_changed_live_nor_exported
         simulate(loop, rest, duration=0.01, changes={50: {"axis.x.control.filters.0.frequency": 300.0}})
     with pytest.raises(StructureError, match="lead_lag does not say what becomes of its state"):
         controller_routine(loop, "axis_x")
+
+
+class Held(Law):
+    """F = the force of its start, which a live change scales and shifts."""
+
+    scale: Number = parameter("", "share that a live change adds", default=0)
+    shift: Number = parameter("N", "force that a live change adds", default=0)
+
+    class State(NamedTuple):
+        """The force, N."""
+
+        force: Number
+
+    def start(self, prepared: Any, setpoint: Any, reading: Any) -> State:
+        return self.State(reading.applied)
+
+    def step(self, prepared: Any, state: Any, setpoint: Any, reading: Any, T: Number) -> tuple[Any, Number]:
+        return state, state.force
+
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+        return self.State(state.force * (1.0 + self.scale) + self.shift)
+
+
+class Hasty(Prefilter):
+    """v_r = v_set + a shift, to which a live change adds."""
+
+    shift: Number = parameter("m/s", "velocity that a live change adds", default=0)
+
+    class State(NamedTuple):
+        """The shift, m/s."""
+
+        shift: Number
+
+    def start(self, setpoint: Any) -> State:
+        return self.State(0.0 * setpoint.velocity)
+
+    def step(self, state: Any, setpoint: Any, T: Number) -> tuple[Any, Any]:
+        return state, setpoint._replace(velocity=setpoint.velocity + state.shift)
+
+    def retune(self, state: Any, old: Any) -> Any:
+        return self.State(state.shift + self.shift)
+
+
+@pytest.mark.parametrize(
+    ("force", "old", "small", "large"),
+    [
+        # a millionth of the force
+        (1000.0, Held(), Held(scale=0.7e-6), Held(scale=1.5e-6)),
+        # without a force a billionth of 1000 N
+        (0.0, Held(), Held(shift=0.7e-6), Held(shift=1.5e-6)),
+        # without a velocity a billionth of 1 m/s
+        (0.0, Hasty(), Hasty(shift=0.7e-9), Hasty(shift=1.5e-9)),
+    ],
+    ids=["force", "no force", "no velocity"],
+)
+def test_a_bump_is_a_millionth_of_an_output_or_a_billionth_of_its_usual_size(
+    force: float, old: Any, small: Any, large: Any
+) -> None:
+    at = place(0.1, False, T, force)
+    assert not bump(old, small, at)
+    assert bump(old, large, at)
+
+
+def test_a_state_is_passed_on_twice() -> None:
+    """What is right in the first sample only would go unnoticed otherwise; a learned force counts its samples."""
+    learned = LearnedForce(force=np.arange(8.0))
+    numbers = Inputs(**dict.fromkeys(Inputs._fields, np.float64(0.5)))
+    assert Exercise(learned, run_of(LearnedForce), numbers).run().after.sample >= 3.0
