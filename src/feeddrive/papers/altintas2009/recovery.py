@@ -169,7 +169,9 @@ def _steps() -> list[Claim]:
     seen = _observed(run)
     first = round(0.1 / T)
     times = {
-        name: 1e3 * T * float(np.argmax(observation.disturbance[first:] >= 180.0)) for name, observation in seen.items()
+        # 180 N: 90 % of the step
+        name: 1e3 * T * float(np.argmax(observation.disturbance[first:] >= 180.0))
+        for name, observation in seen.items()
     }
     rule = f"DADSC with p = 300 1/s; {PLANT}; force step of 200 N, time until the estimate has 180 N"
     return [
@@ -206,6 +208,7 @@ def swing(mode: MachineMode, force: np.ndarray, sample_time: float = T) -> np.nd
 
     w, m = float(mode.omega()), float(mode.modal_mass())
     transition = expm(sample_time * np.array([[0, 1, 0], [-w * w, -2 * mode.damping_ratio * w, 1 / m], [0, 0, 0]]))
+    # exact for a held force, and without a line of the library: the shipped block is judged by it
     A, B = transition[:2, :2], transition[:2, 2]
     # x(k) = tr A x(k-1) - det A x(k-2) + B1 F(k-1) + (A12 B2 - A22 B1) F(k-2)
     numerator = [0.0, B[0], A[0, 1] * B[1] - A[1, 1] * B[0]]
@@ -231,6 +234,7 @@ def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, 
     """
     control = loop(dadsc(rate), compensation=compensation)
     run = simulate(control, REST, load=load, duration=MODE_DURATION, record=("position_load", "load_force"))
+    # the drive's force acts on the tool side with the opposite sign
     return run["position_load"] - swing(mode(frequency), -run["load_force"])
 
 
@@ -281,6 +285,7 @@ def _draw(named: dict[str, np.ndarray]) -> Chart:
 
 def _others(rule: str, none: float, sine: Load) -> list[Claim]:
     """Check compensation with wrong models, and under a step."""
+    # at resonance a mode of ζ = 0.03 has a half width of 3 %: 5 % off is beside it
     off = [_rms(tool_error(600.0, compensated(tuned=tuned), sine)) for tuned in (0.95, 1.05)]
     heavy = [
         none / _rms(tool_error(600.0, compensated(observer=replace(RECOVERY, mass=share * MASS)), sine))

@@ -163,6 +163,7 @@ def _random_cases() -> tuple[float, float]:
             for low, high in ((30.0, 1000.0), (30.0, 3000.0), (10.0, 1000.0))
         )
         law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=rate, reaching_rate=K, adaptation_rate=w)
+        # the adaptation gain of the law as a P-PI would have it: the paper compares by r2 and r4
         r4 = MASS * (1.0 + K * T) * w
         ppi = CascadePPI(Kv=rate, Kp=MASS * K, Tn=MASS * K * T / r4, viscous=VISCOUS)
         ours, theirs = _ideal(law, lines), _ideal(ppi, lines)
@@ -383,6 +384,7 @@ def step_response(law: DADSC, windup: str) -> np.ndarray:
     for k in range(LENGTH):
         x = state.position[0]
         response[k] = x
+        # by hand and not by simulate: two of the three treatments are not those of the shipped law
         seen = applied if windup == "back-calculation" else requested
         after, requested = law.step(prepared, kept, Setpoint(STEP), Reading(x, x, seen, requested), T)
         applied = min(max(requested, -LIMIT), LIMIT)
@@ -396,6 +398,7 @@ def _saturation() -> tuple[list[Claim], list[Picture]]:
     named = {windup: step_response(dadsc(RATE), windup) for windup in ("none", "freezing", "back-calculation")}
     over = {name: 1e3 * float(np.max(x) - STEP) for name, x in named.items()}
     inside = np.abs(named["back-calculation"] - STEP) <= 0.02 * STEP
+    # the last sample outside of the band
     settled = 1e3 * T * float(LENGTH - np.argmin(inside[::-1]))
     rule = f"raw step of 5 mm, force limit 400 N, DADSC with p = 300 1/s; {PLANT}"
     claims = [

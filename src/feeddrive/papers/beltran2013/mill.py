@@ -45,10 +45,12 @@ COULOMB = {"x": 60.0, "y": 90.0, "z": 40.0}  # N
 INERTIA, LEAD, C_T = 2e-4, 0.010, 2e-4  # kg m², m, N m s/rad
 GRAVITY = 9.81  # m/s²
 TRANSITION = 10e-6  # m/s, of the tanh that replaces the sign function
+# 2 mm and not 80: the errors repeat with each tooth, so that a short leg shows the same (claim 3.q)
 FEED, LEG = 3e-3, 2e-3  # m/s, m; the paper's legs are 80 mm long
 SPINDLE, CHIP = 1800.0, 5e-5  # rpm, m per tooth
 OMEGA_C, OMEGA_O, ZETA = 12.0, 700.0, 0.7071  # rad/s, rad/s
 T = 1e-4  # s
+# it starts without the weight, and claims are about the cut
 SKIPPED = 0.3  # s, in which the observer converges to the weight
 
 
@@ -163,6 +165,7 @@ def machine(case: Case, *, dry: bool = True) -> Machine:
 def run(case: Case, *, cut: bool = True, dry: bool = True) -> dict[str, Run]:
     """Simulate the three axes along their legs together, from rest; return the runs by axis."""
     loads = {axis: cutting(axis, case) for axis in AXES} if cut and case.chip == "constant" else None
+    # a machine without a cut has no coupling, which "constant" leaves out
     case = case if cut else dataclasses.replace(case, chip="constant")
     outcome = simulate(
         machine(case, dry=dry), legs(case.reference, case.leg), load=loads, start=dict.fromkeys(AXES, (0.0, 0.0))
@@ -185,6 +188,7 @@ def disturbances(axis: str, case: Case, outcome: Run) -> tuple[np.ndarray, np.nd
     """Return the true ξ over the sample before each row, and its estimate, both in m/s²."""
     mechanics = loop(axis, case).axis.mechanics()
     weight = CARRIAGE[axis] * GRAVITY if axis == "z" else 0.0
+    # an estimate at kT knows the force up to kT: that of the sample before
     cut = np.concatenate([[0.0], outcome["load_force"][:-1]])
     viscous = mechanics.damping[0][0] * outcome["velocity_load"]
     true = (cut + outcome["friction_load"] - viscous - weight) / mass(axis)
@@ -223,6 +227,7 @@ def turn(cutter: HelicalCutter, chip_load: float, points: int = 7200) -> Turn:
     """Evaluate the closed form over one revolution at the midpoints of equal intervals, whose mean is exact for a
     smooth periodic curve.
     """
+    # midpoints: at 0 the teeth enter, where the curve has a corner
     angle: Any = 2.0 * np.pi * (np.arange(points) + 0.5) / points
     feed, normal, axial = cutter.forces(angle, chip_load)
     return Turn(angle, *(np.asarray(column) for column in (feed, normal, axial, cutter.torque(angle, chip_load))))
@@ -256,6 +261,7 @@ def integrated(cutter: HelicalCutter, angle: float, chip_load: float, pieces: in
 
 def integration_error(cutter: HelicalCutter) -> float:
     """Return the largest difference in N between closed form and slices, at 24 angles."""
+    # beside the angles at which a tooth enters or leaves: slices are least exact there
     angles = 2.0 * np.pi * np.arange(24) / 24.0 + 0.01
     off = [integrated(cutter, angle, CHIP) - np.array(cutter.forces(angle, CHIP)) for angle in angles]
     return float(np.max(np.abs(off)))
@@ -302,6 +308,7 @@ def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> t
     linear.
     """
     case = dataclasses.replace(RIGID, taylor_states=taylor_states, share=share)
+    # long enough for the window to separate the sine from what rings, at low frequencies as well
     periods = int(np.ceil(max(20.0, 1.5 * frequency)))
     settled = int(np.ceil(frequency))  # a second
     outcome = simulate(
@@ -313,10 +320,12 @@ def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> t
     )
     seen = observe(law("x", case).observer, outcome["reading_load"], outcome["force"], T)
     counted = outcome.time >= settled / frequency
+    # a Hann window: the response has not quite settled, and its rest must not leak into the line
     wave = np.exp(-2j * np.pi * frequency * outcome.time[counted]) * np.hanning(int(np.sum(counted)))
     true, estimate, position = (
         np.sum(wave * signal[counted]) for signal in (outcome["load_force"], seen.disturbance, outcome["position_load"])
     )
+    # the hold of the force delays it by half a sample, which is none of the observer's
     late = np.exp(-1j * np.pi * frequency * T)
     return complex(1.0 - estimate / (true * late)), complex(position / (true * late) * mass("x"))
 
@@ -324,6 +333,7 @@ def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> t
 def noise_gain(sample_time: float) -> float:
     """Return σ(ξ̂)/σ(y) in 1/s² for white noise of the reading: root of the sum of squares of the impulse response."""
     position = np.zeros(round(1.0 / sample_time))
+    # not at 0, where the observer starts at its first reading
     position[1] = 1.0
     observer = law("x", RIGID).observer
     seen = observe(observer, position, np.zeros_like(position), sample_time)
@@ -332,6 +342,7 @@ def noise_gain(sample_time: float) -> float:
 
 def _edge(holds: Callable[[float], bool], good: float, bad: float) -> float:
     """Return the value between two others at which a condition ceases to hold, by bisection."""
+    # to a four thousandth of the interval: the claims are about the second digit
     for _ in range(12):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if holds(middle) else (good, middle)

@@ -63,6 +63,7 @@ def rope_snap() -> Part:
     runs: dict[str, Run] = {}
     for name, loop in ((PLACED, placed()), (CASCADE, cascade())):
         runs[name] = simulate(loop, rest, load=StepForce(force=-150.0, end=CUT), record=("position_load",), name=name)
+    # the encoders' counts are the only nonlinearity: twice the force must give twice the peak
     stronger = simulate(placed(), rest, load=StepForce(force=-300.0, end=CUT), record=("position_load",))
     peaks, left, settled = ([f(run) for run in runs.values()] for f in (_peak, _left, _settling))
     rule = Text(f"-150 N on the table until {Quantity(CUT, 's'):6 SI}, then 0 N; {GAINS}")
@@ -130,6 +131,7 @@ def _left(run: Run) -> float:
 
 def _settling(run: Run) -> float:
     """Return the settling time, ms."""
+    # the last sample outside: the table swings through the band before it stays
     return 1e3 * run.sample_time * float(np.flatnonzero(np.abs(_after(run)) > SETTLED)[-1])
 
 
@@ -331,6 +333,7 @@ def _bars(errors: Mapping[str, float]) -> Chart:
     return Chart("largest tracking error (µm)", (panel,), LOG, low, high, height=3.2)
 
 
+# both kinds: the expected figures are those of a tanh, while a guideway stands still
 SMOOTH = Regularised(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3, transition_velocity=2e-4)
 SET_VALUED = Stribeck(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3)
 FED = FrictionFeedforward(
@@ -419,6 +422,7 @@ def _cut(speed: float) -> MillingForce:
     tool = HelicalCutter(teeth=2, diameter=0.01, axial_depth=1e-3, radial_depth=5e-3, specific_energy=8e8)
     one = MillingForce(cutter=tool, spindle_speed=speed, chip_load=1e-4, start=ENTRY)
     turn = ENTRY + 60.0 / speed * np.arange(4000) / 4000
+    # the force is proportional to the chip: one evaluation scales it
     return replace(one, chip_load=1e-4 * CUTTING_MEAN / abs(float(np.mean(one.at(turn)))))
 
 
@@ -498,6 +502,7 @@ def other_axis() -> Part:
         before, after = follow(loop, LONG, name), follow(with_prefilter(loop, fits(loop, LONG)[0]), LONG, name)
         peaks[name] = (peak(before["tracking_error"]), peak(after["tracking_error"]))
         rows.append([f"{name}, table 43 kg", figures(before), figures(after)])
+    # jitter of the reading alone: a jitter of the force would be another experiment
     calm, shaken = ({name: _jittered(loop, by) for name, loop in _both().items()} for by in (None, 1.5e-3))
     for words, runs in (("no jitter", calm), ("jitter 0.15 % of T", shaken)):
         rows += [[f"{name}, {words}", figures(run), None] for name, run in runs.items()]

@@ -224,6 +224,7 @@ def signals() -> tuple[list[Claim], list[Table], list[Picture]]:
                 friction = TANH if smooth else SET_VALUED
                 rows.append([friction, case, kind, *map(float, rms)])
     longest = max(len(row) for row in rows)
+    # fewer trials with changing references: the tables have equal rows
     rows = [row + [None] * (longest - len(row)) for row in rows]
     table = Table(
         f"RMS error; the signal starts from {Quantity(45.0, 'kg')} and learns up to {Quantity(BANDWIDTH, 'Hz'):6}",
@@ -380,6 +381,7 @@ def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
     outcome = simulate(
         Machine.of(loops),
         {axis: circle(axis) for axis in loops},
+        # seeds that no trial used: the circle must not profit from noise that was learned
         load={axis: noise(20 + AXES[axis]) for axis in loops},
         record=("x.position_load", "y.position_load"),
     )

@@ -71,6 +71,7 @@ def ideal_axis(theta: dict[str, float]) -> Loop:
         plant=Rigid(mass=TRUE["mass"], viscous=TRUE["viscous"]),
         friction_load=None,
         encoder_load=None,
+        # without dry friction the linear core is exact in one substep
         substeps=1,
     )
     return compensated(dataclasses.replace(loop, axis=axis), DisturbanceCompensator(**theta))
@@ -85,6 +86,7 @@ def ideal_run(loop: Loop, reference: Reference, noise: float = 0.0, seed: int = 
     dry = DisturbanceCompensator(coulomb_positive=95.0, coulomb_negative=80.0)
     along = reference.at(t)
     force = -np.broadcast_to(dry.step(dry.start(along), along, T)[1], t.shape)
+    # as late as the drive's force, so that the compensator could cancel it exactly
     late = np.concatenate([[0.0], force[:-1]])
     late = late + noise * np.random.default_rng(seed).standard_normal(t.size)
     return simulate(loop, reference, load=RecordedForce(force=late, sample_time=T), record=_RECORDED)
@@ -188,6 +190,7 @@ def _rate(loop: Loop, believed: Loop, ratio: float) -> float:
     try:
         return convergence(loop, SAME, believed=other, form="model_based").rate
     except UnstableError:
+        # an unstable model loop has no rate; NaN is never equal to itself, which counts the refusals
         return float("nan")
 
 
@@ -215,6 +218,7 @@ def _scatter() -> tuple[list[Claim], Table]:
         step = next_iteration(loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME))
         estimates.append(list(step.after.parameters().values()))
         reported.append([step.errors[name] for name in TRUE])
+    # ddof 1: the mean is estimated from the same runs
     scatter, sure = np.std(estimates, axis=0, ddof=1), np.mean(reported, axis=0)
     rows = [
         [name, amperes(scatter[i]), amperes(sure[i]), float(sure[i] / scatter[i]), EXPECTED_SCATTER[i]]
@@ -256,6 +260,7 @@ def _scatter() -> tuple[list[Claim], Table]:
 
 def _condition() -> list[Claim]:
     loop = table_axis("x", SETS["+ Coulomb"])
+    # hard jerk: the stroke is at constant speed almost throughout, where mass and friction look alike
     hard, slow = move(0.1, 0.25, 30.0, 3e3), move(0.06, 0.1, 30.0, 3e3)
     one = convergence(loop, hard).condition
     two = convergence(loop, Sequence(references=(hard, slow))).condition
