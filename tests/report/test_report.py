@@ -9,6 +9,8 @@ from functools import cache
 from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,13 +33,14 @@ from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
-from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import simulate
+from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.simulate import Run, simulate
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn as draw_chart
-from feeddrive.report.laws import Entry, LawsContents, remark_sentences, result_sentences
+from feeddrive.report.laws import Entry, LawsContents, _judged, remark_sentences, result_sentences
 from feeddrive.report.laws_report import laws_report
+from feeddrive.report.laws_report import pictures as laws_pictures
 from feeddrive.report.page import THEME, html, svg
 from feeddrive.report.report import Picture, Report, Section, Verdict
 
@@ -465,3 +468,16 @@ def test_a_table_that_is_cut_off_on_a_narrow_screen_says_so() -> None:
     assert "Swipe: the table goes on to the right" in text
     for each in re.findall(r'class="scroll beyond-(\d+)"', text):
         assert f"(max-width: {each}rem) {{ .beyond-{each}::before {{ display: block; }} }}" in text
+
+
+@pytest.mark.parametrize(("peak", "where"), [(1.6, "within"), (2.5, "above")])
+def test_a_sensitivity_peak_of_two_is_usual(peak: float, where: str) -> None:
+    law: Any = SimpleNamespace(margins=SimpleNamespace(sensitivity_peak=peak))
+    assert _judged(law) == f"{where} the usual bound of 2"
+
+
+@pytest.mark.parametrize(("samples", "shown"), [(12, False), (20, True)])
+def test_a_run_of_a_few_samples_has_no_picture_over_time(samples: int, shown: bool) -> None:
+    signals = {name: np.zeros(samples) for name in Signals._fields}
+    law = Entry("short", "", Run("short", signals, 1e-3, samples), loop(False))
+    assert ("error" in [picture.key for picture in laws_pictures(LawsContents("x", [law]))]) is shown
