@@ -517,3 +517,9 @@ def test_a_parameter_needs_twenty_samples(rows: int, enough: bool) -> None:
         return
     with pytest.raises(LogError, match="15 samples are left for 1 parameters"):
         next_iteration(loop, trial)
+
+
+def test_without_a_mass_the_model_has_a_millionth_of_that_of_the_axis() -> None:
+    """A plant refuses a mass of 0, and no gain of a loop fits one that is next to nothing: 120 kg are 0.00012 kg."""
+    with pytest.raises(UnstableError, match=r"a mass of 0\.00012 kg"):
+        error_model(linear_loop({"mass": 0.0, "viscous": 0.0}), "model_based")
