@@ -27,7 +27,7 @@ def main() -> None:
     noisy = {name: replace(getattr(loop.axis, name), noise=1e-7) for name in ("encoder_motor", "encoder_load")}
     loop = replace(loop, axis=replace(loop.axis, **noisy))
     found = design_excitation(loop, band=(5.0, 500.0), amplitude=400.0)
-    estimate, model = rehearsed(found, loop)
+    estimate, model = rehearsed(found)
     IMAGES.mkdir(exist_ok=True)
     pictures = {"frequency_response": plot.frequency_estimate(estimate, model), "excitation": found.plot()}
     for name, figure in pictures.items():

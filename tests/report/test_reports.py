@@ -212,5 +212,4 @@ def test_a_command_has_its_report_without_writing_a_file(name: str, tmp_path: Pa
     assert json.loads(json.dumps(record)) == record
     assert record["verdict"]["sentences"] == [Text(text).shown(outcome.units) for text in report.verdict.sentences]
     pickle.dumps(outcome.page)
-    if name != "excite":  # what it will show is simulated on the axis, which the excitation does not hold
-        assert outcome.result.report().title == report.title
+    assert outcome.result.report().title == report.title

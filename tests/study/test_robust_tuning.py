@@ -13,6 +13,7 @@ import pytest
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, DELAY_MARGIN, SENSITIVITY_PEAK
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
+from feeddrive.report.page import html
 from feeddrive.study import Study, read_study, tune_robust, variant_groups, variants
 from feeddrive.study.robust import Robust, limits_of, scenarios, with_control
 from feeddrive.tuning.criteria import Limits
@@ -58,6 +59,10 @@ def test_the_largest_dead_time_decides(tmp_path: Path) -> None:
     found = tune_robust(study, filters="kept", starts=1, fresh=8, workers=1)
     assert worst(found) == pytest.approx(alone(study, 1), abs=ALIKE)
     assert found.seen_new.kept.tolist() == [True, True]
+    report = found.report()
+    assert report.verdict.sentences == (found.sentence(),)
+    assert [section.folded for section in report.sections] == [False, False, True, True]
+    assert "variant 1" in html(report)  # the machine that decides
 
 
 @pytest.mark.slow(reason="two tunings over machines, 10 s")

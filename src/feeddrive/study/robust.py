@@ -285,6 +285,7 @@ _SAME = 5e-3  # tolerance in ln(goal) below which a worse machine is not added
 class Robust(Result):
     """One controller for the machines of a study.
 
+    study            the machines
     tuned            the tuner's result on the machines of the active set, which are named `variant N`
     share            the share of the sampled machines that must keep the limits; 1 for all
     rounds           per round: machines in the active set, and sampled machines that kept all limits afterwards
@@ -294,6 +295,7 @@ class Robust(Result):
     unsettled        why the result may not be optimal for the sample; empty if it is
     """
 
+    study: Study
     tuned: Tuned
     share: float
     rounds: tuple[tuple[int, int], ...]
@@ -455,6 +457,7 @@ class RobustTuner:
         search = _Search(self)
         tuned, unsettled = search.run(control)
         return Robust(
+            self.study,
             tuned,
             self.share,
             tuple(search.rounds),
@@ -465,11 +468,6 @@ class RobustTuner:
             self.sample.bad,
             unsettled,
         )
-
-    @property
-    def kept_bounds(self) -> tuple[Bound, ...]:
-        """The limits that the tuner enforces, as bounds on figures."""
-        return tuple(bound for bound in bounds_of(self.study, self.limits) if is_limit(bound))
 
     def judged(self, control: Control) -> Merits:
         """Evaluate a controller on all sampled machines."""

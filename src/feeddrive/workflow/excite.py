@@ -23,7 +23,7 @@ from feeddrive.language.text import Text
 from feeddrive.language.units import turning
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
-from feeddrive.loop.loop import UNITS, Loop
+from feeddrive.loop.loop import UNITS
 from feeddrive.plot.over_frequency import frequency_estimate_chart
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
@@ -94,7 +94,6 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
     page = partial(
         excitation_report,
         excitation,
-        loop,
         {"Machine": machine.name, "Source of its numbers": machine.source or "not stated"},
     )
     if request.out is not None:
@@ -106,7 +105,6 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
         [excitation.table()],
         [*excitation.remarks, WARNING],
         files=files,
-        rotary=loop.axis.rotary,
         page=page,
     )
 
@@ -131,11 +129,11 @@ def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> P
     return Path(out) / "report.html"
 
 
-def rehearsed(excitation: Excitation, loop: Loop, output: str = "reading_load") -> tuple[FrequencyEstimate, FRF]:
+def rehearsed(excitation: Excitation, output: str = "reading_load") -> tuple[FrequencyEstimate, FRF]:
     """Return the response estimated from the simulated measurement, and that of the linearized model."""
     estimate = estimate_frf(excitation.records(output), method="periodic", period=excitation.period)
     velocity = excitation.offset_velocity or 0.05
-    model = linearize(loop, ["cut"], [output], velocity=velocity)
+    model = linearize(excitation.loop, ["cut"], [output], velocity=velocity)
     return estimate, model.response(np.geomspace(estimate.frequency[0], estimate.frequency[-1], 1000))
 
 
@@ -151,9 +149,9 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
     return Text(f" {lost} of {share.size} lines are not known to {Quantity(_USELESS, 'share')}{above}: {remedy}.")
 
 
-def excitation_report(excitation: Excitation, loop: Loop, known: Mapping[str, str] | None = None) -> Report:
+def excitation_report(excitation: Excitation, known: Mapping[str, str] | None = None) -> Report:
     """Return the report of an excitation, with the expected measurement; `known`: facts on the machine."""
-    estimate, model = rehearsed(excitation, loop)
+    estimate, model = rehearsed(excitation)
     assert estimate.frf.variance is not None
     share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude
     lead = [
@@ -209,5 +207,5 @@ def excitation_report(excitation: Excitation, loop: Loop, known: Mapping[str, st
             facts("What was designed", stated),
         ),
         first,
-        loop.axis.rotary,
+        excitation.rotary,
     )

@@ -24,8 +24,8 @@ from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.report.page import html
-from feeddrive.report.report import Picture, Report, Section, Verdict, facts, further
-from feeddrive.study.robust import Measured, Robust, RobustTuner, bound_sentence, in_percent
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
+from feeddrive.study.robust import Measured, Robust, RobustTuner, bound_sentence, in_percent, is_limit
 from feeddrive.tuning.candidates import candidates, control_with
 from feeddrive.tuning.tune import law_tunables
 from feeddrive.workflow.command import Outcome
@@ -109,14 +109,15 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
     """Return the outcome of the command; `again`: facts on how to repeat it."""
     laws = tune_laws(tuner, law)
     best = laws.best
-    text = _machine(tuner, best)
+    text = _machine(best)
+    page = partial(robust_report, best, laws, again)
     files: dict[str, Path] = {}
     if out is not None:
         tuner.progress.step("report")
-        report = _write(tuner, laws, text, out, again)
+        report = _write(laws, page(), text, out)
         files = {"Machine": report.parent / "machine.toml"} if text is not None else {}
         files["Report"] = report
-    shown = [best.table(), tables(best.tuned, _story(tuner, again))[0]]
+    shown = [best.table(), _values(best)]
     if len(laws.tuned) > 1:
         shown.insert(0, laws.table())
     judgment = Judgment.TAKE_TUNING if best.better else Judgment.FEWER_ARE_GOOD
@@ -125,26 +126,26 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
     return Outcome(
         best,
         shown,
-        _remarks(tuner, laws),
+        _remarks(laws),
         best.sentence(),
         files=files,
         details=proof,
         judgment=judgment,
         failure=judgment.says if judgment.bad else "",
         rotary=best.rotary,
-        page=partial(study_tuning_report, tuner, laws, _story(tuner, again)),
+        page=page,
     )
 
 
-def _machine(tuner: RobustTuner, best: Robust) -> str | None:
+def _machine(best: Robust) -> str | None:
     """Return the text of the machine file with the new control; None if it should not be taken."""
-    base = next(tuner.study.bases())
+    base = next(best.study.bases())
     if not best.tuned.holds or not best.better:
         return None
     return machine_text(base.job.machine, base.axis, best.tuned.control)
 
 
-def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
+def _remarks(laws: Laws) -> list[str]:
     """Return remarks on the tuning result."""
     best = laws.best
     remarks: list[str] = [Text(f"held back by {held.sentence()}") for held in best.tuned.held]
@@ -152,26 +153,26 @@ def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
         Text(f"proof, {line.what}: does not hold ({line.text})") for line in best.tuned.proof if line.holds is False
     ]
     remarks += [Text(f"not settled: {best.unsettled}")] if best.unsettled else []
-    kept = {bound.figure.key for bound in tuner.kept_bounds}
-    beside = [bound_sentence(bound) for bound in best.after.bounds if bound.figure.key not in kept]
+    beside = [bound_sentence(bound) for bound in best.after.bounds if not is_limit(bound)]
     if beside:
         remarks.append(Text(f"counted in the yield, but not kept by the tuner: {joined(', ', beside)}"))
     remarks += [Text(f"variant {number} was left out: {reason}") for number, reason in best.bad[:5]]
     remarks += [f"{len(best.bad) - 5} more were left out"] if len(best.bad) > 5 else []
-    if len(tuner.study.jobs) > 1:
+    if len(best.study.jobs) > 1:
         remarks.append("the machine file is that of the first choice of the study; control.toml is for all")
     remarks += [Text(f"'{name}' was not tuned: {reason}") for name, reason in laws.refused.items()]
     return remarks
 
 
-def _story(tuner: RobustTuner, again: Mapping[str, str]) -> Story:
-    return Story(tuner.study.title, again, rotary=tuner.loop.axis.rotary)
+def _values(best: Robust) -> Table:
+    """Tabulate the values of the control, old and new."""
+    return tables(best.tuned, Story(best.study.title, {}))[0]
 
 
-def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: Mapping[str, str]) -> Path:
+def _write(laws: Laws, page: Report, text: str | None, out: Path) -> Path:
     """Write all files into a directory; return the path of the report."""
-    best, story = laws.best, _story(tuner, again)
-    base = next(tuner.study.bases())
+    best = laws.best
+    base = next(best.study.bases())
     numbers = {
         "sentence": best.sentence(),
         "yield": {"today": _share(best.before), "new": _share(best.after)},
@@ -179,13 +180,13 @@ def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: M
             bound_sentence(bound): {"today": best.before.keeping(bound).value, "new": best.after.keeping(bound).value}
             for bound in best.after.bounds
         },
-        "machines": {"sampled": len(tuner.sample.points), "share": best.share, "decide": list(best.active)},
+        "machines": {"sampled": best.seen.goal.size, "share": best.share, "decide": list(best.active)},
         "laws": {name: _share(robust.after) for name, robust in laws.tuned.items()},
         "not_tuned": dict(laws.refused),
-        "tuning": summary(best.tuned, story.remarks, story.rules),
+        "tuning": summary(best.tuned, (), ()),
     }
     with new_directory(out) as folder:
-        (folder / "report.html").write_text(html(study_tuning_report(tuner, laws, story)), encoding="utf-8")
+        (folder / "report.html").write_text(html(page), encoding="utf-8")
         (folder / "summary.json").write_text(summary_text(numbers, rotary=best.rotary), encoding="utf-8")
         control = to_toml(best.tuned.control, f"axis.{base.axis}.control", rotary=best.rotary)
         (folder / "control.toml").write_text(control, encoding="utf-8")
@@ -198,10 +199,15 @@ def _share(fresh: Measured) -> dict[str, Any]:
     return {"value": fresh.all.value, "interval_95_percent": list(fresh.all.interval or ()), "machines": fresh.count}
 
 
-def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
-    """Return the report of one control for the machines of a study."""
-    best = laws.best
-    result_tables = [*([laws.table()] if len(laws.tuned) > 1 else []), best.table(), tables(best.tuned, story)[0]]
+def robust_report(best: Robust, laws: Laws | None = None, known: Mapping[str, str] | None = None) -> Report:
+    """Return the report of one control for the machines of a study.
+
+    laws   all laws that were tuned on these machines, of which this is the best; None: only this one
+    known  facts that only the command knows
+    """
+    laws = laws or Laws({best.tuned.control.law.kind: best}, {})
+    values, *_, proof = tables(best.tuned, Story(best.study.title, {}))
+    result_tables = [*([laws.table()] if len(laws.tuned) > 1 else []), best.table(), values]
     first, second = (
         Picture(
             "fresh",
@@ -219,23 +225,22 @@ def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
             best.tuned.chart,
         ),
     )
-    remarks = [sentence(remark) for remark in _remarks(tuner, laws)]
-    known = {
-        **story.facts,
+    stated = {
+        **(known or {}),
         "Rule": best.tuned.rule,
-        "Machines of the tuner": f"{len(tuner.sample.points)}, drawn by {tuner.study.sampler}, seed {tuner.study.seed}",
+        "Machines of the tuner": f"{best.seen.goal.size}, drawn by {best.study.sampler}, seed {best.study.seed}",
         "Fresh machines": f"{best.after.count}, Monte Carlo, stream 1 of the same seed",
         "Rounds": "; ".join(f"{machines} machines, {kept} keep all limits" for machines, kept in best.rounds),
     }
     return Report(
-        f"{tuner.study.title}: one control for all machines",
+        f"{best.study.title}: one control for all machines",
         "feeddrive tune --study",
-        Verdict((best.sentence(), *remarks), good=best.tuned.holds and best.better),
+        Verdict((best.sentence(),), good=best.tuned.holds and best.better),
         (
-            Section("result", "Result", result_tables),
+            Section("result", "Result", (*result_tables, Remarks(map(sentence, _remarks(laws))))),
             further((second,)),
-            Section("proof", "Proof on the machines that decide", (_deciding(best), tables(best.tuned, story)[-1])),
-            facts("How", known),
+            Section("proof", "Proof on the machines that decide", (_deciding(best), proof), folded=True),
+            facts("How", stated),
         ),
         first,
         best.rotary,

@@ -80,20 +80,20 @@ class Drawing:
 class Excitation(Result):
     """A multisine for a measurement, in one or several realizations, and the limits that were checked.
 
+    loop             the axis with its control, on which it was designed and simulated
     where            "force" (added to the command, N) or "setpoint" (added to the set position, m)
     period           samples per period; `periods` of them in steady state, with `fade` samples of fade-in and fade-out
                      before and after
     first            sample at which the first whole period begins
     offset_velocity  m/s, velocity of the underlying motion, so that the axis always slides
-    turns            True for a rotary axis: torques in N m, angles in rad
     least_velocity   m/s, smallest velocity in the direction of the offset; if negative, the axis reversed
     """
 
     name: str
+    loop: Loop
     where: str
     amplitude: float
     crest: float
-    sample_time: float
     period: int
     periods: int
     fade: int
@@ -105,12 +105,16 @@ class Excitation(Result):
     drawings: tuple[Drawing, ...]
     limits: tuple[Limit, ...]
     remarks: tuple[str, ...] = ()
-    turns: bool = False
 
     @property
     def rotary(self) -> bool:
-        """True for a rotary axis."""
-        return self.turns
+        """True for a rotary axis: torques in N m, angles in rad."""
+        return self.loop.axis.rotary
+
+    @property
+    def sample_time(self) -> float:
+        """The sample time of the loop, s."""
+        return float(self.loop.sample_time)
 
     @property
     def frequency(self) -> np.ndarray:
@@ -121,7 +125,7 @@ class Excitation(Result):
     def unit(self) -> str:
         """The unit of the excitation."""
         unit = "N" if self.where == "force" else "m"
-        return turning(unit) if self.turns else unit
+        return turning(unit) if self.rotary else unit
 
     def records(self, output: str = "reading_load") -> list[Record]:
         """Return the simulated records, cut to whole periods, from which `estimate_frf` predicts the result."""
@@ -364,10 +368,10 @@ def _drawn(
         )
     return Excitation(
         name,
+        loop,
         where,
         amplitude,
         crest,
-        T,
         period,
         periods,
         fade,
@@ -379,7 +383,6 @@ def _drawn(
         tuple(drawings),
         tuple(checked),
         tuple(remarks),
-        loop.axis.rotary,
     )
 
 
