@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import USUAL, Quantity, Units, number, quantities, unit_name
+from feeddrive.language.quantity import USUAL, Quantity, Units, number, quantities, span, unit_name
 from feeddrive.language.table import UNIT, Column, Table
 from feeddrive.language.text import Text, capitalized, joined
 
@@ -55,6 +55,12 @@ def test_a_reader_chooses_the_units() -> None:
         "0.00588 mm RMS at 30 kN/mm, 628.3 "
     )
     assert text.shown(Units(length="inch")).startswith("0.0002315 in RMS at 762000 N/in")
+
+
+def test_both_ends_of_a_range_are_in_the_units_of_the_reader() -> None:
+    text = Text(f"from {span(5.0, 500.0, 'Hz')}, {span(0.001234567, 0.2, 'share', '3', between='..')}")
+    assert text == "from 5 to 500 Hz, 0.123 .. 20 %"
+    assert text.shown(Units(frequency="rad/s")) == "from 31.42 to 3142 rad/s, 0.123 .. 20 %"
 
 
 def test_a_length_that_is_not_of_the_axis_stays_one() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.analysis.conversion import as_frf
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
@@ -39,8 +39,7 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
         raise ParameterError(f"plant ({f.size} lines) and controller ({controller.frequency.size}) need the same lines")
     if not f[0] <= crossover <= f[-1]:
         raise ParameterError(
-            f"crossover = {Quantity(crossover, 'Hz'):6} must lie on the lines, {Quantity(f[0], 'Hz', bare=True):6} to "
-            f"{Quantity(f[-1], 'Hz'):6}"
+            f"crossover = {Quantity(crossover, 'Hz'):6} must lie on the lines, {span(f[0], f[-1], 'Hz', '6')}"
         )
     # b depends on the units of P and C: at the crossover |P| = 1 weighs input and output alike
     scale = np.exp(np.interp(np.log(crossover), np.log(f), np.log(np.abs(plant.response))))

@@ -13,7 +13,7 @@ from feeddrive.analysis.conversion import as_frf
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import least, margins
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import Lifted, StateSpace
@@ -80,7 +80,7 @@ class Stiffness(Result):
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             raise ParameterError(
                 f"frequency {Quantity(frequency, 'Hz'):6} is outside of the stiffness's lines, "
-                f"{Quantity(self.frequency[0], 'Hz', bare=True):6} to {Quantity(self.frequency[-1], 'Hz'):6}"
+                f"{span(self.frequency[0], self.frequency[-1], 'Hz', '6')}"
             )
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 

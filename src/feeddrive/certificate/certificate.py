@@ -14,7 +14,7 @@ import numpy as np
 from feeddrive.certificate import check
 from feeddrive.certificate.systems import NominalPlant
 from feeddrive.language.errors import NotCertifiedError, ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.linearize import Lifted, StateSpace
@@ -384,7 +384,7 @@ class Certificate(Result):
             rows.append(
                 [
                     plant["name"],
-                    Text(f"{Quantity(least):3} .. {Quantity(most):3}") if least < most else radii[0],
+                    Text(f"{span(least, most, '', '3', between='..')}") if least < most else radii[0],
                     peak,
                     plant["reserve"],
                     plant["reserve_at_Hz"],

@@ -29,7 +29,7 @@ from feeddrive.figures import slopes
 from feeddrive.figures.figure import HIGHER, LOWER, MODEL, Figure, Goal, Limitable
 from feeddrive.figures.slopes import Band, JudgedLoop
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -278,7 +278,7 @@ def stiffness_at(frequency: float) -> Figure:
 
 
 def _over(low: float, high: float) -> Figure:
-    ends = f"{Quantity(low, 'Hz', bare=True):6} to {Quantity(high, 'Hz'):6}"
+    ends = span(low, high, "Hz", "6")
     title = f"stiffness {Quantity(low, 'Hz', bare=True):6}-{Quantity(high, 'Hz'):6}"
     return Figure(
         f"stiffness_{low:g}_{high:g}_Hz_N_per_m",

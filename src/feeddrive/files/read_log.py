@@ -54,7 +54,7 @@ from feeddrive.files.section import read_section
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest, plain
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.text import Text, joined
 
 _PIECE = 10_000_000  # bytes that gzip unpacks at a time: a decompression bomb is detected one piece beyond the limit
@@ -566,7 +566,7 @@ def _check_plausible(name: str, sample_time: float) -> None:
         unit = read[0].partition(" ")[0] if read else "ms"
         raise LogError(
             f"{name}: a sample time of {Quantity(sample_time, 's'):6 SI} is not one of a servo loop, "
-            f"{Quantity(_FASTEST, 's', form='6 SI', bare=True)} to {Quantity(_SLOWEST, 's'):6 SI}; is the time in "
+            f"{span(_FASTEST, _SLOWEST, 's', '6 SI')}; is the time in "
             f"another unit{likely}? Then state it: --time t:{unit}, or  time = {{ column = 't', unit = '{unit}' }}"
         )
 

@@ -277,6 +277,11 @@ def unit_name(si: str, shown: str = "", *, stays: bool = False) -> str:
     return str(Mark("", si, "", shown, "s" if stays else "", USUAL.name(si, shown))) if si else shown.removeprefix("SI")
 
 
+def span(low: SupportsFloat, high: SupportsFloat, unit: str, form: str = "", between: str = "to") -> str:
+    """Return a range of two quantities in one unit as marked text for f-strings: `5 to 500 Hz`."""
+    return f"{Quantity(low, unit, form=form, bare=True)} {between} {Quantity(high, unit, form=form)}"
+
+
 def quantities(text: str) -> tuple[Quantity, ...]:
     """Return the quantities in a text, in order."""
     return tuple(_quantity(mark) for mark in marks(text) if mark.value)

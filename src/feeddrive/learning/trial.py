@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
@@ -145,7 +145,8 @@ def simulated_trial(run: Run, reference: Reference) -> Trial:
     if "trip" in run.signals and np.any(run["trip"] > 0.0):
         k = int(np.argmax(run["trip"] > 0.0))
         raise LogError(
-            f"{run.name}: the guard tripped at {Quantity(run.time[k], 's'):6 SI} (code {run['trip'][k]:g}): no trial"
+            f"{run.name}: the guard tripped at {Quantity(run.time[k], 's'):6 SI} (code {number(run['trip'][k], 6)}): "
+            "no trial"
         )
     rows = (np.broadcast_to(np.asarray(row, dtype=np.float64), run.time.shape) for row in reference.at(run.time))
     return Trial(

@@ -13,7 +13,7 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Block, Number, Rule, choice, declarations, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Matrix, Row
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.text import Text
 from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold, samples_of
 
@@ -95,7 +95,7 @@ class Axis(Block):
         if least != most:
             raise StructureError(
                 "axis.actuator.dead_time: variants of one batch need the same number of whole samples, not "
-                f"{Quantity(least):6} to {Quantity(most):6} at a sample time of {Quantity(T, 's'):6 SI}: run them as "
+                f"{span(least, most, '', '6')} at a sample time of {Quantity(T, 's'):6 SI}: run them as "
                 "separate batches"
             )
         # each whole sample is one more number of the state, in every trace and export

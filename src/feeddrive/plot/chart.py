@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from feeddrive.language.quantity import Units
+from feeddrive.language.quantity import Units, number
 from feeddrive.language.text import resolve
 
 WIDTH = 8.6  # inches: the width of a report's column
@@ -341,7 +341,7 @@ def _shown_ticks(ticks: tuple[Tick, ...] | None, units: Units) -> tuple[Tick, ..
 
 def numbered(values: Iterable[float]) -> tuple[Tick, ...]:
     """Return ticks at the given numbers."""
-    return tuple(Tick(float(value), caption=f"{value:g}") for value in values)
+    return tuple(Tick(float(value), caption=number(value, 6)) for value in values)
 
 
 def listed(names: Sequence[str]) -> tuple[Tick, ...]:

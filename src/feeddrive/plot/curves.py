@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from feeddrive.language.quantity import DRAWN, Quantity, unit_name
+from feeddrive.language.quantity import DRAWN, Quantity, number, unit_name
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import UNITS
 from feeddrive.plot import style
@@ -225,7 +225,7 @@ def effort_chart(effort: Effort) -> Chart:
     """Plot the number of operations per sample by kind."""
     names = sorted(effort.operations, key=lambda name: -effort.operations[name])
     sizes = [float(effort.operations[name]) for name in names]
-    panel = bars(names, sizes, [f"{size:g}" for size in sizes])
+    panel = bars(names, sizes, [number(size, 6) for size in sizes])
     label = f"operations a sample, {effort.total} in all"
     return Chart(label, (panel,), low=0.0, high=1.1 * max(sizes, default=1.0), height=1.0 + 0.3 * len(names))
 

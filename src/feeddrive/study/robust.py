@@ -31,7 +31,7 @@ from feeddrive.figures.figure import Figure, Limit
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, ROPE_SNAP, STIFFNESS_LEAST
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import USUAL, Quantity, number, unit_name
+from feeddrive.language.quantity import USUAL, Quantity, number, span, unit_name
 from feeddrive.language.table import Cell, Result, Table, chart_of
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
@@ -360,9 +360,7 @@ def _chart(result: Robust) -> Chart:
 def in_percent(share: Share) -> str:
     """Return a share of the fresh machines with its 95 % interval: `81.5 % (75.4 .. 86.6 %)`."""
     low, high = share.interval or (share.value, share.value)
-    return Text(
-        f"{Quantity(share.value, 'share'):3} ({Quantity(low, 'share', bare=True):3} .. {Quantity(high, 'share'):3})"
-    )
+    return Text(f"{Quantity(share.value, 'share'):3} ({span(low, high, 'share', '3', between='..')})")
 
 
 def bound_sentence(bound: Bound) -> str:

@@ -13,7 +13,7 @@ from feeddrive.figures.catalogue import limitable
 from feeddrive.figures.figure import Figure, Limit
 from feeddrive.figures.slopes import JudgedLoop, Slope, SlopedLoop, rope_snap_slope
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError, nearest
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable
@@ -442,7 +442,7 @@ def require_covered(answers: Sequence[Answer]) -> None:
         for k in np.flatnonzero(f[1:] / f[:-1] > _GAP):
             if f[k + 1] > first / _BEFORE and f[k] < _BEFORE * crossover:
                 raise NotIdentifiableError(
-                    f"{again} has no lines from {Quantity(f[k], 'Hz', bare=True)} to {Quantity(f[k + 1], 'Hz')}, and "
+                    f"{again} has no lines from {span(f[k], f[k + 1], 'Hz')}, and "
                     f"the crossover lies near, at {Quantity(first if f[k] < first else crossover, 'Hz')}; measure this "
                     "band too"
                 )
@@ -466,8 +466,8 @@ def require_good(answers: Sequence[Answer], sure: float) -> None:
             worst = poor[np.argmax(loop.gain_variance[poor] / np.abs(1.0 + L[poor]) ** 2)]
             share = np.sqrt(point.variance[1, worst]) / np.abs(point.by_force[1, worst])
             raise NotIdentifiableError(
-                f"do not tune, measure again: '{point.name}' is too noisy from {Quantity(low, 'Hz', bare=True)} to "
-                f"{Quantity(high, 'Hz')}, up to {Quantity(share, 'share'):2} of the response at "
-                f"{Quantity(f[worst], 'Hz')}, below three times the crossover of {Quantity(crossover, 'Hz')}; excite "
+                f"do not tune, measure again: '{point.name}' is too noisy from {span(low, high, 'Hz')}, up to "
+                f"{Quantity(share, 'share'):2} of the response at {Quantity(f[worst], 'Hz')}, below three "
+                f"times the crossover of {Quantity(crossover, 'Hz')}; excite "
                 "this band more strongly, or average longer"
             )

@@ -20,7 +20,7 @@ from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, nearest
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.recent import Recent
 from feeddrive.language.text import Text
 from feeddrive.language.units import rounded
@@ -326,7 +326,7 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
         if isinstance(block, Notch):
             ratio, f = float(block.damping_pole), float(block.frequency)
             edge = _edge(block, sample_time)
-            text = Text(f"{Quantity(2.0 * ratio * f, 'Hz')} wide, damping of the poles {ratio:.3g}")
+            text = Text(f"{Quantity(2.0 * ratio * f, 'Hz')} wide, damping of the poles {number(ratio, 3)}")
             grips.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), *ends, f"filter {i}, {kind}: width", text))
     return tuple(grips)
 

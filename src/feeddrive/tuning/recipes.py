@@ -13,7 +13,7 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.figures.of_loops import EVERYWHERE, STIFFNESS_MEAN
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
@@ -104,9 +104,8 @@ class _Axis:
         if last < 5 or phase[last - 1] > 2.0 * _STRAIGHT:
             end = self.frequency[max(last - 1, 0)]
             raise NotIdentifiableError(
-                f"'{self.point.name}' shows no mass from {Quantity(self.frequency[0], 'Hz', bare=True)} to "
-                f"{Quantity(end, 'Hz')}: measure between the friction, which holds it below, and its first resonance "
-                "above"
+                f"'{self.point.name}' shows no mass from {span(self.frequency[0], end, 'Hz')}: measure "
+                "between the friction, which holds it below, and its first resonance above"
             )
         s = 1j * w[:last] / w[last - 1]
         rows = np.stack([s**0, s, s * s], axis=1) * np.abs(self.unit[:last, None])
@@ -201,7 +200,7 @@ def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, dam
             f"with Kp = {Quantity(law.Kp, 'N s/m'):6} the velocity loop has no crossover: set Kp first"
         )
     Kv = 2.0 * math.pi * crossover / (4.0 * damping * damping)
-    reason = Text(f"the velocity loop crosses over at {Quantity(crossover, 'Hz')}, damping ratio {damping:g}")
+    reason = Text(f"the velocity loop crosses over at {Quantity(crossover, 'Hz')}, damping ratio {number(damping, 6)}")
     return axis.recipe("Kv rule", law.Kp, law.Tn, Kv, reason, "Weck & Brecher")
 
 
@@ -253,8 +252,8 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
     Kp = _largest(lambda value: keeps(axis.velocity_loop(value, integral(value))), 1e-3 * highest, 3.0 * highest)
     if Kp is None:
         raise NotIdentifiableError(
-            f"no velocity gain keeps {Quantity(least_gain, 'dB'):6} and {least_phase:g} deg: filter the resonances "
-            "first"
+            f"no velocity gain keeps {Quantity(least_gain, 'dB'):6} and {Quantity(least_phase, 'deg'):6}: filter the "
+            "resonances first"
         )
     Tn, rate = integral(Kp), Kp / axis.mass
     inner = axis.response(replace(axis.law, Kv=_OFF, Kp=Kp, Tn=Tn))
@@ -265,10 +264,12 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
     Kv = _largest(lambda value: keeps(position(value)), 1e-3 * rate, rate / _CRITICAL)
     if Kv is None:
         raise NotIdentifiableError(
-            f"no Kv keeps {Quantity(least_gain, 'dB'):6} and {least_phase:g} deg with Kp = {Quantity(Kp, 'N s/m'):6}"
+            f"no Kv keeps {Quantity(least_gain, 'dB'):6} and {Quantity(least_phase, 'deg'):6} with Kp = "
+            f"{Quantity(Kp, 'N s/m'):6}"
         )
     reason = Text(
-        f"gain margin >= {Quantity(least_gain, 'dB'):6} and phase margin >= {least_phase:g} deg, velocity loop first"
+        f"gain margin >= {Quantity(least_gain, 'dB'):6} and phase margin >= {Quantity(least_phase, 'deg'):6}, velocity "
+        "loop first"
     )
     return axis.recipe(f"margins, {goal}", Kp, Tn, Kv, reason, "own numbers")
 

@@ -25,7 +25,7 @@ from feeddrive.figures.of_loops import FORCE_NOISE, SENSITIVITY_PEAK
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import USUAL, Quantity, number
+from feeddrive.language.quantity import USUAL, Quantity, number, span
 from feeddrive.language.table import UNIT, Cell, Column, Result, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.language.units import rounded
@@ -495,7 +495,7 @@ class Tuner:
         raise NotIdentifiableError(
             f"do not tune, measure again: the noise of '{self.points[worst.point].name}' costs "
             f"{Quantity(cost, 'share'):3} of the goal, most of it from "
-            f"{Quantity(0.7 * worst.frequency, 'Hz', bare=True)} to {Quantity(1.4 * worst.frequency, 'Hz')}, where "
+            f"{span(0.7 * worst.frequency, 1.4 * worst.frequency, 'Hz')}, where "
             f"{worst.kind} is only known to {Quantity(worst.deviation, 'share'):2}; excite this band more strongly, or "
             "average longer"
         )
@@ -779,11 +779,7 @@ def declared_goal(tuned: Tuned) -> Goal:
 def aim(tuned: Tuned) -> str:
     """Return the goal in words."""
     goal = declared_goal(tuned)
-    band = (
-        ""
-        if tuned.band == (0.0, np.inf)
-        else Text(f" from {Quantity(tuned.band[0], 'Hz', bare=True):6} to {Quantity(tuned.band[1], 'Hz'):6}")
-    )
+    band = "" if tuned.band == (0.0, np.inf) else Text(f" from {span(*tuned.band, 'Hz', '6')}")
     best = "greatest" if tuned.goal.higher else "least"
     return Text(f"{best} {goal.what}{_against(tuned)}{band if goal.banded else ''}")
 
@@ -1029,10 +1025,7 @@ def _tuner(
     if not 0.5 <= confidence < 1.0:
         raise ParameterError(f"confidence = {number(confidence, 6)} must be >= 0.5 and < 1")
     if not 0.0 <= band[0] < band[1]:
-        raise ParameterError(
-            f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} is empty: the lower "
-            "frequency comes first"
-        )
+        raise ParameterError(f"the band from {span(*band, 'Hz', '6')} is empty: the lower frequency comes first")
     sources = (points,) if isinstance(points, (OperatingPoint, Loop)) else tuple(points)
     operating_points = tuple(
         modelled_point(source, f"axis {i + 1}" if len(sources) > 1 else "model", velocity=velocity)
@@ -1063,9 +1056,8 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
         inside = np.count_nonzero((point.frequency >= band[0]) & (point.frequency <= band[1]))
         if inside < 3:
             raise ParameterError(
-                f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} holds {inside} "
-                f"lines of '{point.name}', which has {Quantity(point.frequency[0], 'Hz', bare=True)} to "
-                f"{Quantity(point.frequency[-1], 'Hz')}: at least 3"
+                f"the band from {span(*band, 'Hz', '6')} holds {inside} "
+                f"lines of '{point.name}', which has {span(point.frequency[0], point.frequency[-1], 'Hz')}: at least 3"
             )
 
 

@@ -18,7 +18,7 @@ from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.excitation import Excitation, design_excitation, readable
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text
 from feeddrive.language.units import turning
 from feeddrive.loop.frequency_response import FRF
@@ -156,10 +156,9 @@ def excitation_report(excitation: Excitation, known: Mapping[str, str] | None = 
     share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude
     lead = [
         Text(
-            f"{excitation.lines.size} lines from {Quantity(excitation.frequency[0], 'Hz', bare=True)} to "
-            f"{Quantity(excitation.frequency[-1], 'Hz')} on the {excitation.where}, peak "
-            f"{readable(excitation.amplitude, excitation.unit)}, crest factor {number(excitation.crest, 4)}; all "
-            "limits that were stated hold in the simulation."
+            f"{excitation.lines.size} lines from {span(excitation.frequency[0], excitation.frequency[-1], 'Hz')} on "
+            f"the {excitation.where}, peak {readable(excitation.amplitude, excitation.unit)}, crest factor "
+            f"{number(excitation.crest, 4)}; all limits that were stated hold in the simulation."
         ),
         Text(
             f"Expect a deviation of {Quantity(np.median(share), 'share'):2} in the middle and "

@@ -22,7 +22,7 @@ from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.table import Cell, Table
 from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.text import Text
@@ -372,10 +372,9 @@ def sentences(estimate: FrequencyEstimate) -> list[str]:
     what = "noise and nonlinear distortion" if estimate.total else "noise"
     lead: list[str] = [
         Text(
-            f"{frf.frequency.size} lines from {Quantity(frf.frequency[0], 'Hz', bare=True)} to "
-            f"{Quantity(frf.frequency[-1], 'Hz')}; the deviation by {what} is {Quantity(np.median(share), 'share'):2} "
-            f"in the middle and {Quantity(np.max(share), 'share'):2} at worst, at "
-            f"{Quantity(frf.frequency[int(np.argmax(share))], 'Hz')}."
+            f"{frf.frequency.size} lines from {span(frf.frequency[0], frf.frequency[-1], 'Hz')}; the deviation by "
+            f"{what} is {Quantity(np.median(share), 'share'):2} in the middle and {Quantity(np.max(share), 'share'):2} "
+            f"at worst, at {Quantity(frf.frequency[int(np.argmax(share))], 'Hz')}."
         )
     ]
     if good < 1.0:
@@ -396,7 +395,7 @@ def levels(estimate: FrequencyEstimate) -> Table:
     edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)  # the upper edge is exclusive: keep the last line below it
     rows: list[list[Cell]] = []
     for low, high in pairwise(edges):
-        row: list[Cell] = [Text(f"{Quantity(low, 'Hz', bare=True)} .. {Quantity(high, 'Hz')}")]
+        row: list[Cell] = [Text(f"{span(low, high, 'Hz', between='..')}")]
         for name in ("noise", "nonlinear", "odd", "even"):
             level = estimate.levels.get(name)
             inside = None if level is None else (level.frequency >= low) & (level.frequency < high)

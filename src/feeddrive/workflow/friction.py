@@ -108,7 +108,9 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
         "Logs": drive_logs.log_names(request.logs),
         "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
         "Columns": column_texts(mapping),
-        "Lead": "none given" if drive.lead is None else Text(f"{Quantity(drive.lead, 'm'):6 mm}, gear {drive.gear:g}"),
+        "Lead": "none given"
+        if drive.lead is None
+        else Text(f"{Quantity(drive.lead, 'm'):6 mm}, gear {number(drive.gear, 6)}"),
         "Machine": called(request.machine),
     }
     page = partial(friction_report, curve, noted, known, judged_by)

@@ -30,9 +30,9 @@ from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, sentence
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
@@ -102,9 +102,9 @@ def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> d
     return {
         "File": str(path),
         "Responses": ", ".join(f"{role}: {frf.output}" for role, frf in chosen.items()),
-        "Lines": ", ".join(
-            Text(f"{frf.frequency.size} from {frf.frequency[0]:.4g} to {Quantity(frf.frequency[-1], 'Hz')}")
-            for frf in chosen.values()
+        "Lines": joined(
+            ", ",
+            (f"{frf.frequency.size} from {span(frf.frequency[0], frf.frequency[-1], 'Hz')}" for frf in chosen.values()),
         ),
         "Band": request.band or "all lines",
         "Known before": ", ".join(request.fix) or "nothing",

@@ -18,7 +18,7 @@ from feeddrive.files.toml_file import read_toml
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.machine import Machine
 from feeddrive.machining.lobes import Lobes, ZeroOrder, stability_lobes, zero_order
@@ -115,8 +115,7 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
         "Machine": called(request.machine),
         "Cut": Text(
             f"{teeth.teeth} teeth, Kt {Quantity(teeth.tangential, 'N/m2', bare=True):5 N/mm2}, Kn "
-            f"{Quantity(teeth.radial, 'N/m2'):5 N/mm2}, engaged {Quantity(teeth.entry, 'rad', bare=True):deg} to "
-            f"{Quantity(teeth.leave, 'rad'):deg}"
+            f"{Quantity(teeth.radial, 'N/m2'):5 N/mm2}, engaged {span(teeth.entry, teeth.leave, 'rad', 'deg')}"
         ),
         "Feed": Text(f"{Quantity(turn, 'rad'):deg} from x towards y"),
         "Gives way": ", ".join(([] if request.rigid else ["the drives under control"]) + list(request.mode)),

@@ -14,7 +14,7 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError, StructureError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 
 # each line costs a sine in every sample
 _MOST_LINES = 20000
@@ -72,7 +72,7 @@ class Multisine(Reference):
         if self._all_lines().size == 0:
             raise StructureError(
                 f"multisine has no line: no multiple of 1/period = {Quantity(1.0 / self.period, 'Hz'):6} lies in "
-                f"{Quantity(self.lowest, 'Hz', bare=True):6} .. {Quantity(self.highest, 'Hz'):6}; make the period "
+                f"{span(self.lowest, self.highest, 'Hz', '6', between='..')}; make the period "
                 "longer"
             )
 

@@ -19,7 +19,7 @@ from feeddrive.identification.excitation.frequency_estimate import (
 from feeddrive.identification.excitation.impacts import find_blows, impacts
 from feeddrive.identification.excitation.nonperiodic import METHODS, averaged, local_polynomial
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.loop.frequency_response import FRF, coherence_of
 
 _GAP = 5.0  # factor between excited and empty lines below which there are no empty ones
@@ -453,7 +453,7 @@ def _check_band(record: Record, band: tuple[float, float]) -> None:
     low, high = band
     if not 0.0 <= low < high <= record.nyquist * (1.0 + 1e-9):
         raise ParameterError(
-            f"band {low:g} .. {Quantity(high, 'Hz'):6} must rise and lie between 0 Hz and Nyquist, "
+            f"band {span(low, high, 'Hz', '6', between='..')} must rise and lie between 0 Hz and Nyquist, "
             f"{Quantity(record.nyquist, 'Hz'):6}"
         )
 
@@ -466,6 +466,6 @@ def within(estimate: FrequencyEstimate, band: tuple[float, float] | None) -> Fre
     kept = (f.frequency >= band[0] * (1.0 - 1e-9)) & (f.frequency <= band[1] * (1.0 + 1e-9))
     if not np.any(kept):
         raise ParameterError(
-            f"no line lies in {band[0]:g} .. {Quantity(band[1], 'Hz'):6}: take longer segments, or excite this band"
+            f"no line lies in {span(*band, 'Hz', '6', between='..')}: take longer segments, or excite this band"
         )
     return estimate.lines(kept)

@@ -18,7 +18,7 @@ from feeddrive.blocks.reference.smooth_step import window
 from feeddrive.identification.excitation.frequency_estimate import Record
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError
-from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.quantity import Quantity, span, unit_name
 from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.language.units import turning
@@ -149,10 +149,10 @@ class Excitation(Result):
     def table(self) -> Table:
         """Return a table of the limits and the peak values in the simulation."""
         title = Text(
-            f"{self.name}: {self.lines.size} lines {Quantity(self.frequency[0], 'Hz', bare=True)} .. "
-            f"{Quantity(self.frequency[-1], 'Hz')} on {self.where}, peak {readable(self.amplitude, self.unit)}, crest "
-            f"factor {Quantity(self.crest):.3f}, {self.periods} periods of "
-            f"{Quantity(self.period * self.sample_time, 's'):SI}, {len(self.drawings)} realisation(s)"
+            f"{self.name}: {self.lines.size} lines {span(self.frequency[0], self.frequency[-1], 'Hz', between='..')} "
+            f"on {self.where}, peak {readable(self.amplitude, self.unit)}, crest factor {Quantity(self.crest):.3f}, "
+            f"{self.periods} periods of {Quantity(self.period * self.sample_time, 's'):SI}, {len(self.drawings)} "
+            "realisation(s)"
         )
         return Table(title, ["in the simulation", "got", "limit", ""], [limit.cells() for limit in self.limits])
 
@@ -399,8 +399,8 @@ def _check(
     nyquist = 0.5 / float(loop.sample_time)
     if not 0.0 < band[0] <= band[1] < nyquist:
         raise ParameterError(
-            f"band {Quantity(band[0], 'Hz', form='6', bare=True)} .. {Quantity(band[1], 'Hz'):6} must be above 0 Hz, "
-            f"rise, and end below Nyquist, {Quantity(nyquist, 'Hz'):6}"
+            f"band {span(*band, 'Hz', '6', between='..')} must be above 0 Hz, rise, and end below "
+            f"Nyquist, {Quantity(nyquist, 'Hz'):6}"
         )
     if where not in WHERE or flat not in FLAT:
         raise ParameterError(
@@ -492,9 +492,9 @@ def _simulated(
         return summed(lines, sizes, phases, times.period, order)[k % times.period] / (times.period * T) ** order
 
     turns: Derivatives = (turn(0), turn(1), turn(2), turn(3), turn(4))
-    span = times.moving * T
-    swelling = window(np.clip(tau, 0.0, span), span, times.fade * T)
-    inside = (tau >= 0.0) & (tau <= span)
+    moving = times.moving * T
+    swelling = window(np.clip(tau, 0.0, moving), moving, times.fade * T)
+    inside = (tau >= 0.0) & (tau <= moving)
     wave = [np.where(inside, wave_row, 0.0) for wave_row in product(swelling, turns)]
     rows: list[Any] = [np.asarray(wave_row) for wave_row in under]
     added = None
@@ -525,11 +525,14 @@ def _underneath(times: _Timeline, offset: float, T: float) -> Reference:
     """Return the underlying motion: run-up, constant speed during the excitation, and stop."""
     if offset == 0.0:
         return Recorded(position=np.zeros(times.samples), sample_time=T)
-    ramp, span = times.ramp * T, times.moving * T
+    ramp, moving = times.ramp * T, times.moving * T
     acceleration = 1.5 * abs(offset) / ramp
     # with jerk = 3 a / ramp the speed is reached after v/a + a/j = ramp
     return JerkLimitedMove(
-        distance=offset * (ramp + span), velocity=abs(offset), acceleration=acceleration, jerk=3.0 * acceleration / ramp
+        distance=offset * (ramp + moving),
+        velocity=abs(offset),
+        acceleration=acceleration,
+        jerk=3.0 * acceleration / ramp,
     )
 
 
@@ -557,7 +560,7 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
     if grid not in GRIDS:
         raise ParameterError(f"grid = {grid!r} must be one of {', '.join(GRIDS)}")
     if not 0.0 < lowest <= highest:
-        raise ParameterError(f"band {lowest:g} .. {Quantity(highest, 'Hz'):6} must be above 0 Hz and rise")
+        raise ParameterError(f"band {span(lowest, highest, 'Hz', '6', between='..')} must be above 0 Hz and rise")
     every = np.arange(max(1, int(np.ceil(lowest * period * (1 - 1e-12)))), int(highest * period * (1 + 1e-12)) + 1)
     if grid == "odd_odd":
         chosen = every[every % 4 == 1]
@@ -571,7 +574,7 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
         chosen = np.delete(chosen, out)
     if not chosen.size:
         raise ParameterError(
-            f"no line of the grid '{grid}' lies in {lowest:g} .. {Quantity(highest, 'Hz'):6} at a resolution of "
+            f"no line of the grid '{grid}' lies in {span(lowest, highest, 'Hz', '6', between='..')} at a resolution of "
             f"{Quantity(1.0 / period, 'Hz'):6}: make the period longer"
         )
     return chosen

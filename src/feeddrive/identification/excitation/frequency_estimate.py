@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
@@ -101,8 +101,8 @@ def saturation(name: str, values: np.ndarray) -> list[str]:
         if share > _STUCK and held > 0.5 * share:
             remarks.append(
                 Text(
-                    f"{name} stays at its {what} value {end:.6g} for {Quantity(share, 'share'):.1f} of the record: it "
-                    "seems saturated, and a saturated drive has no frequency response"
+                    f"{name} stays at its {what} value {number(end, 6)} for {Quantity(share, 'share'):.1f} of the "
+                    "record: it seems saturated, and a saturated drive has no frequency response"
                 )
             )
     return remarks

@@ -9,7 +9,7 @@ import numpy as np
 
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Record
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF, coherence_of
 
@@ -240,8 +240,8 @@ def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: 
     )
     if most < least:
         raise LogError(
-            f"{record.name}: no line of {Quantity(resolution, 'Hz')} in {low:g} .. {Quantity(high, 'Hz'):6} has {half} "
-            "neighbors on each side: record longer"
+            f"{record.name}: no line of {Quantity(resolution, 'Hz')} in {span(low, high, 'Hz', '6', between='..')} has "
+            f"{half} neighbors on each side: record longer"
         )
     if lines is None or lines >= most - least + 1:
         return np.arange(least, most + 1)

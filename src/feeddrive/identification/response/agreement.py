@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.identification.regression import Estimate
 from feeddrive.identification.response.refine import Model, Refined, ResponseUnits, Unknown, refine
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
@@ -247,7 +247,7 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
     )
     return [
         Text(
-            f"the resonance {where}lies beyond the lines ({Quantity(low, 'Hz', bare=True)} to {Quantity(high, 'Hz')}): "
+            f"the resonance {where}lies beyond the lines ({span(low, high, 'Hz')}): "
             "its masses and its stiffness follow only from the slope of the response towards it, which any further "
             f"mode changes, too; measure next {last}"
         )

@@ -13,7 +13,7 @@ from feeddrive.identification.response.agreement import Agreement, agreement
 from feeddrive.identification.response.refine import Refined, ResponseUnits, Unknown, refine, taken
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.quantity import Quantity, span, unit_name
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
@@ -529,7 +529,7 @@ def _result(
         remarks.append(
             Text(
                 f"resonances at {_frequencies(ringing)} represent the response beyond the lines "
-                f"({Quantity(low, 'Hz', bare=True)} to {Quantity(high, 'Hz')}): not identifiable; measure next up to "
+                f"({span(low, high, 'Hz')}): not identifiable; measure next up to "
                 f"{Quantity(2.0 * high, 'Hz')}"
             )
         )

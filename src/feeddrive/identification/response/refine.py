@@ -15,7 +15,7 @@ from feeddrive.analysis.conversion import as_frf
 from feeddrive.identification.regression import ols_covariance, robust_covariance
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, span
 from feeddrive.loop.frequency_response import FRF
 
 _SI = {("m", "N"): {}, ("rad", "N m"): {"kg": "kg m2", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/N": "rad/(N m)"}}
@@ -122,7 +122,7 @@ def taken(
         if np.count_nonzero(inside) < FEWEST:
             raise ParameterError(
                 f"the response to '{name}' has {np.count_nonzero(inside)} lines from "
-                f"{Quantity(low, 'Hz', form='6', bare=True)} to {Quantity(high, 'Hz'):6} and needs {FEWEST} at least"
+                f"{span(low, high, 'Hz', '6')} and needs {FEWEST} at least"
             )
         parts = {
             key: None if (values := getattr(frf, key)) is None else values[inside] for key in ("coherence", "variance")
