@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +12,44 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.language.errors import sentence
 from feeddrive.language.judgment import Judgment
-from feeddrive.studio.works import words_of
+from feeddrive.language.table import Table
+from feeddrive.language.text import Text
+from feeddrive.report.page import page_units
+from feeddrive.report.report import Report, Verdict
+from feeddrive.studio.works import shown
+from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.command import Outcome
 
 
 @pytest.mark.parametrize("judgment", Judgment, ids=lambda each: each.name)
 def test_a_bad_outcome_is_never_without_a_word(judgment: Judgment) -> None:
     """A refused proof of an export said nothing that the page could show as bad."""
-    words = words_of(Outcome(None, ["a sentence"], judgment=judgment))
+    words = shown(Outcome(None, ["a sentence"], judgment=judgment)).words
     assert words["bad"] == judgment.bad
-    assert bool(words["failure"]) == judgment.bad
-    told = words_of(Outcome(None, verdict="Do not.", judgment=judgment))
-    assert (told["verdict"], told["failure"]) == ("Do not.", "")  # it is said once
-    assert words_of(Outcome(None, judgment=judgment, failure="why"))["failure"] == "why"
+    assert words["verdict"] == [sentence(judgment.says)]
+    told = shown(Outcome(None, verdict="Do not.", judgment=judgment, failure="Why.")).words
+    assert (told["verdict"], told["failure"]) == (["Do not.", "Why."], "")  # it is said once
+    bare = shown(Outcome(None, judgment=judgment, page=partial(Report, "A report", "x", Verdict(())))).words
+    assert bool(bare["failure"]) == judgment.bad
+
+
+def test_the_page_shows_the_sections_of_the_report_in_its_units() -> None:
+    outcome = fd.workflow.certify.run(CertifyRequest("rotary_table"))
+    page, report = shown(outcome), outcome.report()
+    units = page_units(rotary=True)
+    assert page.words["verdict"] == [Text(text).shown(units) for text in report.verdict.sentences]
+    assert [each["title"] for each in page.words["sections"]] == [each.title for each in report.sections]
+    assert [each["folded"] for each in page.words["sections"]] == [each.folded for each in report.sections]
+    table = outcome.tables[0]
+    assert isinstance(table, Table)
+    part = page.words["sections"][0]["parts"][0]
+    assert (part["heads"], part["rows"]) == (table.grid(units).heads, table.grid(units).rows)
+    assert [*page.charts] == [picture.key for picture in report.pictures]
+    one = shown(outcome, ("discs",))  # the room draws the other one
+    assert [*one.charts] == ["discs"]
+    assert one.words["picture"] is None
 
 
 def log(path: Path, other: float) -> Path:
@@ -56,8 +81,8 @@ def test_a_bad_judgment_is_red_on_the_page(served: Callable[..., Any], tmp_path:
         page.click(f"#room-bring li button:text-is('{name}')")
         page.click("#identify")
         page.wait_for_selector(f"#room-bring .verdict:has-text('{verdict}')", timeout=60_000)
-        shown, usual = colors(page, "#room-bring .verdict")
-        assert (shown != usual) == (other != 0.0)
+        color, usual = colors(page, "#room-bring .verdict")
+        assert (color != usual) == (other != 0.0)
     machine = tmp_path / "mine.toml"
     text = fd.read_machine("linear_motor").file.text
     text, changed = re.subn(r"(?m)^following_error_limit.*$", "following_error_limit_um = 0.01", text)
@@ -68,6 +93,6 @@ def test_a_bad_judgment_is_red_on_the_page(served: Callable[..., Any], tmp_path:
     opened.go("goal")
     page.click("#tune-start")
     page.wait_for_selector("#room-goal .verdict:has-text('Do not use this tuning')", timeout=120_000)
-    shown, usual = colors(page, "#room-goal .verdict")
-    assert shown != usual
+    color, usual = colors(page, "#room-goal .verdict")
+    assert color != usual
     assert page.inner_text("#goal-accept") == "Accept it all the same"

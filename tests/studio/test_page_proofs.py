@@ -119,7 +119,7 @@ def test_the_circle_plot_and_its_peaks(mill: Any) -> None:
     opened.go("prove")
     page.click("#prove-circle")
     assert opened.ended() == "done"
-    heads = page.locator("#proof-circle th:text-is('G um')")
+    heads = page.locator("#proof-circle th:text-is('G µm')")
     cells = page.locator("#proof-circle table").first.locator("tbody tr td:nth-child(2)").all_inner_texts()
     assert heads.count() == 1
     legend = page.locator("#proof-circle-circle .legend li").all_inner_texts()

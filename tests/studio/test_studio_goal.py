@@ -112,7 +112,7 @@ def test_a_search_that_was_stopped_gives_its_best_which_is_said_to_be_unproven(
     session.answer({"number": 1, "do": "job.cancel"})
     assert done(session) == CANCELLED
     said = do(session, "goal.show").words
-    assert (said["best"], said["unfinished"], said["verdict"]) == (True, True, "")
+    assert (said["best"], said["unfinished"], said["found"]) == (True, True, None)
     costs = list(goal.costs)  # type: ignore[attr-defined]
     assert costs == sorted(costs, reverse=True)
     assert session.desk.values == before  # nothing is taken before a person accepts
@@ -159,9 +159,10 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
     do(session, "goal.tune")
     assert done(session) == DONE
     said = do(session, "goal.show").words
-    assert said["verdict"]
+    assert said["found"]["verdict"]
+    assert {"cascade", "time"} <= {*do(session, "goal.show").charts}  # of the report; the others the room draws
     assert not said["unfinished"]
-    found = session.rooms["goal"].result.result.control  # type: ignore[attr-defined]
+    found = session.rooms["goal"].result.result  # type: ignore[attr-defined]
     do(session, "goal.accept")
     check_alike(session.desk.control, found)
     do(session, "take.export", target="parameters")

@@ -3,7 +3,7 @@
 import { look, whenPainted } from "../pictures/look";
 import { button, choice, make, renew, table } from "../parts";
 import { Picture } from "../pictures/picture";
-import { judged, tables, type Judged, type Table } from "../result";
+import { Report, tables, type Result, type Table } from "../result";
 import { session, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
 
@@ -31,7 +31,7 @@ interface Words {
   start_from: string;
   offers_tour: boolean;
   columns?: Column[];
-  made: Judged & { of?: string; said?: string[]; tables?: Table[]; machine?: boolean };
+  made: (Result & { of: string; machine: boolean }) | null;
   ask_axis?: { name: string; axes: string[] };
   go?: string;
 }
@@ -54,11 +54,7 @@ export class Bring implements Room {
   private readonly detail = make("section", { "aria-label": "The open file" });
   private readonly picture = new Picture("Columns of the log");
   private readonly tour = make("p", {});
-  private readonly made = new Map([
-    ["made", new Picture("Model over measurement")],
-    ["response", new Picture("Response of the axis, with bands of 95 %")],
-    ["friction", new Picture("Friction over velocity")],
-  ]);
+  private readonly report = new Report("picture-made");
   private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field
   private last: Received | null = null;
   private refusals = 0;
@@ -91,7 +87,6 @@ export class Bring implements Room {
       this.detail,
     );
     this.picture.element.id = "picture-columns";
-    for (const [name, picture] of this.made) picture.element.id = `picture-${name === "made" ? name : `made-${name}`}`;
     whenPainted(() => this.draw());
   }
 
@@ -106,6 +101,7 @@ export class Bring implements Room {
     const open = words.files.find((file) => file.name === words.open);
     const { made, files, bundled, roles, columns, start_from } = words;
     const drawn = Object.keys(received.said.charts);
+    this.report.show(made);
     renew(this.detail, [made, words.open, files, bundled, roles, columns, start_from, drawn, this.refusals], () => [
       ...this.outcome(words),
       ...(open ? this.shows(open, words) : []),
@@ -150,10 +146,9 @@ export class Bring implements Room {
 
   private draw(): void {
     if (!this.last || this.element.closest("[hidden]")) return;
-    for (const [name, picture] of [["columns", this.picture] as const, ...this.made]) {
-      const chart = this.last.said.charts[name];
-      if (chart && picture.element.isConnected) picture.draw(chart, this.last.numbers, look());
-    }
+    const chart = this.last.said.charts.columns;
+    if (chart && this.picture.element.isConnected) this.picture.draw(chart, this.last.numbers, look());
+    this.report.draw(this.last);
   }
 
   private async bring(files: File[]): Promise<void> {
@@ -370,17 +365,10 @@ export class Bring implements Room {
 
   private outcome(words: Words): HTMLElement[] {
     const { made } = words;
-    if (!made.said) return [];
+    if (!made) return [];
     const take = made.machine
       ? [button("Tune this axis", () => this.ask({ do: "bring.take" }), { id: "take-identified", class: "main" })]
       : [];
-    return [
-      make("h2", {}, `What was found in ${made.of}`),
-      ...judged(made),
-      ...take,
-      ...[...this.made].filter(([name]) => this.last?.said.charts[name]).map(([, picture]) => picture.element),
-      make("ul", {}, ...made.said.filter((each) => each !== made.verdict).map((each) => make("li", {}, each))),
-      ...tables(made.tables ?? []),
-    ];
+    return [make("h2", {}, `What was found in ${made.of}`), this.report.head, ...take, this.report.body];
   }
 }

@@ -3,7 +3,7 @@
 import { look, whenPainted } from "../pictures/look";
 import { button, make, table } from "../parts";
 import { Picture } from "../pictures/picture";
-import { result, type Result } from "../result";
+import { Report, type Result } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
@@ -28,6 +28,7 @@ export class Compare implements Room {
   private readonly seed = make("p");
   private readonly picture = new Picture("Trade-off at equal robustness: better is left and up. Click a law to tune on with it.");
   private readonly outcome = make("div");
+  private readonly report = new Report("compare");
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
@@ -43,7 +44,17 @@ export class Compare implements Room {
       this.start,
       make("label", { for: this.starts.id }, "searches for each law ", this.starts),
     );
-    this.element.append(head, this.laws, this.refused, this.hint, this.seed, this.picture.element, this.outcome);
+    this.element.append(
+      head,
+      this.laws,
+      this.refused,
+      this.hint,
+      this.seed,
+      this.report.head,
+      this.picture.element,
+      this.outcome,
+      this.report.body,
+    );
     whenPainted(() => this.draw());
   }
 
@@ -73,10 +84,10 @@ export class Compare implements Room {
                 button("Tune on with it", () => this.take(law.name), { "aria-label": `Tune on with ${law.name}` }),
               ]),
             ),
-            ...result(found),
           ]
         : []),
     );
+    this.report.show(found);
     this.draw();
     if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
   }

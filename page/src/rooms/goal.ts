@@ -4,7 +4,7 @@ import { Levels, type Level } from "../controls/levels";
 import { look, whenPainted } from "../pictures/look";
 import { button, make, renew } from "../parts";
 import { Picture } from "../pictures/picture";
-import { judged, tables, type Judged } from "../result";
+import { Report, type Result } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
@@ -16,13 +16,12 @@ interface Field {
   options: string[];
   value: string;
 }
-interface Words extends Judged {
+interface Words {
   fields: Field[];
   ready: boolean;
   levels?: Level[];
   best?: boolean;
-  said?: string[];
-  tables?: { title: string; heads: string[]; rows: string[][] }[];
+  found?: Result | null;
   unfinished?: boolean;
   begins?: string;
   go?: string;
@@ -42,7 +41,7 @@ export class Goal implements Room {
   private readonly form = make("div", { class: "fields" });
   private readonly buttons = make("div", { class: "buttons" });
   private readonly verdict = make("div", { "aria-live": "polite" });
-  private readonly outcome = make("section", { "aria-label": "What was found" });
+  private readonly report = new Report("goal-found");
   private readonly pictures = new Map(Object.entries(TITLES).map(([name, title]) => [name, new Picture(title)]));
   private readonly levels: Levels[];
   private readonly tune: HTMLButtonElement;
@@ -63,7 +62,7 @@ export class Goal implements Room {
     this.accept = button("Accept", () => ask({ do: "goal.accept" }), { id: "goal-accept" });
     this.reject = button("Reject", () => ask({ do: "goal.reject" }), { id: "goal-reject" });
     this.buttons.append(this.tune, this.accept, this.reject);
-    this.element.append(this.form, this.buttons, this.verdict, grid, this.outcome);
+    this.element.append(this.form, this.buttons, this.verdict, this.report.head, grid, this.report.body);
     whenPainted(() => this.draw());
   }
 
@@ -73,19 +72,15 @@ export class Goal implements Room {
     this.place(words.fields);
     this.tune.disabled = !words.ready;
     this.accept.disabled = this.reject.disabled = !words.best;
-    const accept = words.unfinished ? "Accept the best so far" : words.bad ? "Accept it all the same" : "Accept";
+    const accept = words.unfinished ? "Accept the best so far" : words.found?.bad ? "Accept it all the same" : "Accept";
     if (this.accept.textContent !== accept) this.accept.textContent = accept;
-    const { ready, begins, verdict, failure, unfinished, said = [], tables: shown = [] } = words;
-    renew(this.verdict, [ready, begins, verdict, failure, unfinished], () => [
+    const { ready, begins, unfinished, found = null } = words;
+    renew(this.verdict, [ready, begins, unfinished], () => [
       ...(ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
       ...(begins ? [make("p", {}, begins)] : []),
-      ...judged(words),
       ...(unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),
     ]);
-    renew(this.outcome, [verdict, said, shown], () => [
-      make("ul", {}, ...said.filter((each) => each !== verdict).map((each) => make("li", {}, each))),
-      ...tables(shown),
-    ]);
+    this.report.show(found);
     if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
     this.draw();
   }
@@ -123,6 +118,7 @@ export class Goal implements Room {
       picture.element.hidden = !chart;
       if (chart) picture.draw(chart, this.last.numbers, look());
     }
+    this.report.draw(this.last);
     for (const each of this.levels) each.show((this.last.said.levels as Level[] | undefined) ?? []);
   }
 }

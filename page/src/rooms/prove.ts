@@ -3,7 +3,7 @@
 import { look, whenPainted } from "../pictures/look";
 import { button, choice, make, renew } from "../parts";
 import { Picture } from "../pictures/picture";
-import { result, type Result } from "../result";
+import { Report, type Result } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
@@ -18,9 +18,10 @@ interface Words {
   shown: Record<string, Result & { worst?: Place[]; peaks?: Place[] }>;
 }
 
-// by part, then by chart; of the chosen worst place `place_3` is drawn in `program.place`
+// Pictures that the room draws itself, beside those of the report, by part and chart; of the chosen worst place `place_3`
+// is drawn in `program.place`.
 const PICTURES: Record<string, Record<string, string>> = {
-  certificate: { certificate: "What is proven, over frequency", discs: "Discs of the loop in the complex plane" },
+  certificate: {},
   circle: { circle: "Circle test: the deviation, magnified", unrolled: "Deviation over the angle; hollow: quadrant peaks" },
   program: { path: "Contour error as color on the path", place: "The place, 1 to 1", time: "Contour error around the instant" },
 };
@@ -30,7 +31,7 @@ interface Part {
   section: HTMLElement;
   pictures: Map<string, Picture>;
   list: HTMLElement; // places that can be looked at
-  outcome: HTMLElement;
+  report: Report;
 }
 
 export class Prove implements Room {
@@ -63,7 +64,7 @@ export class Prove implements Room {
       const found = words.shown[name];
       each.section.hidden = !found;
       if (!found) continue;
-      renew(each.outcome, found, () => result(found));
+      each.report.show(found);
       if (name === "program")
         this.list(each, "Worst places: choose one to look at it", found.worst ?? [], (at, i) => this.look(at, i));
       if (name === "circle")
@@ -135,7 +136,8 @@ export class Prove implements Room {
 
   private draw(): void {
     if (!this.last || this.element.closest("[hidden]")) return;
-    for (const [name, { section, pictures }] of this.parts) {
+    for (const [name, { section, pictures, report }] of this.parts) {
+      if (!section.hidden) report.draw(this.last);
       for (const [key, picture] of pictures) {
         const of = key === "place" || key === "time" ? `${key}_${this.place}` : key;
         const chart = section.hidden ? undefined : this.last.said.charts[`${name}.${of}`];
@@ -150,18 +152,18 @@ function part(name: string): Part {
   const pictures = new Map(Object.entries(PICTURES[name]!).map(([key, title]) => [key, new Picture(title)]));
   for (const [key, each] of pictures) each.element.id = `proof-${name}-${key}`;
   const [first, ...others] = [...pictures.values()].map((each) => each.element);
-  const [list, outcome] = [make("div"), make("div")];
-  const places = name === "certificate" ? [] : [list];
-  const grid =
-    name === "program" ? [first!, make("div", {}, ...places, ...others)] : [first!, make("div", {}, ...others, ...places)];
+  const [list, report] = [make("div"), new Report(`proof-${name}`, `${name}.`)];
+  const beside = make("div", {}, ...(name === "program" ? [list, ...others] : [...others, list]));
+  const grid = first ? [make("div", { class: "grid" }, first, beside)] : [];
   const section = make(
     "section",
     { id: `proof-${name}`, hidden: "" },
     make("h2", {}, HEADS[name]!),
-    make("div", { class: "grid" }, ...grid),
-    outcome,
+    report.head,
+    ...grid,
+    report.body,
   );
-  return { section, pictures, list, outcome };
+  return { section, pictures, list, report };
 }
 
 function zoom(picture: Picture, { view: [left, right, low, high] }: Place): void {

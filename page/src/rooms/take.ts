@@ -1,7 +1,7 @@
 // What is taken away: files to download, exports, and all that was done as commands, Python and a job.
 
 import { button, copied, make, renew } from "../parts";
-import { result as shown, type Result } from "../result";
+import { Report, type Result } from "../result";
 import { result, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
 
@@ -76,8 +76,8 @@ export class Take implements Room {
             "aria-label": `Verify with this machine's compiler: ${target}`,
           }),
         ),
-        ...shown(found),
-        ...(proof ? shown(proof) : []),
+        ...told(found),
+        ...(proof ? told(proof) : []),
       );
     }
     content.push(
@@ -121,4 +121,10 @@ export class Take implements Room {
       make("div", { class: "buttons" }, button("Add the guard", add, { id: "guard-add" })),
     ];
   }
+}
+
+function told(found: Result): HTMLElement[] {
+  const report = new Report("take");
+  report.show(found);
+  return [report.head, report.body];
 }

@@ -182,10 +182,11 @@ class Report:
         listed = [picture for section in self.sections for picture in section.pictures]
         return listed if self.picture is None else [self.picture, *listed]
 
-    def record(self, units: Units = USUAL) -> dict[str, Any]:
+    def record(self, units: Units = USUAL, *, rendered: bool = False) -> dict[str, Any]:
         """Return the report for JSON: tables in SI with units, sentences as texts, pictures by key.
 
-        units  of the sentences
+        units     of the sentences
+        rendered  True for tables of texts in these units, which a page shows as they are
         """
 
         def resolved(text: str) -> str:
@@ -195,30 +196,33 @@ class Report:
             "title": resolved(self.title),
             "command": self.command,
             "verdict": {"sentences": [resolved(text) for text in self.verdict.sentences], "good": self.verdict.good},
-            "picture": None if self.picture is None else _recorded(self.picture, units),
+            "picture": None if self.picture is None else _recorded(self.picture, units, rendered),
             "sections": [
                 {
                     "key": section.key,
                     "title": resolved(section.title),
                     "folded": section.folded,
-                    "parts": [_recorded(part, units) for part in section.parts],
+                    "parts": [_recorded(part, units, rendered) for part in section.parts],
                 }
                 for section in self.sections
             ],
         }
 
 
-def _recorded(part: Part, units: Units) -> dict[str, Any]:
+def _recorded(part: Part, units: Units, rendered: bool) -> dict[str, Any]:
     def resolved(text: str) -> str:
         return str(resolve(text, units))
 
     match part:
+        case Table() if rendered:
+            return _recorded(part.grid(units), units, rendered)
         case Table():
             return {"kind": "table", **part.record(units)}
         case Grid():
             return {"kind": "grid", **part.shown(units)._asdict()}
         case Marked():
-            return {"kind": "table", **part.table.record(units), "best": list(part.best), "alert": list(part.alert)}
+            table = _recorded(part.table, units, rendered)
+            return {**table, "best": list(part.best), "alert": list(part.alert)}
         case Picture():
             texts = {"title": resolved(part.title), "caption": resolved(part.caption), "alt": resolved(part.alt)}
             return {"kind": "picture", "key": part.key, **texts}

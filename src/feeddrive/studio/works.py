@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +13,9 @@ import numpy as np
 from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import DRAWN, Quantity
-from feeddrive.language.table import Grid
+from feeddrive.language.table import drawn_in
 from feeddrive.language.text import Text, resolve
 from feeddrive.plot.chart import Chart
-from feeddrive.studio.desk import tabled
 from feeddrive.studio.jobs import perform
 
 if TYPE_CHECKING:
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from feeddrive.loop.control import Control
     from feeddrive.machining.circle_test import CircleTest
     from feeddrive.studio.uploads import Understood
-    from feeddrive.workflow.certify import CertifyRequest
     from feeddrive.workflow.circle import CircleRequest
     from feeddrive.workflow.command import Outcome
     from feeddrive.workflow.compare import CompareRequest
@@ -32,6 +30,7 @@ if TYPE_CHECKING:
     from feeddrive.workflow.request import Request
     from feeddrive.workflow.run_job import RunRequest
     from feeddrive.workflow.tour import TourRequest
+    from feeddrive.workflow.tune import TuneRequest
 
 _PLACES = 8  # worst places of a part program, and quadrant peaks of circles, that can be looked at
 _TURN = 12.0  # degrees on both sides of a quadrant peak
@@ -41,7 +40,7 @@ _TURN = 12.0  # degrees on both sides of a quadrant peak
 class Shown:
     """The result of a job, as the page shows it.
 
-    words     JSON data with the keys said, tables, verdict, failure, bad
+    words     JSON data with the keys verdict, failure, bad, said, picture and sections
     charts    charts by name
     controls  controls of a comparison by name of the law
     files     written files by name
@@ -57,58 +56,68 @@ class Shown:
     result: Any = None
 
 
-def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
-    """Return sentences and tables of an outcome for the page; a failed outcome always has a sentence."""
-    sentences, tables = list[str](), list[dict[str, Any]]()
-    verdict = resolve(outcome.verdict, outcome.units)
-    for item in outcome.shown():
-        if isinstance(item, Grid):
-            tables.append(tabled(item))
-        elif item != verdict:
-            sentences.append(item.removeprefix("- "))
-    bad = outcome.judgment.bad
-    failure = resolve(outcome.failure, outcome.units)
+def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
+    """Return the report of an outcome for the page: the same sections as in HTML, with the charts of its pictures.
+
+    drawn  keys of the pictures to draw; None: all. The room draws the others itself, or they are left to the report.
+
+    A failed outcome always has a sentence.
+    """
+    report = outcome.report()
+    units = replace(DRAWN, rotary=report.rotary)
+    record = report.record(units, rendered=True)
+
+    def kept(part: Mapping[str, Any]) -> bool:
+        return part["kind"] != "picture" or drawn is None or part["key"] in drawn
+
+    sections = [{**section, "parts": [*filter(kept, section["parts"])]} for section in record["sections"]]
+    verdict = record["verdict"]["sentences"]
+    failure, bad = resolve(outcome.failure, units), outcome.judgment.bad
     if bad and not failure and not verdict:
         failure = sentence(outcome.judgment.says)
-    return {"said": sentences, "tables": tables, "verdict": verdict, "failure": failure, "bad": bad}
+    notes = () if outcome.page is None else outcome.notes  # a report made of the outcome has them
+    words = {
+        "verdict": verdict,
+        "failure": "" if failure in verdict else failure,
+        "bad": bad,
+        "said": [resolve(note, units) for note in notes],
+        "picture": record["picture"] if record["picture"] is not None and kept(record["picture"]) else None,
+        "sections": [section for section in sections if section["parts"]],
+    }
+    with drawn_in(units):
+        charts = {
+            picture.key: picture.chart().shown(units)
+            for picture in report.pictures
+            if drawn is None or picture.key in drawn
+        }
+    return Shown(words, charts)
+
+
+def reported(command: str, request: Request, progress: Progress) -> Shown:
+    """Run a command, and show its report with all pictures."""
+    return shown(perform(command, request, progress))
 
 
 def fitted(command: str, request: Request, progress: Progress) -> Shown:
-    """Identify a model or frequency responses from logs, with charts of the fit."""
+    """Identify a model or frequency responses from logs."""
     outcome = perform(command, request, progress)
-    charts = dict(_fit_charts(outcome.result))
-    charts = _drawn(charts, outcome)
+    progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
-    return Shown(words_of(outcome), charts=charts, files=files, friction=getattr(outcome.result, "friction", None))
+    return replace(shown(outcome), files=files, friction=getattr(outcome.result, "friction", None))
+
+
+def tuned(request: TuneRequest, progress: Progress) -> Shown:
+    """Tune a control; its pictures over frequency are drawn by the room, with the control of the page beside them."""
+    outcome = perform("tune", request, progress)
+    progress.step("pictures")
+    files = {what: Path(str(path)) for what, path in outcome.files.items()}
+    return replace(shown(outcome, ("cascade", "time")), files=files, result=outcome.result.control)
 
 
 def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:
     """Return charts with their texts in the drawing units of an outcome."""
     units = replace(outcome.units, typographic=True)
     return {name: chart.shown(units) for name, chart in charts.items()}
-
-
-def _fit_charts(result: Any) -> Iterator[tuple[str, Chart]]:
-    """Yield the charts of a fit: model over log and friction for a motion, each response and the
-    model for responses.
-    """
-    from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
-    from feeddrive.identification.motion.identify import Identified
-    from feeddrive.identification.response.modal_fit import ModalFit
-    from feeddrive.identification.response.plant_fit import AxisFits
-    from feeddrive.plot.identification import friction_chart, identified_chart
-    from feeddrive.plot.over_frequency import estimates_chart, response_fit_chart
-
-    if isinstance(result, Identified):
-        yield "made", identified_chart(result)
-        if result.loop is not None and result.friction is not None:
-            yield "friction", friction_chart(result.loop, measured=result.friction)
-    elif isinstance(result, AxisFits | ModalFit):
-        yield "response", response_fit_chart((result.fit if isinstance(result, AxisFits) else result).agreement)
-    else:
-        known = [estimate for estimate in result if isinstance(estimate, FrequencyEstimate)]
-        if known:
-            yield "response", estimates_chart(known)
 
 
 def toured(request: TourRequest, progress: Progress) -> list[Understood]:
@@ -119,24 +128,13 @@ def toured(request: TourRequest, progress: Progress) -> list[Understood]:
     return understand([Path(str(path)) for path in outcome.files.values()], progress)
 
 
-def certified(request: CertifyRequest, progress: Progress) -> Shown:
-    """Compute a stability certificate, and draw it over frequency and as discs in the complex plane."""
-    from feeddrive.plot.complex_plane import certificate_chart, certificate_discs_chart
-
-    outcome = perform("certify", request, progress)
-    charts = {"certificate": certificate_chart(outcome.result)}
-    if not outcome.result.two_rates:  # with two rates one L has no disc of its own
-        charts["discs"] = certificate_discs_chart(outcome.result)
-    return Shown(words_of(outcome), _drawn(charts, outcome))
-
-
 def circled(request: CircleRequest, progress: Progress) -> Shown:
     """Run the circle test of the machine; `circle_shown` draws the resulting circles."""
     outcome = perform("circle", request, progress)
-    return Shown(words_of(outcome), result=outcome.result.test)
+    return replace(shown(outcome, ("causes",)), result=outcome.result.test)
 
 
-def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
+def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
     """Draw the deviation of a circle test, magnified and over the angle, and list the largest quadrant peaks.
 
     before  the same circles under another control, for comparison
@@ -144,7 +142,7 @@ def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
     from feeddrive.machining.circle_test import quadrant_peaks
     from feeddrive.plot.machining import circle_chart, unrolled_chart
 
-    test: CircleTest = shown.result
+    test: CircleTest = latest.result
     peaks = list[dict[str, Any]]()
     for peak in quadrant_peaks(test)[:_PLACES]:
         at = float(np.degrees(peak.angle))
@@ -152,7 +150,7 @@ def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
         peaks.append({"text": text.shown(DRAWN), "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
     charts = {"circle": circle_chart(test, before), "unrolled": unrolled_chart(test, before)}
     charts = {name: chart.shown(DRAWN) for name, chart in charts.items()}
-    return replace(shown, words={**shown.words, "peaks": peaks}, charts=charts)
+    return replace(latest, words={**latest.words, "peaks": peaks}, charts={**latest.charts, **charts})
 
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
@@ -161,7 +159,7 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
 
     outcome = perform("run", request, progress)
     progress.step("pictures")
-    words = words_of(outcome)
+    page = shown(outcome, ("cut", "estimates", "limits", "error", "force"))
     charts, worst = dict[str, Chart](), list[dict[str, Any]]()
     row = outcome.result.rows[0]
     if row.part is not None:
@@ -180,8 +178,7 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
                     "view": place_view(row.part.contour, place),
                 }
             )
-        words["tables"] = [tabled(row.part.table()), *words["tables"]]
-    return Shown({**words, "worst": worst}, _drawn(charts, outcome))
+    return Shown({**page.words, "worst": worst}, {**page.charts, **_drawn(charts, outcome)})
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:
@@ -203,16 +200,17 @@ def compared(request: CompareRequest, progress: Progress) -> Shown:
         }
         for competitor in comparison.competitors
     ]
-    words = {**words_of(outcome), "laws": laws, "seed": comparison.seed}
+    page = shown(outcome, ("ratios", "recovery"))
+    words = {**page.words, "laws": laws, "seed": comparison.seed}
     controls = {competitor.name: competitor.loop.control for competitor in comparison.competitors}
-    return Shown(words, _drawn({"tradeoff": chart}, outcome), controls)
+    return Shown(words, {**page.charts, **_drawn({"tradeoff": chart}, outcome)}, controls)
 
 
 def exported(request: ExportRequest, progress: Progress) -> Shown:
     """Write an export, and pack it as a ZIP archive next to its directory."""
     outcome = perform("export", request, progress)
     assert request.out is not None
-    return Shown({**words_of(outcome), "archive": packed(request.out).name})
+    return Shown({**shown(outcome).words, "archive": packed(request.out).name})
 
 
 def packed(folder: Path) -> Path:

@@ -51,7 +51,7 @@ class Bring(Room):
             "bundled": _bundled(),
             "files": [self._file(name) for name in self.files.values()],
             "open": self.open,
-            "made": {},
+            "made": None,
             "roles": dict(ROLES),
             "start_from": self.start_from,
             "offers_tour": not self.files and self.desk.bench is None,

@@ -16,16 +16,14 @@ from feeddrive.figures.of_loops import COMPLIANCE_PEAK, SENSITIVITY_PEAK
 from feeddrive.files.machine import read_machine
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import number
+from feeddrive.language.quantity import DRAWN, number
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name
-from feeddrive.studio.jobs import Found, perform
+from feeddrive.studio.jobs import Found
 from feeddrive.studio.pictures import charts
-from feeddrive.studio.works import words_of
+from feeddrive.studio.works import Shown, tuned
 from feeddrive.tuning.by_hand import Look
-from feeddrive.tuning.tune import Tuned
-from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.request import Field, fields_of
 from feeddrive.workflow.tune import TuneRequest
 from feeddrive.workflow.tune_sources import has_integral
@@ -65,7 +63,7 @@ class Goal(Room):
         """Discard the result of the previous source; goal and limits are kept."""
         self.costs = list[float]()
         self.best: Control | None = None
-        self.result: Outcome[Tuned] | None = None
+        self.result: Shown | None = None
         self._looks: dict[str, tuple[Control, Look]] = {}
         self._integral: tuple[Control, bool] | None = None  # of the current control
 
@@ -122,11 +120,11 @@ class Goal(Room):
                 self.costs.append(report.cost)
                 self.best = report.best
 
-        def then(outcome: Outcome[Tuned]) -> None:
-            self.result, self.best = outcome, outcome.result.control
+        def then(shown: Shown) -> None:
+            self.result, self.best = shown, shown.result
             self.desk.did("tune", request, self._best())
 
-        self.desk.start(self.name, "tune", partial(perform, "tune", request), then, met)
+        self.desk.start(self.name, "tune", partial(tuned, request), then, met)
 
     @act
     def accept(self, _: Asked) -> Said:
@@ -145,8 +143,7 @@ class Goal(Room):
 
     def _written(self) -> Path | None:
         """Return the machine file with the result, rounded as proven; None for a canceled search."""
-        place = None if self.result is None else self.result.files.get("Machine")
-        return None if place is None else Path(place)
+        return None if self.result is None else self.result.files.get("Machine")
 
     @act
     def reject(self, _: Asked) -> None:
@@ -227,12 +224,15 @@ class Goal(Room):
         levels = list[dict[str, Any]]()
         peak = self.settings.get(_PEAK, FIELDS[_PEAK].default)
         if "sensitivity" in drawn:
-            at, text = self._peak_limit(), f"Ms <= {peak:g}"
+            at, text = self._peak_limit(), f"Ms <= {number(peak, 6)}"
             levels.append({"field": _PEAK, "picture": "sensitivity", "at": at, "text": text})
         if "stiffness" in drawn:
             stiffness = self.settings.get(_SOFT)
             at = self._least(drawn["stiffness"]) if stiffness is None else 1e-6 / stiffness
-            text = "no limit of stiffness: drag it up" if stiffness is None else f"stiffness >= {at:.4g}"
+            text = "no limit of stiffness: drag it up"
+            if stiffness is not None:
+                reader = replace(DRAWN, rotary=self.desk.needed.rotary)
+                text = f"stiffness >= {reader.value_text(1.0 / stiffness, 'N/m')}"
             levels.append({"field": _SOFT, "picture": "stiffness", "at": at, "text": text})
         return levels
 
@@ -271,10 +271,10 @@ class Goal(Room):
             steps, costs = np.arange(1.0, len(self.costs) + 1.0), np.array(self.costs) / self.costs[0]
             curve = Curve(steps, costs, "cost of the best so far", 0, caption=f"{number(costs[-1])} of the first")
             drawn["search"] = Chart("improvements", (Panel("cost (of the first)", (curve,)),))
-        return {name: drawn[name] for name in ("sensitivity", "stiffness", "open_loop", "search") if name in drawn}
+        shown = {name: drawn[name] for name in ("sensitivity", "stiffness", "open_loop", "search") if name in drawn}
+        return shown if self.result is None else {**shown, **self.result.charts}
 
     def _result(self) -> dict[str, Any]:
         if self.result is None:
-            none = {"said": [], "tables": [], "verdict": "", "failure": "", "bad": False}
-            return {**none, "unfinished": self.best is not None}
-        return {**words_of(self.result), "unfinished": False}
+            return {"found": None, "unfinished": self.best is not None}
+        return {"found": self.result.words, "unfinished": False}

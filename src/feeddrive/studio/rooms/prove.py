@@ -10,7 +10,7 @@ from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
 from feeddrive.studio.rooms.take import whole
-from feeddrive.studio.works import Shown, certified, circle_shown, circled, program_run
+from feeddrive.studio.works import Shown, circle_shown, circled, program_run, reported
 from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest
 from feeddrive.workflow.run_job import RunRequest
@@ -59,7 +59,7 @@ class Prove(Room):
             self.desk.did("certify", request, held.control)
             self._put("certificate", held, shown)
 
-        self.desk.start(self.name, "certify", partial(certified, request), then)
+        self.desk.start(self.name, "certify", partial(reported, "certify", request), then)
 
     @act
     def circle(self, asked: Asked) -> None:

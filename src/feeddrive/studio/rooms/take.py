@@ -5,6 +5,7 @@ The steps can be repeated without the page.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,10 +22,9 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.guard import Guard
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
 from feeddrive.studio.jobs import perform
-from feeddrive.studio.works import Shown, exported, packed, words_of
+from feeddrive.studio.works import Shown, exported, packed, reported
 from feeddrive.tuning.filters import difference
 from feeddrive.workflow.adjust import AdjustRequest
-from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.export import ExportRequest, VerifyRequest
 
 
@@ -111,7 +111,7 @@ class Take(Room):
     def begin(self) -> None:
         """Discard the exports of the previous control."""
         self.exports: dict[str, tuple[Held, Shown]] = {}
-        self.verified: dict[str, dict[str, Any]] = {}
+        self.verified: dict[str, Mapping[str, Any]] = {}
 
     def show(self) -> Said:
         """Return the available exports and the recipe."""
@@ -211,11 +211,11 @@ class Take(Room):
         target = asked.choice("target", self.exports)
         request = VerifyRequest(self.desk.folder / f"export_{target}")
 
-        def then(outcome: Outcome[Any]) -> None:
+        def then(verified: Shown) -> None:
             self.desk.did("verify", request)
-            self.verified[target] = words_of(outcome)
+            self.verified[target] = verified.words
 
-        self.desk.start(self.name, f"verify the export for {target}", partial(perform, "verify", request), then)
+        self.desk.start(self.name, f"verify the export for {target}", partial(reported, "verify", request), then)
 
     def _give(self, path: Path) -> Said:
         return Said({**self.show().words, "give": path.name})
