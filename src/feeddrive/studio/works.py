@@ -61,14 +61,18 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
 
     drawn  keys of the pictures to draw; None: all. The room draws the others itself, or they are left to the report.
 
-    A failed outcome always has a sentence.
+    Pictures that the page cannot draw are left out. A failed outcome always has a sentence.
     """
     report = outcome.report()
     units = replace(DRAWN, rotary=report.rotary)
+    with drawn_in(units):
+        pictures = [picture for picture in report.pictures if drawn is None or picture.key in drawn]
+        charts = {picture.key: picture.chart().shown(units) for picture in pictures}
+    charts = {key: chart for key, chart in charts.items() if _drawable(chart)}
     record = report.record(units, rendered=True)
 
     def kept(part: Mapping[str, Any]) -> bool:
-        return part["kind"] != "picture" or drawn is None or part["key"] in drawn
+        return part["kind"] != "picture" or part["key"] in charts
 
     sections = [{**section, "parts": [*filter(kept, section["parts"])]} for section in record["sections"]]
     verdict = record["verdict"]["sentences"]
@@ -84,13 +88,13 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
         "picture": record["picture"] if record["picture"] is not None and kept(record["picture"]) else None,
         "sections": [section for section in sections if section["parts"]],
     }
-    with drawn_in(units):
-        charts = {
-            picture.key: picture.chart().shown(units)
-            for picture in report.pictures
-            if drawn is None or picture.key in drawn
-        }
     return Shown(words, charts)
+
+
+def _drawable(chart: Chart) -> bool:
+    """Return True if the page can draw a chart: it has neither boxes nor fields, nor named ticks, and one abscissa."""
+    plain = (not (panel.boxes or panel.ticks or panel.field or panel.abscissa) for panel in chart.panels)
+    return not chart.ticks and all(plain)
 
 
 def reported(command: str, request: Request, progress: Progress) -> Shown:
