@@ -95,8 +95,11 @@ def test_a_reload_shows_what_was_proven(ran: Any) -> None:
     ran.page.wait_for_selector("#proof-program .worst")
     assert ran.page.locator("#proof-program .worst").all_inner_texts() == texts
     assert ran.page.locator("#proof-program-path canvas").count() == 1
-    parts = ran.page.locator("#room-prove section:visible")
+    parts = ran.page.locator("#room-prove section[id]:visible")
     assert [each.get_attribute("id") for each in parts.all()] == ["proof-program", "proof-certificate"]  # latest first
+    folded = ran.page.locator("#proof-certificate .report details")  # as on the page that the command writes
+    assert folded.locator("summary").all_inner_texts() == ["The control", "What was certified"]
+    assert not folded.locator("table:visible, dl:visible").count()
     assert ran.said == []
 
 
@@ -185,7 +188,7 @@ def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> Non
     page.fill("#compare-starts", "1")
     page.click("#compare-start")
     assert opened.ended() == "done"
-    table = page.locator("#room-compare table", has_text="held back by")
+    table = page.locator("#room-compare table", has_text="Tune on with it")
     rows = table.locator("tbody tr td:first-child").all_inner_texts()
     assert rows == ["today's gains", "P-PI", "P-PI + compensator"]
     said = found_mark(page, "compare-tradeoff", steps=60)

@@ -25,7 +25,7 @@ from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point, response_on, smoothed
 from feeddrive.tuning.search import Search, least_quadratic
-from feeddrive.tuning.tune import Tuner, assess, law_tunables, tune_control, two_digits
+from feeddrive.tuning.tune import Tuner, assess, law_tunables, resonances_above, tune_control, two_digits
 from random_drives import outcome
 from slow_share import all_but
 
@@ -309,6 +309,16 @@ def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
         if isinstance(block, fd.blocks.Notch):
             assert block.damping_zero <= block.damping_pole, f"filters.{i} raises"
     assert np.isnan(placed.started["filters.1.frequency"])
+
+
+def test_resonances_for_notches_lie_above_the_crossover_and_may_rise_above_1_again() -> None:
+    """An integrator that crosses 1 at 100 Hz, with a resonance below it and three above it."""
+    f = np.geomspace(1.0, 10e3, 401)  # 100 lines a decade, 100 Hz is line 200
+    size = (100.0 / f) * (1.0 + 1e-6)
+    for line, peak in ((130, 30.0), (250, 1.5), (290, 0.3), (350, 0.1)):
+        size[line] = peak
+    assert resonances_above(f, size) == [250, 290]  # 316 and 794 Hz; not 20 Hz, nor 3160 Hz, which is quiet
+    assert resonances_above(f, 0.01 * size)[0] == 130  # |L| < 1 everywhere: there is no crossover
 
 
 @pytest.mark.slow(reason="one search for each goal, 15 s; the goal stiffness is tuned for quickly in test_tune")

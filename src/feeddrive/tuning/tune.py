@@ -544,13 +544,26 @@ class Tuner:
         peaks: dict[float, float] = {}
         for answer in self.criteria(best.control, best.names, whole=True).answers(best.end.x):
             f, size = answer.point.frequency, np.abs(answer.gain)
-            above = np.flatnonzero(size >= 1.0)
-            crossover = f[above[0]] if above.size else f[0]
-            for k in range(2, f.size - 2):
-                peak = size[k] == np.max(size[k - 2 : k + 3]) and size[k] > _LOUD and f[k] > 1.2 * crossover
-                if peak and all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *peaks)):
+            for k in resonances_above(f, size):
+                if all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *peaks)):
                     peaks[float(f[k])] = float(size[k])
         return sorted(peaks, key=lambda frequency: -peaks[frequency])
+
+
+def resonances_above(frequency: np.ndarray, size: np.ndarray) -> list[int]:
+    """Return the lines of the resonances of a loop gain, |L| > 0.15, above its crossover.
+
+    The crossover is where |L| first falls below 1. Beyond the last such line the loudest resonances would be missing,
+    those that rise above 1 once more: on the bundled ball screw, the machining center and the mill these are the ones
+    whose notch pays.
+    """
+    falls = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
+    crossover = frequency[falls[0]] if falls.size else frequency[0]
+    return [
+        k
+        for k in range(2, size.size - 2)
+        if size[k] == np.max(size[k - 2 : k + 3]) and size[k] > _LOUD and frequency[k] > 1.2 * crossover
+    ]
 
 
 def _soft(control: Control, name: str) -> bool:
