@@ -220,7 +220,7 @@ def robust_report(best: Robust, laws: Laws | None = None, known: Mapping[str, st
         Picture(
             "deciding",
             "The machines that decide",
-            "Dynamic stiffness and loop of those sampled machines that limit the tuning, under the new control.",
+            "Dynamic stiffness of those sampled machines that limit the tuning, under both controls.",
             "Frequency responses of the machines that decide.",
             best.tuned.chart,
         ),
