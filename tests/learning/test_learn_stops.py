@@ -10,7 +10,7 @@ import pytest
 import feeddrive as fd
 from feeddrive.comparison.judge import alike
 from feeddrive.evaluation.duty import duty_of
-from feeddrive.learning.stops import learn_stops
+from feeddrive.learning.stops import _swings, learn_stops
 from feeddrive.tuning.candidates import candidates
 
 FRICTION = fd.blocks.GeneralizedMaxwellSlip(
@@ -50,3 +50,8 @@ def test_an_axis_without_dry_friction_has_no_stops() -> None:
     refused = candidates(replace(loop, axis=replace(loop.axis, friction_load=None)))[1]
     reasons = {each.name: each.reason for each in refused}
     assert reasons["P-PI + learned stops"].startswith("the axis has no dry friction")
+
+
+def test_the_slowest_swing_goes_back_and_forth_twice() -> None:
+    """At 0.5 Hz: a log that begins and ends at the same place."""
+    assert 0.5 * 1e-3 * _swings(0.1, 1e-3).position.size == 2.0

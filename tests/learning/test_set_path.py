@@ -217,3 +217,8 @@ def test_a_changed_path_rests_for_50_ms() -> None:
     path = zero_phase(ON_R, quick)
     rest = path.wanted.position.size * T - quick.duration - path.lead
     assert rest == pytest.approx(0.05, abs=2.0 * T)
+
+
+def test_a_path_of_twelve_thousand_samples_needs_no_window() -> None:
+    path = filtered_splines(on_v(), replace(SHORT, dwell_after=0.9), spacing=100)
+    assert path.reference.position.size > 12_000

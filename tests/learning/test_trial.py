@@ -16,7 +16,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.learning.iterative_feedforward import begin_compensation, next_iteration
-from feeddrive.learning.trial import check_clock, measured_trial, simulated_trial
+from feeddrive.learning.trial import _width, check_clock, measured_trial, simulated_trial
 from feeddrive.loop.simulate import simulate
 from trials import MOVE, RECORD, START, T, along, linear_loop, trial_with_friction
 
@@ -196,3 +196,29 @@ def test_a_trial_shows_itself() -> None:
 def test_the_clock_of_a_log_may_differ_by_a_thousandth(off: float, accepted: bool) -> None:
     with contextlib.nullcontext() if accepted else pytest.raises(LogError, match="differs from the controller's"):
         check_clock("log", (1.0 + off) * T, T)
+
+
+def rounded_sine(acceleration: float, frequency: float) -> np.ndarray:
+    """Positions in um, of 10 s at 1 kHz, of a sine with this RMS acceleration in m/s²."""
+    omega = 2.0 * np.pi * frequency
+    swing = np.sqrt(2.0) * acceleration / omega**2
+    return 1e-6 * np.rint(1e6 * swing * np.sin(omega * 1e-3 * np.arange(10_000)))
+
+
+@pytest.mark.parametrize(("share", "smoothed"), [(0.015, False), (0.03, True)])
+def test_a_reference_is_smoothed_if_rounding_makes_two_percent_of_its_acceleration(
+    share: float, smoothed: bool
+) -> None:
+    """A count of 1 um has the RMS 1/√12 um, and an acceleration the weights ±1/2 over T²: 0.29 m/s² at 1 kHz."""
+    width, _ = _width(rounded_sine(1.0 / np.sqrt(12.0) / share, 5.0), 1e-3)
+    assert (width > 0) is smoothed
+
+
+@pytest.mark.parametrize(("acceleration", "accepted"), [(2e-3, True), (1e-3, False)])
+def test_a_reference_is_smoothed_over_sixty_four_samples_at_most(acceleration: float, accepted: bool) -> None:
+    """Two averages over m samples leave an acceleration of a count/(2 m² T²): 3e-5 m/s² with m = 129."""
+    if accepted:
+        assert _width(rounded_sine(acceleration, 0.2), 1e-3)[0] == 64
+        return
+    with pytest.raises(LogError, match="log it with more digits"):
+        _width(rounded_sine(acceleration, 0.2), 1e-3)
