@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.signals import Motion
@@ -254,6 +253,8 @@ def wall(
     polyline with a sagitta of 1 nm, and its crossings are interpolated.  Run-out is left out.
     Raises ParameterError for instants outside the run, a standstill of the feed, or an unknown kind of milling.
     """
+    from scipy.interpolate import CubicHermiteSpline
+
     _side(milling)
     if not run.time[0] <= begin < end <= run.time[-1]:
         raise ParameterError(
