@@ -122,7 +122,7 @@ def test_the_fewest_changes_are_found(control: Control) -> None:
     assert (found.removed, found.added, dict(found.values)) == ((0,), (), {})
     same = difference(two, two)
     assert same is not None
-    assert same.nothing
+    assert same.is_empty
     law = fd.read_machine("linear_motor").loop(None).control.law
     assert type(law) is not type(two.law) or difference(two, replace(two, law=replace(law, position_every=4))) is None
 

@@ -324,7 +324,7 @@ class Desk:
             if out.parent == self.folder and out.is_dir():
                 directories.pop(out.name, None)
                 changed = difference(step.control, self.control)
-                directories[out.name] = "" if changed is not None and changed.nothing else _ANOTHER
+                directories[out.name] = "" if changed is not None and changed.is_empty else _ANOTHER
         return directories
 
     def restore(self, held: Held) -> None:

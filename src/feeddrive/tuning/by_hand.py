@@ -65,9 +65,11 @@ def _knobs(control: Control, sample_time: float) -> Iterator[Knob]:
         most = declared.below if declared.most is None else declared.most
         if declared.unit == "Hz":
             most = min(math.inf if most is None else most, HIGHEST / sample_time)
+        # gains, times and frequencies act by factors; a share or a flag, bounded by 2 or less, by differences
         if value > 0.0 and least is not None and least >= 0.0 and (most is None or most > 2.0):
             low, high, logarithmic = value / _WIDE, value * _WIDE, True
         else:
+            # a parameter at 0 needs a range, too
             reach = 2.0 * abs(value) or 1.0
             low, high, logarithmic = value - reach, value + reach, False
         low = low if least is None else max(low, least)
@@ -147,6 +149,7 @@ class ByHand:
     ) -> None:
         if not points:
             raise ParameterError("tuning by hand needs an operating point: a machine, or a measured response")
+        # a verdict names its point
         called = [point.name for point in points]
         if len({*called}) < len(called):
             raise ParameterError(f"operating points need names of their own, not {', '.join(called)}: rename one")
@@ -178,6 +181,7 @@ class ByHand:
 
         Raises ParameterError for a value out of bounds, and for a control whose response is not finite there.
         """
+        # for its checks only: the trace below would accept values out of bounds
         self.control(values)
         limits = limits or self.limits
         row = np.array([values.get(knob.name, knob.value) for knob in self.knobs])
@@ -198,9 +202,9 @@ class ByHand:
         response = self._responses[self.points[0].sample_time]
         if response.period > 1:
             return None
-        known = [knob.name for knob in self.knobs]
+        all_names = [knob.name for knob in self.knobs]
         matrix, slopes = response.model([values.get(knob.name, knob.value) for knob in self.knobs])
-        return matrix, slopes[:, :, [known.index(name) for name in names]]
+        return matrix, slopes[:, :, [all_names.index(name) for name in names]]
 
     def _response(self, point: OperatingPoint, row: np.ndarray) -> Response:
         response = self._responses[point.sample_time]

@@ -98,11 +98,13 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
     axis = axis_model(loop)
     offered: list[Candidate] = []
     refused: list[Refusal] = []
+    # the reference law first: all others are compared with it
     shipped = sorted(members(Law).values(), key=lambda law: law is not CascadePPI)
     for law in (*shipped, *(law for law in own if law not in shipped)):
         try:
             starts = law.begin(axis, loop.control.law)
             bases = [Candidate(start.name, _with_law(loop, axis, start), start.remark) for start in starts]
+        # the report lists combinations of a refused law as well, with the reason of the law
         except FeeddriveError as error:
             name = law.title or law.kind.replace("_", " ")
             refused += [
@@ -146,13 +148,14 @@ def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
     """Return a loop with another law; keep filters and friction feedforward, and remove terms that the law feeds
     forward itself.
     """
-    law, own = start.law, start.feedforward
-    taken = {*law.feeds} if own is None else {*law.feeds, *_MOTION}
+    law, motion = start.law, start.feedforward
+    taken = {*law.feeds} if motion is None else {*law.feeds, *_MOTION}
     blocks = [kept for block in loop.control.feedforward if (kept := _without(block, taken)) is not None]
-    if own is None and not {*law.feeds, *(term for block in blocks for term in block.fed())} & {*_MOTION}:
-        own = Inertia(mass=axis.mass, viscous=axis.viscous)
-    if own is not None:
-        blocks.append(own)
+    if motion is None and not {*law.feeds, *(term for block in blocks for term in block.fed())} & {*_MOTION}:
+        motion = Inertia(mass=axis.mass, viscous=axis.viscous)
+    if motion is not None:
+        blocks.append(motion)
+    # the prefilter was fitted to the loop of the law that is replaced; `_beside` offers prefilters and compensations
     control = replace(loop.control, law=law, feedforward=tuple(blocks), prefilter=None, compensation=())
     return replace(loop, control=control)
 
@@ -204,16 +207,16 @@ def _beside(
         yield Refusal(name, str(error))
 
 
-def _learning(loop: Loop, told: Feedforward) -> Loop:
+def _learning(loop: Loop, feedforward: Feedforward) -> Loop:
     """Return the loop with a learning compensator that uses the same basis functions as one given the axis's friction
     model.
 
     Without a basis function for the breakaway friction, which acts at the start of an acceleration, the estimated mass
     absorbs part of it, a different part in each trial.
     """
-    if not isinstance(told, DisturbanceCompensator) or told.stribeck is None:
+    if not isinstance(feedforward, DisturbanceCompensator) or feedforward.stribeck is None:
         return begin_compensation(loop)
-    return begin_compensation(begin_compensation(loop), ["stribeck"], stribeck_velocity=told.stribeck_velocity)
+    return begin_compensation(begin_compensation(loop), ["stribeck"], stribeck_velocity=feedforward.stribeck_velocity)
 
 
 def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) -> Iterator[Candidate | Refusal]:
@@ -223,8 +226,8 @@ def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) ->
             yield Refusal(name, form.remark)
             continue
         loop = replace(base.loop, control=replace(base.loop.control, compensation=(form.block,)))
-        told = f"{form.name} {axis.sentence()}"
-        remark = joined("; ", filter(None, (base.remark, told, form.remark)))
+        model = f"{form.name} {axis.sentence()}"
+        remark = joined("; ", filter(None, (base.remark, model, form.remark)))
         yield replace(base, name=name, loop=loop, remark=remark, like="" if form.tuned else base.name)
 
 

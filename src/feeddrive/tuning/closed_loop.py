@@ -20,7 +20,9 @@ from feeddrive.loop.linearize import StateSpace
 from feeddrive.tuning.control_response import READINGS, Response
 from feeddrive.tuning.operating_point import OperatingPoint
 
-_DEEPEST, _LINES = 1e-3, 40  # lower end of the extension as a share of the first line, and its number of lines
+# lower end of the extension as a share of the first line, and its number of lines: below a first line of 1 Hz, recovery
+# times of minutes still show
+_DEEPEST, _LINES = 1e-3, 40
 
 
 class Recovery(NamedTuple):
@@ -105,16 +107,17 @@ class Answer:
     def readings(self, noise: tuple[float, float]) -> list[Reading]:
         """Return the responses from the encoder errors (m RMS) to the force."""
         C, dC = self.response.value, self.response.slope
+        # the error of a single encoder enters both readings: the gains add, not their squares
         if self.point.ratio is not None and np.all(self.point.ratio[0] == 1.0):  # a single encoder gives both readings
             return [Reading(C[0] + C[1], dC[0] + dC[1], max(noise))]
         return [Reading(C[k], dC[k], noise[k]) for k in range(2)]
 
     def recovery(self) -> Recovery:
         """Return frequency, compliance and its derivatives, extended far below the first line."""
-        own = Recovery(self.point.frequency, self.compliance, self.compliance_slope)
+        lines = Recovery(self.point.frequency, self.compliance, self.compliance_slope)
         if self.below is None:
-            return own
-        return Recovery(*(np.concatenate(pair) for pair in zip(self.below, own, strict=True)))
+            return lines
+        return Recovery(*(np.concatenate(pair) for pair in zip(self.below, lines, strict=True)))
 
 
 def answer(point: OperatingPoint, response: Response, below: Recovery | None = None) -> Answer:
@@ -160,6 +163,7 @@ def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np
     variance = np.zeros(S.size)
     if point.variance is None:
         return variance
+    # only the load row is the table itself: the direct terms of y belong to it
     table = np.array([[0.0], [1.0]])
     yu = point.moved[0]
     if point.at_drive:  # y = y_u S: a single measurement determines it
@@ -170,6 +174,7 @@ def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np
     return variance
 
 
+# a free motion that nothing controls is a pole at 1, which rounding puts on either side
 _EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as stable
 
 
@@ -202,8 +207,10 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     moved = steps[0]
     for step in steps[1:]:
         moved = step @ moved
+    # the product over a period may overflow, and eigvals raises LinAlgError for infinite entries
     if not np.all(np.isfinite(moved)):
         return True
+    # negated, so that NaN counts as unstable
     return not float(np.max(np.abs(np.linalg.eigvals(moved)))) < _EDGE
 
 
@@ -242,14 +249,16 @@ def encircles(answer: Answer) -> bool:
         near = slow[np.abs(np.log(slow)) < 2.0 * np.pi * _SLOW * f[0] * answer.point.sample_time]
         values = values * np.prod((z - near) / (z - 1.0), axis=1)
     if answer.response.rest is not None:  # det(1 + L) of the lifted loop, up to its own Nyquist
-        own = f <= 0.5 / (answer.point.sample_time * answer.response.period)
-        f, values = f[own], (values * answer.response.rest)[own]
+        below = f <= 0.5 / (answer.point.sample_time * answer.response.period)
+        f, values = f[below], (values * answer.response.rest)[below]
     low = np.arange(min(max(int(np.searchsorted(f, _LOWEST * f[0])), _FEWEST), f.size))
+    # downwards from the last line, where L has fallen, so that the phase of 1 + L needs no unwrapping there
     steps = np.angle(values[:-1] * np.conj(values[1:]))
     phase = np.angle(values[-1]) + np.cumsum(steps[::-1])[::-1][low[low < steps.size]]
     level, x = np.log(np.abs(values[low])), np.log(f[low])
     apart = x - np.mean(x)
     n = -float(apart @ level / (apart @ apart))
+    # slower unstable poles are already in the slope n
     fast = int(np.sum(answer.response.unstable > 2.0 * np.pi * f[0]))
     return not abs(np.degrees(np.mean(phase)) + 90.0 * n + 180.0 * fast) < 90.0
 

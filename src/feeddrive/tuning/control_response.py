@@ -96,6 +96,7 @@ class Walk:
         self.traced, self.tunables = traced, tunables
         self._nodes = [node for _, _, node in traced.entries]
         kinds = {traced.graph.nodes[i][0] for i in reachable(traced.graph, self._nodes)}
+        # the compiled program has no tables and no ring buffers
         self._seen, self._possible = 0, not kinds & {"table", "ring"}
         self._native: tuple[Native, list[str]] | None = None
 
@@ -223,6 +224,7 @@ class ControlResponse:
         self._begun = self._start(self.control)
         self._traced = traced_control(self.control, self._begun)
         self._walk = self._traced.walk(self.tunables)
+        # states without effect on the force may have poles at 1, which would count as integrators
         self._live = needed(self._traced)
         self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
         self._states: dict[str, np.ndarray] | None = None
@@ -231,6 +233,7 @@ class ControlResponse:
     def _start(self, control: Control) -> Any:
         zero = np.float64(0.0)
         setpoint = Setpoint(zero, np.float64(self.velocity), zero, zero, zero)
+        # the axis slides: one sample before position 0 it was v T behind
         before = np.float64(-self.velocity * self.T)
         with np.errstate(all="ignore"):
             return control.start(control.prepare(self.T), setpoint, before, before, np.float64(self.velocity))
@@ -242,6 +245,7 @@ class ControlResponse:
         if self.period == 1 or axis is None:
             return None
         rate = 1.0 / self.T
+        # a sampled response repeats with the sample rate and is conjugate symmetric about half of it
         there = (frequency[:, None] + rate / self.period * np.arange(1, self.period)) % rate
         beyond = there > 0.5 * rate
         response = axis(np.where(beyond, rate - there, there).ravel()).reshape(2, *there.shape)
@@ -330,6 +334,7 @@ class ControlResponse:
         product = np.eye(len(self._live))
         for matrix in self.model(values)[:1] if self.period == 1 else self._samples(values, with_slopes=False)[0]:
             product = matrix[:-1, :-2] @ product
+        # only whole periods have poles: the matrices of single samples need not be stable
         poles = np.linalg.eigvals(product)
         return bool(np.any(np.abs(poles - 1.0) < _AT_ONE))
 
@@ -378,15 +383,16 @@ class ControlResponse:
         kept = [0] if images is None else [0, *(k for k in range(1, N) if k <= most or k >= N - most)]
         parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         for first in range(0, frequency.size, count):
-            own = slice(first, first + count)
+            block = slice(first, first + count)
             axis = (
-                np.zeros((2, frequency[own].size, 0))
+                np.zeros((2, frequency[block].size, 0))
                 if images is None
-                else images[:, own][:, :, np.array(kept[1:]) - 1]
+                else images[:, block][:, :, np.array(kept[1:]) - 1]
             )
-            turns = images_turn(frequency[own], N, self.T)[:, :, kept]
-            parts.append(_closed_by(big, slopes, turns, frequency[own] * self.T, axis))
+            turns = images_turn(frequency[block], N, self.T)[:, :, kept]
+            parts.append(_closed_by(big, slopes, turns, frequency[block] * self.T, axis))
         poles = np.linalg.eigvals(big[:n, :n]) if n else np.zeros(0)
+        # rounding puts the pole of an integrator on either side of 1
         unstable = np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / (N * self.T)
         value, slope = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
         return Response(value, slope, unstable, np.concatenate([part[2] for part in parts]), N, samples)
@@ -418,12 +424,12 @@ class ControlResponse:
         samples, changes = self._samples(values, with_slopes)
         for k, (matrix, change) in enumerate(zip(samples, changes, strict=True)):
             after = matrix[:, :n] @ through
-            own = slice(n + 2 * k, n + 2 * k + 2)
-            after[:, own] += matrix[:, n:]
+            readings = slice(n + 2 * k, n + 2 * k + 2)
+            after[:, readings] += matrix[:, n:]
             if count:
                 shifted = np.einsum("ab,bjp->ajp", matrix[:, :n], moved)
                 shifted += np.einsum("abp,bj->ajp", change[:, :n], through)
-                shifted[:, own] += change[:, n:]
+                shifted[:, readings] += change[:, n:]
                 moved, slopes[n + k] = shifted[:n], shifted[n]
             through, big[n + k] = after[:n], after[n]
         big[:n], slopes[:n] = through, moved

@@ -47,20 +47,24 @@ class Limits:
         snap_force: float | None = None,
         **bounds: float | None,
     ) -> None:
-        known = {figure.key: figure for figure in limitable()}
+        limitables = {figure.key: figure for figure in limitable()}
         for key in bounds:
-            if key not in known:
-                raise ParameterError(f"no tuning can limit '{key}'{nearest(key, known)}; it can {', '.join(known)}")
+            if key not in limitables:
+                raise ParameterError(
+                    f"no tuning can limit '{key}'{nearest(key, limitables)}; it can {', '.join(limitables)}"
+                )
         stated = {limit.figure.key: limit.bound for limit in limits} | bounds
         chosen = {
-            key: stated.get(key, None if figure.limit is None else figure.limit.usual) for key, figure in known.items()
+            key: stated.get(key, None if figure.limit is None else figure.limit.usual)
+            for key, figure in limitables.items()
         }
-        effective = tuple(Limit(known[key], bound) for key, bound in chosen.items() if bound is not None)
+        effective = tuple(Limit(limitables[key], bound) for key, bound in chosen.items() if bound is not None)
         for limit in effective:
             if limit.declared.noise and not any(value > 0.0 for value in reading_noise):
                 raise ParameterError(f"{limit.figure.key} needs reading_noise: the errors of the two readings in m RMS")
         if snap_force is not None and not (np.isfinite(snap_force) and snap_force > 0.0):
             raise ParameterError(f"snap_force = {Quantity(snap_force, 'N'):6 SI} must be a finite number > 0")
+        # the class is frozen
         object.__setattr__(self, "limits", effective)
         object.__setattr__(self, "reading_noise", reading_noise)
         object.__setattr__(self, "snap_force", snap_force)
@@ -202,6 +206,8 @@ def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarra
     return bounds
 
 
+# On the ball screw the goal bandwidth alone lowers Kv from 100 to 0.1 1/s for 73 Hz; with this weight it ends at
+# 6.4 1/s and 71 Hz (docs/tuning.md).
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
@@ -313,6 +319,7 @@ class Criteria:
                     answers = self._answers(self.control.of_model(matrix, self._lines), np.zeros(0))
                 yield self.judged(place, answers)
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
+                # a scattered point may overflow or leave the bounds of a block: it only drops out of the population
                 yield None
 
     def __call__(self, x: np.ndarray) -> Evaluation:
@@ -345,12 +352,14 @@ class Criteria:
         A goal that does not measure the recovery time of the axis would sacrifice the position gain for a negligible
         benefit. Therefore the rope-snap error is added with a weight of 1/50.
         """
-        own = self._declared.slope(loop, self.band)
+        goal = self._declared.slope(loop, self.band)
         if self._declared.returns:
-            return own
+            return goal
         snap = rope_snap_slope(loop, self.band)
         return Slope(
-            own.value + _BESIDE * snap.value, own.slope + _BESIDE * snap.slope, own.curvature + _BESIDE * snap.curvature
+            goal.value + _BESIDE * snap.value,
+            goal.slope + _BESIDE * snap.slope,
+            goal.curvature + _BESIDE * snap.curvature,
         )
 
 
@@ -376,6 +385,7 @@ def distances(bounds: Sequence[Bound]) -> np.ndarray:
     for bound in left:
         if all(b.point != bound.point or abs(np.log(b.frequency / bound.frequency)) > _TOGETHER for b in kept):
             kept.append(bound)
+        # 1 - Φ(8) is 6e-16: what lies further away does not change the probability
         if bound.slack / bound.deviation > 8.0:
             break
     return np.array([b.slack / b.deviation for b in kept])
@@ -397,6 +407,7 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
     """Return the number of standard deviations, in place of `sure`, at which all bounds hold with the given
     confidence.
     """
+    # assumes that a larger reserve raises all distances alike; the caller repeats the search with it
     separate = distances(bounds)
     if not separate.size:
         return sure
@@ -422,6 +433,7 @@ def require_covered(answers: Sequence[Answer]) -> None:
     """
     for loop in answers:
         f, size, point = loop.point.frequency, np.abs(loop.gain), loop.point
+        # the lines of a model are chosen, not measured
         if point.loop is not None:
             continue
         above, below = np.flatnonzero(size >= 1.0), np.flatnonzero(size < 1.0)
@@ -459,6 +471,7 @@ def require_good(answers: Sequence[Answer], sure: float) -> None:
         crossover = float(f[above[-1]]) if above.size else float(f[0])
         if point.variance is None:
             continue
+        # the variance is that of a complex number: half of it lies in the direction of -1
         excess = sure * np.sqrt(0.5 * loop.gain_variance) > _POOR * np.abs(1.0 + L)
         poor = np.flatnonzero(excess & (f <= _BEYOND * crossover))
         if poor.size:

@@ -27,6 +27,7 @@ from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
 
 B = TypeVar("B", bound=Block)
+# The filters are warped by tan(π f T), which grows without bound at half the sample rate.
 HIGHEST_FILTER = 0.45  # of the sample rate: upper limit of filter frequencies that are chosen or searched
 HIGHEST = 0.49  # of the sample rate: upper limit of a dragged frequency
 _RISE = 3.0  # dB by which a resonance must rise above the loop gain below it
@@ -65,14 +66,14 @@ def read_block(family: type[B], text: str) -> B:
     """
     kind, _, rest = text.partition(":")
     block_type: type[Any] = find(family, kind.strip())
-    known = [name for name, declared in declarations(block_type).items() if declared.role == "parameter"]
+    fields = [name for name, declared in declarations(block_type).items() if declared.role == "parameter"]
     values = dict[str, float]()
     for pair in filter(None, (part.strip() for part in rest.split(","))):
         name, equals, value = (part.strip() for part in pair.partition("="))
         if not equals:
             raise ParameterError(f"'{pair}' of '{text}': write it as NAME=VALUE, as notch:frequency=164")
-        if name not in known:
-            raise ParameterError(f"{block_type.kind} has no number '{name}'{nearest(name, known)}")
+        if name not in fields:
+            raise ParameterError(f"{block_type.kind} has no number '{name}'{nearest(name, fields)}")
         try:
             values[name] = float(value)
         except ValueError:
@@ -80,7 +81,7 @@ def read_block(family: type[B], text: str) -> B:
     missing = [
         field.name
         for field in dataclasses.fields(block_type)  # type: ignore[arg-type]
-        if field.name in known and field.name not in values and field.default is dataclasses.MISSING
+        if field.name in fields and field.name not in values and field.default is dataclasses.MISSING
     ]
     if missing:
         units = ", ".join(f"{name} in {declarations(block_type)[name].unit or '1'}" for name in missing)
@@ -144,6 +145,7 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
     def mild(block: Filter) -> bool:
         return abs(np.degrees(np.angle(filter_response(block, np.array([crossover]), sample_time)[0]))) <= _COSTS
 
+    # at a tenth of the range, since a filter placed near half the sample rate has no frequencies above it
     through = abs(filter_response(placed(0.1 * highest), np.array([highest]), sample_time)[0])
     if through < _PASSES:
         low = min(crossover, highest)
@@ -192,7 +194,7 @@ class Difference:
     values: Mapping[str, float]
 
     @property
-    def nothing(self) -> bool:
+    def is_empty(self) -> bool:
         """True if the two controls are identical."""
         return not (self.removed or self.added or self.values)
 
@@ -312,7 +314,7 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
             label = f"filter {i}, {kind}{which}: frequency" + (
                 "" if height is None else " and depth" if isinstance(block, Notch) else " and damping"
             )
-            own = _decibel(_gain(block, x, sample_time))
+            filter_gain = _decibel(_gain(block, x, sample_time))
             grips.append(
                 Grip(
                     f"filters.{i}.{name}",
@@ -320,7 +322,7 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
                     _on(loop, x),
                     *ends,
                     label,
-                    Text(f"{Quantity(x, 'Hz')}, gain {Quantity(own, 'dB'):.1f} there"),
+                    Text(f"{Quantity(x, 'Hz')}, gain {Quantity(filter_gain, 'dB'):.1f} there"),
                 )
             )
         if isinstance(block, Notch):
@@ -352,11 +354,13 @@ def filter_dragged(
     if height is None or y is None:
         return values
     place = float(getattr(moved, part))
+    # a damping ratio of 0 has no factor that raises it
     now = max(float(getattr(block, height.damping)), _LEAST_DAMPING)
     shown = replace(moved, **{height.damping: now})
     before, after = (_decibel(_gain(version, place, sample_time)) for version in (block, shown))
     change = 10.0 ** ((y - (_on(loop, place, cut=False) - before + after)) / 20.0)
     wanted = now * change if height.rising else now / change
+    # above damping_pole a notch would amplify
     most = float(block.damping_pole) if isinstance(block, Notch) else _MOST_DAMPING
     least = _LEAST_DAMPING * most if isinstance(block, Notch) else _LEAST_DAMPING
     values[f"filters.{i}.{height.damping}"] = rounded(min(max(wanted, least), most), 4)
@@ -377,14 +381,14 @@ def filter_stepped(
 
 
 def _held(control: Control, name: str) -> tuple[int, str, Filter]:
-    known = {
+    handles = {
         f"filters.{i}.{part}": (i, part, block)
         for i, block in enumerate(control.filters)
         for part in (*_frequencies(block), *((WIDTH,) if isinstance(block, Notch) else ()))
     }
-    if name not in known:
-        raise ParameterError(f"there is no filter grip '{name:.60}'{nearest(name, list(known))}")
-    return known[name]
+    if name not in handles:
+        raise ParameterError(f"there is no filter grip '{name:.60}'{nearest(name, list(handles))}")
+    return handles[name]
 
 
 def _frequencies(block: Filter) -> list[str]:
@@ -404,6 +408,7 @@ def _edge(block: Notch, sample_time: float) -> float:
 
 def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:
     f = float(block.frequency)  # type: ignore[attr-defined]
+    # inverse of edge/f = ζ + √(1 + ζ²); the lower edge f/(ζ + √(1 + ζ²)) gives the same ζ
     return _of_width(block, i, 0.5 * abs(edge / f - f / edge))
 
 

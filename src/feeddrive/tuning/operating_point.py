@@ -51,6 +51,7 @@ def smoothed(
     if not np.any(variance > 0.0):
         return out[wanted], left[wanted]
     x, y = np.log(frequency), response * flat
+    # a line whose variance is stated as 0 would have infinite weight
     spread = np.maximum(left * flat**2, 1e-12 * np.abs(y) ** 2)
     before = (out.copy(), left.copy())
     fits = np.zeros(n, dtype=bool)
@@ -66,6 +67,7 @@ def smoothed(
         if not place.size:
             break
         value, kept, excess = local_rational(x, y, spread, width, place)
+        # real and imaginary part of each line are two residuals
         good = excess <= chdtri(2 * (width - UNKNOWNS), 1.0 - _SURE)
         fits[place[~good]] = False
         place, value, kept = place[good], value[good], kept[good]
@@ -114,6 +116,7 @@ def stiff_ratio(
             break
         fitted, left = _real_polynomial(frequency[:count], raw[:count], spread[:count])
         excess = 2.0 * float(np.sum(np.abs(raw[:count] - fitted) ** 2 / spread[:count]))
+        # two residuals a line, less the four coefficients
         if excess <= chdtri(2 * count - 4, 1.0 - _SURE_OF_RATIO):
             best, ratio[:count], variance[:count] = count, fitted, left
         elif count > 2 * max(best, 12):
@@ -234,8 +237,8 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
     if whole.rest is not None and inner.rest is not None:
         step = step * whole.period
         gain = (1.0 + L) * whole.rest / ((1.0 + Lv) * inner.rest) - 1.0
-    own = f <= 0.5 / step
-    return FRF(f[own], gain[own], "velocity command", "velocity command", "", step)
+    below = f <= 0.5 / step
+    return FRF(f[below], gain[below], "velocity command", "velocity command", "", step)
 
 
 def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:
@@ -249,6 +252,7 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
     nyquist = 0.5 / T
     spread = np.geomspace(_LOWEST * nyquist, nyquist * (1.0 - 1e-6), round(-np.log10(_LOWEST) * _PER_DECADE))
     poles = model.poles()
+    # poles near 0, such as those of the dead time, decay within a sample and make no peak
     poles = poles[(np.abs(poles) > 0.1) & (np.imag(poles) > 0.0)]
     s = np.log(poles) / T
     near = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
@@ -334,17 +338,20 @@ def measured_point(
     cleaned: list[list[_Lines]] = []
     for k, raw in enumerate(sources):
         clean = [_cleaned(measured_lines, lines_, wanted) for lines_ in raw]
-        own_variance = clean[0].variance
-        if motor is not None and own_variance is not None:
+        motor_variance = clean[0].variance
+        if motor is not None and motor_variance is not None:
             fitted, open_ = stiff_ratio(measured_lines, raw[0].response, raw[1].response, _variances(raw))
             ratio[k] = fitted[wanted]
             stiff = ~np.isnan(ratio[k])
             load_ = clean[1].response
-            own = np.abs(load_) ** 2 * open_[wanted]  # the uncertainty of the ratio
-            clean[0] = _Lines(np.where(stiff, ratio[k] * load_, clean[0].response), np.where(stiff, own, own_variance))
+            of_ratio = np.abs(load_) ** 2 * open_[wanted]
+            clean[0] = _Lines(
+                np.where(stiff, ratio[k] * load_, clean[0].response), np.where(stiff, of_ratio, motor_variance)
+            )
         cleaned.append(clean)
     if motor is None:
         ratio[:] = 1.0
+        # with a ratio of 1 the motor's row is the uncertainty of the ratio, and that is none
         cleaned = [[_without(row[0]), row[1]] for row in cleaned]
     by_force = np.array([lines_.response * late for lines_ in cleaned[0]])
     by_load = by_force if len(cleaned) == 1 else np.array([lines_.response for lines_ in cleaned[1]])
@@ -366,8 +373,8 @@ def measured_point(
 
 def _coherence(both: Sequence[FRF], inside: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
     """Return the minimum of the measured coherences on each line; None if there is none."""
-    known = [frf.coherence[inside][wanted] for frf in both if frf.coherence is not None]
-    return np.minimum.reduce(known) if known else None
+    coherences = [frf.coherence[inside][wanted] for frf in both if frf.coherence is not None]
+    return np.minimum.reduce(coherences) if coherences else None
 
 
 def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
@@ -409,8 +416,8 @@ def _cleaned(frequency: np.ndarray, raw: _Lines, wanted: np.ndarray) -> _Lines:
 
 def _variances(readings: Sequence[_Lines]) -> np.ndarray | None:
     """Return the variances of both readings; None if either is unknown."""
-    known = [lines.variance for lines in readings if lines.variance is not None]
-    return np.array(known) if len(known) == len(readings) else None
+    variances = [lines.variance for lines in readings if lines.variance is not None]
+    return np.array(variances) if len(variances) == len(readings) else None
 
 
 def _without(lines: _Lines) -> _Lines:
@@ -447,6 +454,7 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
             continue
         true = model.response(point.frequency[lines], reading, "cut").response
         apart = np.abs(point.by_force[k, lines] / true - 1.0) ** 2
+        # squares of independent deviations add, so that of the noise is subtracted
         noise = 0.0 if point.variance is None else np.median(point.variance[1, lines] / np.abs(true) ** 2)
         off.append(float(np.sqrt(max(np.median(apart) - noise, 0.0))))
     return max(off)

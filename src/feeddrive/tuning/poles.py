@@ -88,6 +88,7 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
         )
     poles = np.roots([float(a) for a in reversed(law.polynomial())])
     z = sampled.model.poles()
+    # the delays of dead time and filters are poles at 0, without a finite s
     reached = np.log(z[np.abs(z) > 1e-12].astype(complex)) / sampled.model.sample_time
     return Placement(law.gains(), poles[np.argsort(np.abs(poles))], reached[np.argsort(np.abs(reached))], sampled)
 
@@ -222,10 +223,10 @@ def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
     The distance of s from 0 is the frequency, its angle the damping ratio, limited to 0.01 to 1.
     Raises ParameterError for an unknown pole.
     """
-    known = {pole.name: pole for pole in placed_poles(control)}
-    if name not in known:
-        raise ParameterError(f"the law places no pole '{name:.60}'{nearest(name, known)}")
-    values, pole, size = dict[str, float](), known[name], abs(s)
+    poles = {pole.name: pole for pole in placed_poles(control)}
+    if name not in poles:
+        raise ParameterError(f"the law places no pole '{name:.60}'{nearest(name, poles)}")
+    values, pole, size = dict[str, float](), poles[name], abs(s)
     if pole.frequency:
         along = size if pole.damping else max((s * np.conj(pole.s)).real / abs(pole.s), 0.0)  # along its ray: ζ fixed
         scale = 2.0 * np.pi if tree.declaration(control, pole.frequency).unit == "Hz" else 1.0
@@ -320,6 +321,7 @@ def pole_moved(
     quarter of its value, and only steps that bring the pole closer are accepted. A real pole moves along the real axis
     until it meets another one.
     """
+    # `loop_poles` returns the upper half plane only
     wanted = complex(wanted.real, max(wanted.imag, 0.0))
     pole = nearest_pole(loop_poles(axis, model, gains), s)
     if pole is None:
@@ -331,6 +333,7 @@ def pole_moved(
         rows, right = [np.real(pole.slope)], [apart.real]
         if pole.s.imag > 0.0:
             rows, right = [*rows, np.imag(pole.slope)], [*right, apart.imag]
+        # two equations or one for several gains: the pseudoinverse gives the shortest step
         change = np.linalg.pinv(np.array(rows), rcond=_WEAK) @ np.array(right)
         change *= min(1.0, _STEP / max(float(np.max(np.abs(change))), 1e-300))
         for _ in range(_SHORTENINGS):

@@ -112,6 +112,7 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
     gain, delay = gain_edge(model), delay_edge(model)
     least = 10.0 ** ((limits.bound(GAIN_MARGIN) or 0.0) * (1.0 - ROOM) / 20.0)
     later = limits.bound(DELAY_MARGIN)
+    # the poles tell the delay margin in whole samples only
     keeps = (gain is None or gain >= least) and (delay is None or later is None or delay >= math.floor(later))
     rises = "at will" if gain is None else Text(f"by {Quantity(20.0 * math.log10(gain), 'dB')}")
     longer = "however long" if delay is None else f"{delay} to {delay + 1} samples"
@@ -139,6 +140,7 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     t = np.arange(2 * settle) * T
     slide = Recorded(position=velocity * t, velocity=np.full(t.size, velocity), sample_time=T)
     limit = loop.control.force_limit
+    # without a stated force, one that leaves the command far from its limit
     force = limits.snap_force or (_USUAL_FORCE if limit is None else min(_USUAL_FORCE, 0.02 * limit))
     guard = loop.control.guard
     if guard is not None:  # the ends of the travel are not part of a tuning
@@ -176,6 +178,7 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
                 f"{Quantity(limit, 'N'):6}"
             ),
         )
+    # the difference removes the sliding motion, and what friction does as the axis moves off
     moved = runs[1]["position_load"] - runs[2]["position_load"]
     got = rope_snap_of_run(moved, force, T)
     off = got / expected - 1.0

@@ -24,7 +24,7 @@ from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 
-_OFF = 1e-9  # a gain small enough to count as zero
+_OFF = 1e-9  # a gain small enough to count as zero, which is outside the bounds of Kv
 _STRAIGHT = math.radians(30.0)  # phase lag up to which lines are used for mass and lag
 _CRITICAL = 4.0  # Kv = ωv/4 damps a position loop around a first-order velocity loop critically
 _MAKERS = 0.507  # ωv τ with which Tn = 4/ωv and Kv = ωv/4 have Ms = 2 on a free mass, at one sample of dead time
@@ -113,6 +113,7 @@ class _Axis:
         both = np.vstack([np.real(rows), np.imag(rows)])
         c0, c1, c2 = np.linalg.lstsq(both, np.concatenate([np.real(right), np.imag(right)]))[0]
         scale = w[last - 1]
+        # the hold of the force alone delays by half a sample
         lag = max(float(c2 / c1 / scale), 0.5 * self.point.sample_time)
         return float(c1 / scale - c0 * lag), lag
 

@@ -38,6 +38,7 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
     except RuntimeError:
         return None
     r = E @ u - f
+    # a residual of zero means that the bounds contradict each other
     if not -r[-1] > 1e-12:
         return None
     y = -r[:-1] / r[-1]
@@ -228,6 +229,7 @@ class Search:
         bounds = here.bounds
         H = np.zeros((n + 2, n + 2))
         H[:n, :n] = curvature
+        # t and e enter linearly, but the solver needs a positive definite H
         H[n, n] = H[n + 1, n + 1] = _FLAT
         g = np.zeros(n + 2)
         g[n], g[n + 1] = 1.0, self.penalty
@@ -246,6 +248,7 @@ class Search:
         if solved is None:
             return None
         p, multipliers = solved
+        # the bounds of the step hold only to rounding
         move = np.clip(p[:n], low, high)
         after = np.max(here.goal + here.slope @ move)
         left = max((self.room(c) - c.slack - c.slope @ move for c in bounds), default=0.0)
@@ -273,6 +276,7 @@ class Search:
         if sBs < 1e-14:
             return B
         sy = float(move @ change)
+        # Powell's constants: the update stays positive definite where the curvature along the step is negative
         if sy < 0.2 * sBs:
             part = 0.8 * sBs / (sBs - sy)
             change = part * change + (1.0 - part) * Bs
@@ -293,12 +297,12 @@ def unconfirmed(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> st
     """Return which kinds of search did not come within 5 % of the best result, and by how much; empty if all did."""
     costs = [search.merit(end.judged) for end in ends]
     texts: list[str] = []
-    for kind, told in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):
-        off = min((cost for cost, own in zip(costs, kinds, strict=True) if own == kind), default=np.inf) - min(costs)
+    for kind, how in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):
+        off = min((cost for cost, k in zip(costs, kinds, strict=True) if k == kind), default=np.inf) - min(costs)
         if off >= AGREE:
             texts.append(
-                Text(f"{told} {Quantity(np.expm1(off), 'share'):2} above the best")
+                Text(f"{how} {Quantity(np.expm1(off), 'share'):2} above the best")
                 if np.isfinite(off)
-                else f"none {told}"
+                else f"none {how}"
             )
     return Text(f"searches ended {joined(' and ', texts)}") if texts else ""

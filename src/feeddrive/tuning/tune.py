@@ -106,6 +106,7 @@ def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: floa
         unit, last = tree.declaration(control, name).unit, name.rpartition(".")[2]
         if unit == "":
             a, b = _RATIOS.get(last, _RATIO) if name.startswith("filters.") else _RATIO
+            # a start value outside the usual range stays admissible
             low[i], high[i] = min(math.log(a), x[i]), max(math.log(b), x[i])
         elif name.startswith("filters."):
             low[i], high[i] = x[i] - _FILTER, x[i] + _FILTER
@@ -203,6 +204,7 @@ class Tuner:
         self.points, self.goal, self.limits, self.band = points, goal, limits, band
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)
+        # lines that a search turns out to need are added here and stay for the following searches
         self.kept = [point.sparse() for point in points]
         self.noisy = any(point.variance is not None for point in points)
         self.evaluations, self.progress = 0, progress
@@ -236,6 +238,7 @@ class Tuner:
         end = min(ends, key=lambda other: search.merit(other.judged))
         if rough:
             end = self._exactly(search, control, names, end)
+        # a descent may end at a violated bound although a slower loop keeps all of them
         end = self._from_below(search, end, x, speeds(control, names))
         costs = [float(np.max(other.judged.goal)) for other in ends]
         end = self._on_all_lines(control, names, search, end)
@@ -244,6 +247,7 @@ class Tuner:
             require_good(search.criteria.answers(end.x), 1.0)
             sure = _one_sided(self.confidence)
             self.progress.step("room for the noise")
+            # the reserve changes the optimum and with it the bounds that share the probability
             for _ in range(_TURNS):
                 search.sure = sure
                 end = self._from_below(search, search.descend(end.x), x, speeds(control, names))
@@ -253,6 +257,7 @@ class Tuner:
                     break
                 sure = wanted
         cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
+        # a missing band explains more than conflicting limits, so it is checked before the refusal
         if search.broken(end.judged) > 5e-3:
             require_covered(self.criteria(control, names, whole=True).answers(end.x))
             self._refuse(search, end)
@@ -271,6 +276,7 @@ class Tuner:
         search.criteria = self.criteria(control, names)
         if search.judge(end.x) is None:
             return search.descend(self._begin(search, end.x, speeds(control, names)))
+        # a small trust region: the end of the rough search is near
         return search.descend(end.x, 0.05)
 
     def _searched(
@@ -315,8 +321,8 @@ class Tuner:
 
     def _under(self, search: Search, limits: Limits) -> Search:
         """Return a search with the same points and ranges but other limits."""
-        known = search.criteria
-        criteria = Criteria(known.points, known.control, self.goal, limits, self.band, near=known.near)
+        present = search.criteria
+        criteria = Criteria(present.points, present.control, self.goal, limits, self.band, near=present.near)
         other = Search(criteria, search.low, search.high)
         other.sure = search.sure
         return other
