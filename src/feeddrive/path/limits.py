@@ -128,9 +128,12 @@ class MachineLimits:
                 f"the tolerance of {Quantity(tolerance, 'm'):mm} is more than {Quantity(LARGEST, 'm'):6 mm}: give a "
                 "smaller one"
             )
-        known = {letter: float(axis.resolution or 0.0) for letter, axis in self.axes.items() if letter not in ROTARY}
-        coarse = max(known, key=lambda letter: known[letter], default="")
-        resolved = known.get(coarse, 0.0)
+        # a tolerance is a length: the resolution of a rotary axis is an angle
+        resolutions = {
+            letter: float(axis.resolution or 0.0) for letter, axis in self.axes.items() if letter not in ROTARY
+        }
+        coarse = max(resolutions, key=lambda letter: resolutions[letter], default="")
+        resolved = resolutions.get(coarse, 0.0)
         resolution = max(resolved, ROUNDING)
         if not 0.0 < tolerance < resolution:
             return ""

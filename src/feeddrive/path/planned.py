@@ -77,6 +77,7 @@ class Recorder:
         rows = np.vstack(self._left)
         self._left, self._waiting = [], 0
         self._rows = np.vstack([self._rows, self._reduced(rows, self._every)])
+        # halved at twice the size, so that memory is bounded and no instant of the program is left out
         while len(self._rows) >= 2 * _STRETCHES:
             self._rows = self._reduced(self._rows, 2)
             self._every *= 2
@@ -179,6 +180,7 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
     reasons: Counter[str] = Counter()
     for samples in setpoints:
         recorder.add(samples)
+        # emptied after each chunk: a program may stop millions of times
         stops, setpoints.stops = setpoints.stops, []
         reasons.update(stop.reason for stop in stops)
         few += stops[: FEW - len(few)]

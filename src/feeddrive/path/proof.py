@@ -487,6 +487,7 @@ def prove_sum(
                 uses[i, k] = max(uses[i, k], abs(q[0, i, k + 1] + q[1, i, k + 1]) / limits[i, k])
         count = 1
         halves[0] = 0.0, motion0[m, 0]
+        # a span that is still open at this width is at a limit up to rounding: it counts as a fault
         shortest = motion0[m, 0] * 1e-12
         while count > 0:
             count = count - 1
@@ -586,6 +587,7 @@ def distance(
     high = 0.0
     for m in range(len(motion0)):
         high = high + motion0[m, 0]
+    # the remaining distance falls and the covered one rises, so there is one time at which they are equal
     for _ in range(60):
         t = 0.5 * (low + high)
         x0 = _place(motion0, t)
@@ -618,10 +620,12 @@ def distance(
         bend1 = bend1 + p * p
     if bend0 == 0.0 and bend1 == 0.0:
         return sqrt(turn) * max(left, done) * (1.0 + 1e-12)
+    # a curve with |r''| <= M leaves its chord of the length w by at most M w²/8
     bent = 0.125 * max(sqrt(bend0) * (length0 - x0) * (length0 - x0), sqrt(bend1) * x1 * x1)
     return max(max(left, done), sqrt(gap) + bent) * (1.0 + 1e-12)
 
 
+# far above rounding, of which 1e-13 of the largest term is added, and far below what a drive resolves
 WIDENED = 1e-9  # relative widening of a limit
 _KEPT = 100  # largest number of faults recorded
 
@@ -735,6 +739,7 @@ def _prove(
     backwards = 1e300
     sliver = 0.0
     for k in range(len(length)):
+        # positions of the plan are rounded to 1e-16 of the path planned at once
         sliver = sliver + 1e-15 * length[k]
     for i in range(n):
         backwards = min(backwards, widened * limits[i, 0])
@@ -802,6 +807,7 @@ def _prove(
                 tests = tests + passed
                 if which != -2:
                     count = _noted(faults, count, p, m, broke, float(which), 1.0)
+                # the reported use is that at these times; the proof itself needs no samples
                 for part in range(2):
                     t = t0 if part == 0 else 0.5 * (t0 + t1)
                     here = min(max(begin + way(v, a, j, s, t), 0.0), length[p])
@@ -823,6 +829,7 @@ def _prove(
             derivatives(kind[p + 1], length[p + 1], shape[p + 1], 0.0, after)
             worst = 0.0
             for i in range(n):
+                # jumps of q' .. q''' by the chain rule: derivatives of u are continuous at a joint of the path
                 d1 = after[i, 1] - before[i, 1]
                 d2 = after[i, 2] - before[i, 2]
                 d3 = after[i, 3] - before[i, 3]
@@ -908,7 +915,7 @@ class Prover:
         self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
         self._room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
         self._both = [np.zeros((3, axes, 5)), np.zeros((2, axes, 5))]
-        self._said: list[Fault] = []
+        self._first_faults: list[Fault] = []
         self._count = self._spans = 0
         self._missed = 0.0
 
@@ -922,6 +929,7 @@ class Prover:
             self._state[:], self._time, corner = 0.0, 0.0, self._place.copy()
             self._along(part.entering.pieces, part.entering.motion, False, alone, True)
             self._together(part, part.entering, corner, time)
+        # after a fault the next part starts from its own state: one error is not reported again by all that follow
         if (part.ends and alone) or self._count > before:
             self._state[:], self._time = 0.0, 0.0
         self._stands = self._count == before
@@ -994,17 +1002,17 @@ class Prover:
 
     def _note(self, count: int, spans: int, line: np.ndarray, duration: np.ndarray, time: float) -> None:
         """Record the faults of a motion that begins at `time` in the run."""
-        rows = self._faults[: min(count, _KEPT - len(self._said))]
+        rows = self._faults[: min(count, _KEPT - len(self._first_faults))]
         if len(rows):
             begins = time + np.concatenate([[0.0], np.cumsum(duration)])
-            self._said += [_fault(row, line, begins) for row in rows]
+            self._first_faults += [_fault(row, line, begins) for row in rows]
         self._count += count
         self._spans += spans
 
     def proof(self) -> Proof:
         """Return the proof of all parts so far."""
         apart, jump = map(float, self._jumps)
-        return Proof(tuple(self._said), self._count, self._use.copy(), jump, apart, self._missed, self._spans)
+        return Proof(tuple(self._first_faults), self._count, self._use.copy(), jump, apart, self._missed, self._spans)
 
 
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:

@@ -26,6 +26,7 @@ from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Override, Schedule
 
+# planning twice takes twice the time, so longer chains are joined by geometry alone
 SHORT = 100  # largest number of segments of a chain that is planned in two ways
 
 
@@ -147,6 +148,7 @@ def _sample(
             t = (first + count) * sample_time - since
             if t >= T:
                 break
+            # the sum of durations may pass a sampling instant by rounding
             t = max(t, 0.0)
             here = x0 + way(speed[m], acceleration[m], jerk[m], snap[m], t)
             while here > length[p] and p < last:
@@ -195,6 +197,7 @@ class Sampler:
 
     def _along(self, pieces: Pieces, motion: Motion, ends: float, most: int) -> np.ndarray:
         axes = pieces.origin.shape[1]
+        # one sample more than expected: the division may round down
         left = max(0, int(np.ceil(ends / self._sample_time)) + 1 - self._first)
         out = np.empty((min(most, left), axes, 5))
         path = (pieces.kind, pieces.length, pieces.origin, pieces.shape)
@@ -311,6 +314,7 @@ class Setpoints:
             else:
                 yield from self._pause(part)
         ends = self.time
+        # an interval includes its start only, so the last position would be missing
         yield from self._rest(self.sample_time, self._last_line)  # the end itself
         self.time = ends
 
@@ -381,6 +385,7 @@ class Setpoints:
         r = np.zeros((len(self.limits.axes), 5))
         derivatives(int(part.pieces.kind[0]), float(part.pieces.length[0]), part.pieces.shape[0], 0.0, r)
         begin = _along(r, float(part.pieces.length[0]), 1.0)
+        # by the chord: the arc cosine of a scalar product has no digits at small angles
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
     def _attribute(self, samples: Samples) -> None:
@@ -399,6 +404,7 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     rows = share.reshape(len(share), math.prod(share.shape[1:]))
     reasons = np.argmax(rows, axis=1)
     limits = rows.shape[1]
+    # later lines overrule earlier ones: standstill, then feed, then the limit used most
     reasons[np.max(rows, axis=1, initial=0.0) < _HALF] = limits + 1
     reasons[speed >= _AT_FEED * feed] = limits
     reasons[feed == 0.0] = limits + 2

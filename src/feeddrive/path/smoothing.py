@@ -34,6 +34,7 @@ def smoothed(position: np.ndarray, sample_time: float, average: int, times: np.n
     around = 2 * reach(average)
     points = np.pad(position, around, mode="edge")
     for _ in range(_AVERAGES):
+        # relative to the first row: sums of absolute positions would lose digits
         sums = np.cumsum(np.concatenate([[0.0], points - points[0]]))
         points = points[0] + (sums[average:] - sums[:-average]) / average
     # the first point is now 2 (average - 1) rows after the first padded one

@@ -439,6 +439,7 @@ def clustered(
         most = BLEND * turn * min(length[k], length[k + 1])
         if tolerance[k] <= 0.5 * most or lonely * tolerance[k] < most:
             continue
+        # in the noise of small steps each corner may be sharp: only one between straight stretches is meant
         near = NEAR * tolerance[k]
         if turn > 2.0 * sharpest and since > near:
             aside = _ASIDE * tolerance[k]
@@ -579,6 +580,7 @@ def fitted(
         for m in range(first, last + 1):
             far[m] = floor[m]
         most = 0.0
+        # the deviation falls with the square of the step; later rounds overshoot, to end sooner
         careful = 0.95 if again < _ROUNDS // 2 else 0.85
         old = 0
         new = 0
@@ -603,6 +605,7 @@ def fitted(
                     room[4],
                     far,
                 )
+                # nine tenths of the tolerance are for the overlap of the runs in this corner (`CROSSED`)
                 if (e == ENDS and crossed_begin) or (e == ENDS + count - 1 and crossed_end):
                     share = share / (1.0 - CROSSED)
                 most = max(most, share)
@@ -624,6 +627,7 @@ def fitted(
             goal_next[new] = goal[old]
             new = new + 1
             old = old + 1
+        # a blend or a line follows: the spline must leave the line only beyond the first control points
         if straight_begin and straight[4] != straight[0]:
             most = 2.0
             goal_next[0] = 0.8 * goal_next[0]
@@ -777,6 +781,7 @@ def spline_pieces(
         lengths[count] = u - knots[e]
         lines[count] = line[k]
         runs[count] = run
+        # a span may cover several lines
         slowest = feed[k]
         m = k
         while m < last and corner[m + 1] < u:

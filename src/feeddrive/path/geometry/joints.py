@@ -91,6 +91,7 @@ def _passed(
     shorter = min(length[k], length[k + 1])
     if turn <= 1e-14 and jump * shorter <= 1e-14 and kind[k] == 0 and kind[k + 1] == 0:
         return 1, cosine, turn
+    # long lines: overlapping runs pass the corner faster than a blend of their tolerance
     alone = ((kind[k] == 0 and kind[k + 1] == 0) or turn > _BENT) and lonely * tolerance[k] < BLEND * turn * shorter
     if tolerance[k] > 0.0 and turn <= 2.0 * sharpest and not alone:
         return (3 if arcs and turn <= _ALMOST and jump <= _ALMOST * bend else 2), cosine, turn
@@ -473,10 +474,10 @@ class Joiner:
         if result is None:
             return self._stopped(chain)
         sections, joint = result
-        n, known = len(tolerance), len(joint.stop)
-        if known:
+        n, done = len(tolerance), len(joint.stop)
+        if done:
             self._flows = not chain.ends and joint.stop[-1] == 0
-        self._held = None if chain.ends else (part_of_pieces(segments, known, n), tolerance[known:])
+        self._held = None if chain.ends else (part_of_pieces(segments, done, n), tolerance[done:])
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
@@ -497,6 +498,7 @@ class Joiner:
         """Return the sections and the joints after the finished segments; None if a spline cannot be continued."""
         n, axes = segments.origin.shape
         joint = Joint(np.zeros(n), np.zeros(n, np.int64))
+        # two knots a line, and the largest steps over the length; too little space is noticed below
         expected = 2.0 * n + float(np.sum(segments.length)) / LARGEST_STEP + 50.0
         many = int(min(expected, 2.0 * n + _FIRST))
         begun = self._begun
@@ -518,7 +520,7 @@ class Joiner:
                 at[: begun.places], goal[: begun.places] = begun.at, begun.goal
             goals = begun.places if begun else 0
             try:
-                count, ended, known, taken, places, every = join(
+                count, ended, done, taken, places, every = join(
                     *segments,
                     tolerance,
                     self._sharpest,
@@ -542,26 +544,25 @@ class Joiner:
                 if many > _MOST * expected:
                     raise
                 many *= 2  # more knots than expected
-        if known < 0:
+        if done < 0:
             return None
         *columns, runs = (array[:count].copy() for array in out)
-        joint = Joint(*(array[:known] for array in joint))
+        joint = Joint(*(array[:done] for array in joint))
         cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count] if count else []
-        corners = np.maximum(tolerance[:known][joint.stop == 1], 0.0)
+        corners = np.maximum(tolerance[:done][joint.stop == 1], 0.0)
         sections = list[Section]()
         for i, j in pairwise(cuts):
             corner = float(corners[runs[i]]) if runs[i] < ended else 0.0
             if columns[0][j - 1] == POLYNOMIAL or j == count or columns[0][j] == POLYNOMIAL:
+                # a spline ends or begins there: its first and last span keep the other tenth
                 corner = CROSSED * corner
             sections.append(Section(Pieces(*(column[i:j] for column in columns)), bool(runs[i] < ended), corner))
-        if known == 0 and begun:
+        if done == 0 and begun:
             return sections, joint  # wait for more segments
         self._taken, self._begun = taken, None
         if places:
             hand = Pieces(*(array[count:every].copy() for array in out[:-1]))
-            self._begun = _Begun(
-                places, kept, state, far[known:].copy(), at[:places].copy(), goal[:places].copy(), hand
-            )
+            self._begun = _Begun(places, kept, state, far[done:].copy(), at[:places].copy(), goal[:places].copy(), hand)
         return sections, joint
 
 

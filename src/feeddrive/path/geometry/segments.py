@@ -424,6 +424,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
                 if len(collected.rows) > AT_ONCE:
                     yield collected.chain(False)
         elif isinstance(move, PathMode):
+            # G61 and G64 without P allow no deviation: both stop at each corner, for different reasons
             tolerance = move.tolerance if move.mode == "continuous" else 0.0
             mode = "" if tolerance else move.mode
         elif isinstance(move, Feed):
@@ -483,6 +484,7 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
             length = math.hypot(*way)
             if length > 0.0:
                 begin = [*map(sum, zip(start, here.tolist(), strict=True))]
+                # what the chords may deviate is taken from the tolerance of the joints
                 yield _Segment(LINE, length, begin, way, speed, number, mode, tolerance - near)
         elif whole > 0.0:
             for of, into in zip(shape, piece, strict=True):
@@ -533,6 +535,7 @@ def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]
     shape[[first, second], 0] = x, y
     shape[[first, second], 1] = -sense * y, sense * x
     # the remaining distance to the end, and the other axes, vary linearly along the arc
+    # 1 - cos without cancellation
     s, versine = math.sin(abs(angle)), 2.0 * math.sin(0.5 * angle) ** 2
     drift = np.array(way) - (shape[:, 1] * s - shape[:, 0] * versine)
     straight = np.delete(drift, [first, second])

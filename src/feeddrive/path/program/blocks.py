@@ -96,6 +96,7 @@ class LineReader:
         """Return the next line; None at the end of the file."""
         if self._file is None:
             self._file = self._open()
+        # bounded: a binary file may be a single line of gigabytes
         raw = self._file.readline(LONGEST_LINE + 1)
         if not raw:
             return None
@@ -237,6 +238,7 @@ class Parameters:
 
 def number_of(value: float) -> int:
     """Check that a value is the number of a parameter, and return it as an integer."""
+    # computed numbers are whole up to rounding only
     whole = round(value)
     if abs(value - whole) > 1e-4 or not 1 <= whole <= MOST:
         raise BlockError(f"a parameter has a whole number from 1 to {MOST}, not {Quantity(value):6}", "#")

@@ -174,6 +174,7 @@ class Frame:
         if self._present is None:
             return
         for axis, value in enumerate(end):
+            # an axis that stands outside its travel may stay there, as at the start of a program
             if value == start[axis]:
                 continue
             if not self._present[axis]:
@@ -248,6 +249,7 @@ class Frame:
         points = [self._machine((x, y, *here[2:])) for x, y in zip(values[::2], values[1::2], strict=True)]
         start = self._here
         spline = Spline(command.line, start, points[-1], tuple(points[:-1]))
+        # control points lie beside the curve: they may lie outside the travel
         for point in points:
             self._check(start, point, travel=point is points[-1])
         for axis in (0, 1):

@@ -233,8 +233,9 @@ class Flow:
             raise BlockError(
                 f"the subroutine o{label} begins inside of the subroutine o{frame.label}: write its endsub before"
             )
-        known = self._defined.get(label)
-        if known and known != (frame.reader, frame.reader.place):
+        # a loop may pass the same definition again
+        defined = self._defined.get(label)
+        if defined and defined != (frame.reader, frame.reader.place):
             raise BlockError(f"the subroutine o{label} is there twice: rename one")
         self._defined[label] = frame.reader, frame.reader.place
         self._skip(label, ("endsub",))
@@ -251,6 +252,7 @@ class Flow:
         reader, place = self._defined[label]
         caller = self._frames[-1].reader
         numbered = self._parameters.numbered
+        # #1 to #30 are local to a call in LinuxCNC
         kept = {parameter: numbered.pop(parameter) for parameter in ARGUMENTS if parameter in numbered}
         self._frames.append(Frame(label, reader, caller.place, kept, self._parameters.local))
         self._parameters.local = {}
@@ -380,6 +382,7 @@ class Flow:
         elif loop.kind == "repeat":
             self._break(label, arguments)
         else:
+            # rs274 goes to the begin of a `do` loop, which then may never end
             self._skip(label, ("while",))
             self._frames[-1].reader.go(self._frames[-1].reader.last)  # its condition has yet to be read
 

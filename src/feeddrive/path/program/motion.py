@@ -54,6 +54,7 @@ def drill(
             "R",
         )
     point = list(state.position)
+    # G98 returns to the higher of the start and the present position; rs274 to that of the start of the series
     level = point[across] if state.retract_to_r else max(begin, point[across])
     if min(begin, level) < clearance:
         point[across] = level = clearance

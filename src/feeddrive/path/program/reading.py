@@ -134,6 +134,7 @@ def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
                         reason = Text(f"{PROGRAM} had not ended {bound}: does a loop never end?")
                         raise ProgramError(str(program), 1, 1, "", reason) from None
         finally:
+            # also after an interrupt: it would go on writing to a folder that is removed
             run.kill()
             run.wait()
         errors.seek(0)
@@ -218,11 +219,13 @@ def _read(source: _Source, output: Path, complaint: str, code: int, no_tools: bo
                 match = _PRINTED.match(printed)
                 if not match:
                     continue
+                # commands before the first line have dots in place of its number
                 if match[1].isdigit():
                     line = source.line(int(match[1]))
                 command = read_command(match[2].rstrip(), line)
                 if command is not None:
                     yield command
+    # rs274 refuses such a program; here the end of the file ends it
     if "File ended with no percent sign or program end" in complaint:
         yield Command("FINISH", (), source.last())
     elif code:

@@ -206,6 +206,7 @@ class State:
         tool_offset: Sequence[float] | None = None,
     ) -> None:
         """Change offsets without motion of the machine: the program coordinates of its position change."""
+        # G10, G43, G92 ... never move the machine (unlike rs274 after G92, see docs/part_programs.md)
         standing = self.machine(self.position)
         before = self.position
         if origin is not None:
@@ -434,6 +435,7 @@ def go_home(state: State, emit: Emit, code: int, target: list[float], moved: lis
         machine[axis] = home[axis]
     state.position = state.program(machine)
     if moved:
+        # converting there and back would change the last digits of an axis that does not move
         fixed = [axis for axis in range(9) if axis not in moved and not (state.rotation and axis < 2)]
         for axis in fixed:
             state.position[axis] = target[axis]

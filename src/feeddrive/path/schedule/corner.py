@@ -657,6 +657,7 @@ def bump(
     ours = 0.0
     reached = 0.0
     for shape in range(4):
+        # ramps and bump add up on some axes and cancel on others: with less jerk for the ramps the bump may be faster
         share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
         low = reached  # slower ramps require a higher speed in the corner
         high = fastest
@@ -671,6 +672,7 @@ def bump(
             one[TAIL + WIDE] = w
             one[TAIL + SHORT] = short
             one[TAIL + JERK_SHARE] = share
+            # snap of ramp and bump act at once in the corner
             one[TAIL + SNAP_SHARE] = 0.5
             for k in range(5):
                 two[HEAD + k] = one[TAIL + k]
@@ -1011,6 +1013,7 @@ class Crossings:
 
     def _numbers(self, pieces: Pieces, k: int, length: float, begin: float, end: float) -> np.ndarray:
         """Return the parameters of a stretch of a line from node to node, as for `straight`."""
+        # an axis that does not move sets no limit, and must not divide by zero
         slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / float(pieces.length[k]), 1e-200)
         numbers = np.zeros(NUMBERS)
         numbers[FASTEST : SNAP + 1] = np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)

@@ -28,11 +28,13 @@ from feeddrive.path.schedule.spline import (
     tops,
 )
 
+# less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
 _HALF = 4  # number of time intervals in half a ramp: all those of the shortest one
 _FINEST = 0.02  # of the mean duration of time intervals; some exist only due to rounding
 _TURNS = 0.15  # largest duration of a span relative to u'/|u''|
+# from rest z = u'² grows as u^1.5, which no cubic spline follows
 _NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, remains unchanged
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
@@ -41,6 +43,7 @@ _PENALTIES = (0.4, 0.1, 3e-3)  # initially, at the start of each round, and fina
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _ASIDE = 16  # number of spans on either side of such a point that are optimized again
+# it ends in a node of the plan, whose u'' = u''' = 0 is dropped only where lifting goes on beyond it
 _HELD = 0.3  # of the duration of the lifted motion is held back for the next part
 _HUMP = 15  # number of time intervals of a ramp up, a plateau and a ramp down
 _LEAST = 100  # least number of time intervals lifted together, except at the end of a run
@@ -89,6 +92,7 @@ class Lifter:
         while waiting:
             first, last = waiting.pop()
             begins, ends = bool(rests[first]), bool(rests[last])
+            # an estimate, not a bound: of 1,908 ramps lifting gained at most 0.69 of it
             if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
                 continue
             lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)

@@ -198,6 +198,7 @@ class Schedule:
             self.time += duration
             yield Pause(duration, "Hold", int(self._pieces.line[0]))
             return True
+        # a higher feed, or a start from rest, breaks no limit of the motion so far
         if wanted > self._factor or self._speed == 0.0:
             self._turn_to(wanted)
             return False
@@ -272,6 +273,7 @@ class Schedule:
         """
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
+        # a stop of the window lies before the joint, so that rounding cannot put it on the next piece
         stop = begin[-1] if ends else begin[-1] * (1.0 - MARGIN)
         size = 4 * last + 16
         plans: list[np.ndarray] = []
