@@ -212,7 +212,7 @@ def comparable(
 
 
 def test_lines_where_the_loop_gain_is_at_least_a_tenth_are_compared(comparable: Callable[..., float]) -> None:
-    bands = {(0.0515, 0.098): (20, 0.05), (0.11, 0.18): (12, 0.0), (0.25, 9.0): (11, 0.05)}
+    bands = {(0.05, 0.094): (20, 0.05), (0.11, 0.18): (12, 0.0), (0.25, 9.0): (11, 0.05)}
     assert comparable(bands) == pytest.approx(0.0, abs=1e-9)
 
 

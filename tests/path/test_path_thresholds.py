@@ -1,0 +1,336 @@
+"""Numbers that decide what of a part program is refused, and how it is planned: a case on either side of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from paths import LIMITS, lines
+
+from feeddrive.language.errors import ParameterError, ProgramError
+from feeddrive.path import planned, setpoints
+from feeddrive.path.geometry.segments import Chain, chains
+from feeddrive.path.limits import AxisLimits, MachineLimits
+from feeddrive.path.motion import Part, Section
+from feeddrive.path.program.blocks import BlockError, Parameters, Values, read_block
+from feeddrive.path.program.interpreter import Flow
+from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
+from feeddrive.path.program.reading import read_commands, read_program
+from feeddrive.path.proof import Prover
+from feeddrive.path.schedule.run import Schedule, override
+from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
+
+AXIS = AxisLimits(velocity=0.5, acceleration=5.0, jerk=100.0, snap=5e4)
+AXES = MachineLimits({"X": AXIS, "Y": AXIS, "Z": AXIS})
+
+
+@pytest.fixture
+def commands(tmp_path: Path) -> Callable[[str], list[Command]]:
+    def read(text: str) -> list[Command]:
+        program = tmp_path / "program.ngc"
+        program.write_text(f"{text}\nM2\n")
+        return [*read_commands(program, front_end="own")]
+
+    return read
+
+
+def refuses(read: Callable[[], object], reason: str) -> bool:
+    try:
+        read()
+    except (ProgramError, BlockError, ParameterError) as error:
+        assert reason in str(error)
+        return True
+    return False
+
+
+# tolerances
+
+
+@pytest.mark.parametrize(("tolerance", "reason"), [
+    (0.7e-12, "rounding of positions"), (1.5e-12, ""), (0.8, ""), (1.5, "is more than 1000 mm"),
+])  # fmt: skip
+def test_a_tolerance_lies_between_the_rounding_of_positions_and_a_meter(tolerance: float, reason: str) -> None:
+    text = str(AXES.unfit(tolerance))
+    assert reason in text
+    assert bool(text) is bool(reason)
+
+
+# words, parameters and expressions
+
+
+@pytest.mark.parametrize(("number", "refused"), [(5602, False), (5603, True)])
+def test_parameters_have_numbers_up_to_5602(number: int, refused: bool, commands: Callable[[str], Any]) -> None:
+    assert refuses(lambda: commands(f"#{number}=1"), "whole number from 1 to 5602") is refused
+
+
+@pytest.mark.parametrize(("deep", "refused"), [(55, False), (65, True)])
+def test_brackets_lie_up_to_60_deep(deep: int, refused: bool) -> None:
+    text = f"{'[' * deep}1{']' * deep}"
+    assert refuses(lambda: Values(text, Parameters()).value(), "more than 60 deep") is refused
+
+
+@pytest.mark.parametrize(("apart", "equal"), [(0.7e-5, 1.0), (1.4e-5, 0.0)])
+def test_numbers_closer_than_a_hundred_thousandth_are_equal(apart: float, equal: float) -> None:
+    """As in LinuxCNC, since programs compare what they have computed."""
+    assert Values(f"[1 eq {1.0 + apart:.9f}]".replace(" ", ""), Parameters()).value() == equal
+
+
+@pytest.mark.parametrize("word", ["X{}", "X[{}]"])
+@pytest.mark.parametrize(("value", "refused"), [(8e8, False), (1.5e9, True)])
+def test_words_are_at_most_a_milliard(word: str, value: float, refused: bool) -> None:
+    line = Line("", 1, word.format(f"{value:.0f}"))
+    assert refuses(lambda: read_block(line, Parameters(), False), "a word is at most") is refused
+
+
+@pytest.mark.parametrize(("size", "refused"), [(60_000, False), (70_000, True)])
+def test_lines_have_up_to_65536_bytes(size: int, refused: bool, commands: Callable[[str], Any]) -> None:
+    assert refuses(lambda: commands(f"({'x' * size})"), "longer than 65536 bytes") is refused
+
+
+# coordinates
+
+
+@pytest.mark.parametrize(("kilometers", "refused"), [(800, False), (1500, True)])
+def test_coordinates_lie_within_1000_km(kilometers: int, refused: bool, tmp_path: Path) -> None:
+    program = tmp_path / "far.ngc"
+    program.write_text(f"G20\nG0 X{kilometers * 39370}\nM2\n")  # in inches, since no word is larger than 1e9
+    assert refuses(lambda: [*read_program(program)], "is farther than") is refused
+
+
+@pytest.mark.parametrize(("beyond", "refused"), [(0.7e-9, False), (1.5e-9, True)])
+def test_a_coordinate_may_be_a_nanometer_beyond_the_travel(beyond: float, refused: bool, tmp_path: Path) -> None:
+    program = tmp_path / "end.ngc"
+    program.write_text("G0 X100\nM2\n")
+    assert refuses(lambda: [*read_program(program, axes={"X": (0.0, 0.1 - beyond)})], "its travel is") is refused
+
+
+# calls, loops and repeats
+
+
+@pytest.mark.parametrize(("deep", "refused"), [(45, False), (60, True)])
+def test_subroutines_call_each_other_50_deep(deep: int, refused: bool, commands: Callable[[str], Any]) -> None:
+    text = f"o1 sub\no2 if [#1 lt {deep}]\no1 call [#1 + 1]\no2 endif\no1 endsub\no1 call [1]"
+    assert refuses(lambda: commands(text), "more than 50 deep") is refused
+
+
+@pytest.mark.parametrize(("counter", "count", "refused"), [
+    ("_again", 8_000_000, False), ("_again", 15_000_000, True), ("_at_rest", 800_000, False), ("_at_rest", 1_500_000, True),
+])  # fmt: skip
+def test_ten_million_lines_are_read_again_and_a_million_without_a_motion(
+    counter: str, count: int, refused: bool, tmp_path: Path
+) -> None:
+    program = tmp_path / "loop.ngc"
+    program.write_text("o1 while [1]\no1 endwhile\n")
+    flow = Flow(program, Parameters())
+
+    def go_on() -> None:
+        for _ in range(3):
+            line = flow.next_line()
+            assert line is not None
+            flow.act(line.text.replace(" ", ""))
+
+    go_on()
+    setattr(flow, counter, count)
+    assert refuses(go_on, "does a loop never end?") is refused
+    flow.close()
+
+
+@pytest.mark.parametrize(("text", "reason"), [
+    ("G81 Z-1 R1 L{}", "L of G81 is a whole number from 1 to 10000"),
+    ("G83 Z0 R{}e-3 Q0.001", "makes more than 10000 pecks"),
+])  # fmt: skip
+@pytest.mark.parametrize(("count", "refused"), [(8_000, False), (15_000, True)])
+def test_a_cycle_is_repeated_and_pecks_10000_times_at_most(
+    text: str, reason: str, count: int, refused: bool, commands: Callable[[str], Any]
+) -> None:
+    words = text.format(count / 1000 if "e-3" in text else count).replace("e-3", "")
+    assert refuses(lambda: commands(f"F1000 G17\n{words}"), reason) is refused
+
+
+@pytest.mark.parametrize(("turns", "refused"), [(80_000, False), (150_000, True)])
+def test_an_arc_turns_100000_times_at_most(turns: int, refused: bool, commands: Callable[[str], Any]) -> None:
+    assert refuses(lambda: commands(f"F1000\nG3 I1 P{turns}"), "whole number from 1 to 100000") is refused
+
+
+def test_a_pecking_cycle_traverses_to_a_hundredth_of_an_inch_above_its_last_depth(
+    commands: Callable[[str], list[Command]],
+) -> None:
+    levels = [c.values[2] for c in commands("F100\nG83 X0 Y0 Z-2 R1 Q2") if c.name == "STRAIGHT_TRAVERSE"]
+    assert levels == pytest.approx([1.0, 1.0, 1.0, -1.0 + 0.254, 1.0])
+
+
+@pytest.mark.parametrize(("rate", "feed"), [(0.15, 0.15), (0.07, 0.1)])
+def test_the_feed_of_inverse_time_is_at_least_a_tenth_of_a_unit_a_minute(
+    rate: float, feed: float, commands: Callable[[str], list[Command]]
+) -> None:
+    feeds = [c.values[0] for c in commands(f"G93\nG1 X1 F{rate}") if c.name == "SET_FEED_RATE"]
+    assert feeds[0] == pytest.approx(feed)
+
+
+@pytest.mark.parametrize(("short", "refused"), [(0.0009, False), (0.0018, True)])
+def test_a_radius_may_be_short_of_its_chord_by_the_rounding_of_an_inch_program(
+    short: float, refused: bool, commands: Callable[[str], Any]
+) -> None:
+    """0.00005 inch, half of the fourth decimal."""
+    assert refuses(lambda: commands(f"F100\nG2 X10 Y0 R{5.0 - short:.6f}"), "does not reach") is refused
+
+
+# splines and chains
+
+
+def segments(tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Start and way of each segment of a quadratic of 100 mm."""
+    move = Spline(Line("", 1, ""), (0.0,) * 9, (0.1, *(0.0,) * 8), ((0.05, 0.05, *(0.0,) * 7),))
+    mode = PathMode(move.source, "continuous", tolerance, tolerance)
+    chain = next(chains(iter([Feed(move.source, 0.1, 0.1), mode, move]), "XY"))
+    assert isinstance(chain, Chain)
+    return chain.segments.origin, chain.segments.shape[:, :, 1]
+
+
+def test_the_chords_of_a_spline_use_a_tenth_of_the_tolerance() -> None:
+    """Between two points of a parabola the chord is farthest in the middle, by |B''|/(8 n²)."""
+    tolerance = 1e-6
+    origin, way = segments(tolerance)
+    n, middle = len(origin), origin + 0.5 * way
+    s = (np.arange(n) + 0.5) / n
+    curve = np.stack([0.1 * s, 0.1 * s * (1.0 - s)], axis=1)
+    assert 0.09 < np.max(np.linalg.norm(curve - middle, axis=1)) / tolerance <= 0.1
+
+
+def test_a_spline_that_is_followed_exactly_has_16_pieces() -> None:
+    assert 10 < len(segments(0.0)[0]) < 25
+
+
+def test_a_chain_has_a_thousand_segments() -> None:
+    """Memory does not grow with the program, and joints see a thousand segments at once."""
+    source = Line("", 1, "")
+    points = [(1e-3 * k, *(0.0,) * 8) for k in range(1801)]
+    moves = [Straight(source, a, b, True) for a, b in pairwise(points)]
+    sizes = [len(chain.tolerance) for chain in chains(iter(moves), "X") if isinstance(chain, Chain)]
+    assert 700 < sizes[0] < 1500
+
+
+@pytest.mark.parametrize(("count", "twice"), [(80, True), (150, False)])
+def test_chains_of_up_to_100_segments_are_planned_in_two_ways(
+    count: int, twice: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = list[int]()
+
+    class Joiner:
+        def __init__(self, *_: object) -> None:
+            made.append(1)
+
+        def join(self, _: Chain) -> Any:
+            return [], SimpleNamespace(stop=np.zeros(1))
+
+    monkeypatch.setattr(setpoints, "Joiner", Joiner)
+    chain = Chain(lines(np.zeros((2, 3)) + np.arange(2)[:, None], 0.1), np.zeros(count), True)
+    setpoints._quicker(chain, LIMITS)
+    assert bool(made) is twice
+
+
+# the schedule
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(1.8, False), (2.5, True)])
+def test_a_factor_of_the_feed_is_at_most_2(factor: float, refused: bool) -> None:
+    assert refuses(lambda: override([(1.0, factor)]), "must be 0 .. 2") is refused
+
+
+def straight(count: int) -> Section:
+    return Section(lines(1e-3 * np.arange(count + 1)[:, None] * np.array([[1.0, 0.0, 0.0]]), 0.05), False)
+
+
+@pytest.mark.parametrize(("count", "planned_yet"), [(300, False), (500, True)])
+def test_400_pieces_are_planned_together(count: int, planned_yet: bool) -> None:
+    assert bool([*Schedule(LIMITS).add(straight(count))]) is planned_yet
+
+
+def test_six_tenths_of_a_window_become_final() -> None:
+    part = next(iter(Schedule(LIMITS).add(straight(500))))
+    assert isinstance(part, Part)
+    assert 0.2 < float(np.sum(part.pieces.length)) < 0.3  # of 400 mm
+
+
+def test_a_plateau_is_final_50_ms_at_once_if_the_feed_may_change() -> None:
+    parts = [*Schedule(LIMITS, override=override([(100.0, 0.5)])).add(straight(500))]
+    longest = max(float(np.sum(part.motion.duration)) for part in parts if isinstance(part, Part))
+    assert 0.04 < longest <= 0.05 * (1.0 + 1e-9)
+
+
+# faults, samples, stops and causes
+
+
+@pytest.mark.parametrize(("count", "kept"), [(80, 80), (150, 100)])
+def test_a_hundred_faults_are_described_and_all_are_counted(count: int, kept: int) -> None:
+    prover = Prover(LIMITS)
+    prover._faults = np.zeros((count, 5))
+    prover._note(count, 0, np.zeros(1, np.int64), np.ones(1), 0.0)
+    proof = prover.proof()
+    assert proof.count == count
+    assert len(proof.faults) == kept
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.4, "no limit"), (0.7, "acceleration of X")])
+def test_a_limit_counts_as_the_cause_from_a_half_on(share: float, expected: str) -> None:
+    used = np.zeros((1, 3, 4))
+    used[0, 0, 1] = share
+    cause = AXES.causes[causes(used, np.array([0.1]), np.array([1.0]))[0]]
+    assert cause.startswith(expected)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.9985, "snap of Z"), (0.9995, "feed")])
+def test_the_feed_counts_as_the_cause_from_999_thousandths_on(share: float, expected: str) -> None:
+    used = np.zeros((1, 3, 4))
+    used[0, 2, 3] = 1.0
+    assert AXES.causes[causes(used, np.array([share]), np.array([1.0]))[0]] == expected
+
+
+@pytest.mark.parametrize(("angle", "reason"), [(0.7e-6, "bend"), (1.5e-6, "corner")])
+def test_a_turn_of_a_millionth_is_a_corner(angle: float, reason: str, tmp_path: Path) -> None:
+    program = tmp_path / "turn.ngc"
+    program.write_text(f"G61 F6000\nG1 X100\nX200 Y{100.0 * math.tan(angle):.9f}\nM2\n")
+    sampled = Setpoints(read_program(program), AXES, 1e-3)
+    for _ in sampled:
+        pass
+    assert [stop.reason.partition(",")[0] for stop in sampled.stops] == [reason]
+
+
+def test_a_standstill_comes_in_blocks_of_16384_samples() -> None:
+    sizes = [len(samples.values) for samples in Setpoints([], AXES, 1e-3)._rest(20.0, 1)]
+    assert sum(sizes) == 20_000
+    assert 10_000 < sizes[0] < 18_000
+
+
+def samples(first: int, count: int) -> Samples:
+    return Samples(first, np.zeros((count, 3, 5)), np.zeros(count, np.int64), np.zeros(count), True)
+
+
+@pytest.mark.parametrize(("count", "intervals"), [(16_000, 16_000), (17_000, 8_500)])
+def test_a_course_has_at_most_16384_intervals(count: int, intervals: int) -> None:
+    recorder = planned.Recorder(3)
+    for first in range(0, count, 1000):
+        recorder.add(samples(first, 1000))
+    assert recorder.course(1e-3).time.size == intervals
+
+
+def test_a_plan_lists_a_thousand_stops_and_counts_all() -> None:
+    class Stopping:
+        limits, sample_time, samples, time, blocks, runs = AXES, 1e-3, 0, 0.0, 0, 0
+        prover, seconds = Prover(LIMITS), dict[str, float]()
+        stops: tuple[Standstill, ...] | list[Standstill] = ()
+
+        def __iter__(self) -> Iterator[Samples]:
+            for first in range(2):
+                self.stops = [Standstill(0.0, 0.0, 1, np.zeros(3), "dwell (G4)")] * 800
+                yield samples(first, 1)
+
+    result = planned.planned_of(Stopping(), "", "")  # type: ignore[arg-type]
+    assert result.stop_count == 1600
+    assert 800 < len(result.stops) < 1500
