@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from paths import LIMITS, lines
+from paths import LIMITS, arc, joined_up, lines
 
 from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.path import planned, setpoints
-from feeddrive.path.geometry.segments import Chain, chains
+from feeddrive.path.geometry.cluster import _prepared, clustered, envelope, place_knots
+from feeddrive.path.geometry.joints import Joiner, joined
+from feeddrive.path.geometry.segments import Chain, chains, goes_on
 from feeddrive.path.limits import AxisLimits, MachineLimits
-from feeddrive.path.motion import Part, Section
+from feeddrive.path.motion import POLYNOMIAL, Part, Pieces, Section
 from feeddrive.path.program.blocks import BlockError, Parameters, Values, read_block
 from feeddrive.path.program.interpreter import Flow
 from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
@@ -41,12 +43,14 @@ def commands(tmp_path: Path) -> Callable[[str], list[Command]]:
 
 
 def refuses(read: Callable[[], object], reason: str) -> bool:
+    """True if it is refused; the refusal states this reason."""
+    text = ""
     try:
         read()
     except (ProgramError, BlockError, ParameterError) as error:
-        assert reason in str(error)
-        return True
-    return False
+        text = str(error)
+    assert not text or reason in text
+    return bool(text)
 
 
 # tolerances
@@ -120,7 +124,8 @@ def test_subroutines_call_each_other_50_deep(deep: int, refused: bool, commands:
 
 
 @pytest.mark.parametrize(("counter", "count", "refused"), [
-    ("_again", 8_000_000, False), ("_again", 15_000_000, True), ("_at_rest", 800_000, False), ("_at_rest", 1_500_000, True),
+    ("_again", 8_000_000, False), ("_again", 15_000_000, True),
+    ("_at_rest", 800_000, False), ("_at_rest", 1_500_000, True),
 ])  # fmt: skip
 def test_ten_million_lines_are_read_again_and_a_million_without_a_motion(
     counter: str, count: int, refused: bool, tmp_path: Path
@@ -334,3 +339,144 @@ def test_a_plan_lists_a_thousand_stops_and_counts_all() -> None:
     result = planned.planned_of(Stopping(), "", "")  # type: ignore[arg-type]
     assert result.stop_count == 1600
     assert 800 < len(result.stops) < 1500
+
+
+# joints of lines and arcs
+
+
+def polyline(points: list[tuple[float, float]]) -> Pieces:
+    return lines(np.column_stack([np.array(points), np.zeros(len(points))]), 0.1)
+
+
+def corner(turn: float, length: float) -> Pieces:
+    """Two lines of one length, whose directions are `turn` apart (the chord of their angle)."""
+    angle = 2.0 * math.asin(0.5 * turn)
+    return polyline([(0.0, 0.0), (length, 0.0), (length + length * math.cos(angle), length * math.sin(angle))])
+
+
+@pytest.mark.parametrize(("blends", "stops"), [(4.0, False), (5.5, True)])
+def test_lines_longer_than_4_5_blends_stop_at_their_corner(blends: float, stops: bool) -> None:
+    """A blend takes P / (0.156 · 2 sin θ/2) of both lines."""
+    tolerance, turn = 1e-5, 0.1
+    length = blends * tolerance / (0.156 * turn)
+    _, joint = joined(corner(turn, length), np.full(2, tolerance))
+    assert bool(joint.stop[0]) is stops
+
+
+def test_a_blend_has_eight_pieces() -> None:
+    runs, _ = joined(corner(0.1, 4.0 * 1e-5 / (0.156 * 0.1)), np.full(2, 1e-5))
+    assert 5 < np.sum(runs[0].kind == POLYNOMIAL) < 12
+
+
+def line_and_arc(turn: float) -> Pieces:
+    """A line of 50 mm to the origin, and a quarter of a circle of 30 mm that begins `turn` rad off its direction."""
+    center = (-0.03 * math.sin(turn), 0.03 * math.cos(turn))
+    begin = turn - 0.5 * math.pi
+    return joined_up(polyline([(-0.05, 0.0), (0.0, 0.0)]), arc(center, 0.03, begin, begin + 0.5 * math.pi, 0.1))
+
+
+@pytest.mark.parametrize(("turn", "stops"), [(0.15, False), (0.28, True)])
+def test_next_to_an_arc_only_corners_of_more_than_a_fifth_of_a_radian_stop(turn: float, stops: bool) -> None:
+    _, joint = joined(line_and_arc(turn), np.full(2, 1e-5))
+    assert bool(joint.stop[0]) is stops
+
+
+@pytest.mark.parametrize(("turn", "tried"), [(1.5e-9, False), (3e-9, True)])
+def test_a_turn_of_2e_9_is_a_corner_that_may_be_passed_in_time(turn: float, tried: bool) -> None:
+    chain = Chain(line_and_arc(turn), np.full(2, 1e-5), True)
+    assert (setpoints._quicker(chain, LIMITS) is not None) is tried
+
+
+@pytest.mark.parametrize(("turn", "least", "most"), [(0.7e-3, 0.035, 0.05), (1.5e-3, 0.12, 1.0)])
+def test_arcs_of_one_circle_up_to_a_thousandth_stay_within_a_twentieth_of_the_tolerance(
+    turn: float, least: float, most: float
+) -> None:
+    tolerance, radius = 1e-5, 0.03
+    turned_by = turn - 0.5 * math.pi
+    center = (-radius * math.sin(turn), radius * math.cos(turn))
+    first = arc((0.0, radius), radius, -0.5 * math.pi - 1.0, -0.5 * math.pi, 0.1)
+    second = arc(center, radius, turned_by, turned_by + 1.0, 0.1)
+    _, joint = joined(joined_up(first, second), np.full(2, tolerance))
+    assert not joint.stop[0]
+    assert least < joint.deviation[0] / tolerance <= most
+
+
+@pytest.mark.parametrize(("apart", "smooth"), [(1.4e-12, True), (2.8e-12, False)])
+def test_derivatives_that_agree_to_1e_12_of_them_go_on(apart: float, smooth: bool) -> None:
+    """Of r' = 1: the tolerance is 1e-12 of 1 + |r'|."""
+    shape = np.zeros((2, 1, 8))
+    shape[:, 0, 1] = 1.0, 1.0 + apart
+    a, b = np.zeros((1, 5)), np.zeros((1, 5))
+    assert goes_on(0, np.full(2, POLYNOMIAL), np.ones(2), shape, a, b) is smooth
+
+
+# clusters
+
+
+@pytest.mark.parametrize(("step", "count"), [(0.4, 2), (0.5, 1)])
+def test_steps_grow_by_35_percent_of_the_way(step: float, count: int) -> None:
+    at, goal = np.zeros(2), np.zeros(2)
+    assert envelope(np.array([0.0, 1.0]), np.array([0.1, step]), 2, at, goal) == count
+
+
+def test_the_last_twenty_steps_are_fitted_to_the_end() -> None:
+    knots = np.zeros(60)
+    count = place_knots(np.zeros(1), np.ones(1), 1, 0.01, 0.3005, 0, 50, knots)
+    moved = np.flatnonzero(np.abs(np.diff(knots[5 : 6 + count]) - 0.01) > 1e-9)
+    assert count == 31
+    assert 9 < moved[0] < 14
+
+
+def marked(points: list[tuple[float, float]]) -> np.ndarray:
+    """Joints that belong to a cluster, with a tolerance of 1 mm."""
+    pieces, inside = polyline(points), np.zeros(len(points) - 1, np.int64)
+    tolerance = np.full(len(points) - 1, 1e-3)
+    clustered(pieces.kind, pieces.length, pieces.shape, tolerance, 0.35, 4.5, np.zeros((3, 3)), inside)
+    return inside
+
+
+def around_a_corner(stretch: int, aside: float = 0.0) -> list[tuple[float, float]]:
+    """Steps of 1 mm into a right angle and out of it, straight but for `aside` mm over some of them, then turning."""
+    way = [(1e-3 * k, 1e-3 * aside * (k % 2)) for k in range(-stretch, 0)]
+    spread = [(-1e-3 * stretch - 0.7e-3 * k, 0.7e-3 * k) for k in range(12, 0, -1)]
+    into = [*spread, *way, (0.0, 0.0)]
+    return [*into, *[(y, -x) for x, y in reversed(into[:-1])]]
+
+
+@pytest.mark.parametrize(("stretch", "aside", "ends"), [
+    (15, 0.0, True), (7, 0.0, False), (15, 0.18, True), (15, 0.35, False),
+])  # fmt: skip
+def test_a_sharp_corner_between_ten_tolerances_that_look_straight_ends_a_cluster(
+    stretch: int, aside: float, ends: bool
+) -> None:
+    """Straight is what lies within a quarter of the tolerance beside its chord."""
+    points = around_a_corner(stretch, aside)
+    assert bool(marked(points)[len(points) // 2 - 1] == 0) is ends
+
+
+@pytest.mark.parametrize(("turn", "groups"), [(0.7e-13, 1), (1.5e-13, 2)])
+def test_lines_within_1e_13_have_one_direction(turn: float, groups: int) -> None:
+    pieces, room = polyline([(0.0, 0.0), (1.0, 0.0), (2.0, turn)]), [np.zeros(3), np.zeros(4)]
+    group, slope, ahead = np.zeros(2, np.int64), np.zeros((2, 3)), np.zeros(3)
+    _prepared(0, 1, 0.0, pieces.length, pieces.shape, np.full(2, 1e-3), room[0], room[1], group, slope, ahead)
+    assert len(set(group.tolist())) == groups
+
+
+def wave(length: float, count: int) -> list[tuple[float, float]]:
+    """Chords of a sine of 0.1 mm, 100 mm long each."""
+    x = np.linspace(0.0, length, count + 1)
+    return [*zip(x.tolist(), (1e-4 * np.sin(20.0 * np.pi * x)).tolist(), strict=True)]
+
+
+def test_a_gentle_cluster_has_steps_of_10_mm_and_one_that_needs_it_uses_its_tolerance() -> None:
+    steps = joined(polyline(wave(0.4, 400)), np.full(400, 1e-3))[0][0].length
+    assert 0.007 < np.max(steps) < 0.013
+    deviation = joined(polyline(wave(0.4, 400)), np.full(400, 1e-6))[1].deviation
+    assert 0.7 < np.max(deviation) / 1e-6 <= 1.0
+
+
+@pytest.mark.parametrize(("length", "final"), [(0.035, False), (0.08, True)])
+def test_50_mm_of_a_long_cluster_are_held_back(length: float, final: bool) -> None:
+    chain = Chain(polyline(wave(length, 1500)), np.full(1500, 1e-4), False)
+    sections, _ = Joiner().join(chain)
+    assert bool(sections) is final

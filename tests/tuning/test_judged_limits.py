@@ -74,3 +74,9 @@ def test_the_noise_in_the_force_is_judged_too() -> None:
     said = "have force noise 2.2 N, not force noise <= 2 N at 10 nm of white noise in the readings"
     assert broken_limits([figures(60.0, 2.2)], limits) == said
     assert of_measurement([figures(60.0, 2.2)], limits)[-1].holds is False
+
+
+@pytest.mark.parametrize(("noise", "holds"), [(2.003, True), (2.006, False)])
+def test_the_proof_leaves_two_thousandths_of_a_limit_for_other_lines(noise: float, holds: bool) -> None:
+    limits = Limits(sensitivity_peak=None, force_noise_N=2.0, reading_noise=(1e-8, 1e-8))
+    assert of_measurement([figures(60.0, noise)], limits)[-1].holds is holds
