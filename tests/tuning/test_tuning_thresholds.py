@@ -675,3 +675,30 @@ def test_lines_that_a_search_left_out_are_added_in_three_rounds() -> None:
     search.descend = counted
     one._on_all_lines(Control(law=CascadePPI(Kv=20.0, Kp=1e4)), ("law.Kv",), search, ended(0.0))
     assert len(descents) == 3
+
+
+# steps of the search
+
+
+def downhill(slope: float, curvature: float, far: float) -> float:
+    """Where a search from 0 ends whose goal falls with x by `slope`, within 0 .. far."""
+
+    def evaluation(x: np.ndarray) -> criteria.Evaluation:
+        goal = -slope * x[0] + 0.5 * curvature * x[0] ** 2
+        return criteria.Evaluation(
+            True, np.array([goal]), np.array([[-slope + curvature * x[0]]]), np.array([[curvature]]), ()
+        )
+
+    return float(Search(evaluation, np.zeros(1), np.full(1, far)).descend(np.zeros(1)).x[0])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("promised", "goes_on"), [(2.2e-5, False), (4.5e-5, True)])
+def test_a_step_that_promises_less_than_3e_5_of_the_goal_is_not_made(promised: float, goes_on: bool) -> None:
+    """With the curvature 1 the best step promises half of the square of the slope."""
+    assert bool(downhill(np.sqrt(2.0 * promised), 1.0, 1.0) > 0.0) is goes_on
+
+
+@pytest.mark.parametrize(("far", "reached"), [(25.0, True), (50.0, False)])
+def test_a_search_makes_60_steps_at_most(far: float, reached: bool) -> None:
+    """The trust region grows from 0.25 to 0.6, so that it comes to 35."""
+    assert bool(downhill(1.0, 0.0, far) > far - 1e-6) is reached

@@ -168,7 +168,6 @@ def needed(traced: TracedControl) -> list[int]:
     return sorted(reached & seen)
 
 
-_SPEED = 0.05  # m/s of the operating point
 _AT_ONE = 1e-5  # of |z|: a pole this near 1 counts as 1, since a double pole is inaccurate, by √ of the rounding error
 _NEAR = 3  # images on either side of a line that are used where the nearest ones suffice
 _BLOCK = 2**18  # entries of the matrices of all images that are computed in one block
@@ -208,7 +207,7 @@ class ControlResponse:
     Source: lifting as in `Lifted`.  Raises ParameterError for a period of more than 64 samples.
     """
 
-    def __init__(self, control: Control, sample_time: float, tunables: Sequence[str], velocity: float = _SPEED) -> None:
+    def __init__(self, control: Control, sample_time: float, tunables: Sequence[str], velocity: float = 0.05) -> None:
         self.period = control.law.period()
         if self.period > MOST:
             raise ParameterError(
