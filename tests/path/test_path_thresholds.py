@@ -1,5 +1,8 @@
 """Numbers that decide what of a part program is refused, and how it is planned: a case on either side of each."""
 
+# pyright: reportPrivateUsage=false
+# most of these numbers decide inside a module
+
 from __future__ import annotations
 
 import math
@@ -19,12 +22,12 @@ from feeddrive.path.geometry.cluster import _prepared, clustered, envelope, plac
 from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain, chains, goes_on
 from feeddrive.path.limits import AxisLimits, MachineLimits
-from feeddrive.path.motion import POLYNOMIAL, Part, Pieces, Section
+from feeddrive.path.motion import POLYNOMIAL, Motion, Part, Pieces, Section
 from feeddrive.path.program.blocks import BlockError, Parameters, Values, read_block
 from feeddrive.path.program.interpreter import Flow
 from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
 from feeddrive.path.program.reading import read_commands, read_program
-from feeddrive.path.proof import Prover
+from feeddrive.path.proof import Prover, faults_of
 from feeddrive.path.schedule.run import Schedule, override
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
 
@@ -480,3 +483,19 @@ def test_50_mm_of_a_long_cluster_are_held_back(length: float, final: bool) -> No
     chain = Chain(polyline(wave(length, 1500)), np.full(1500, 1e-4), False)
     sections, _ = Joiner().join(chain)
     assert bool(sections) is final
+
+
+@pytest.mark.parametrize(("excess", "proven"), [(0.7e-9, True), (1.5e-9, False)])
+def test_a_limit_is_proven_to_a_relative_1e_9(excess: float, proven: bool) -> None:
+    """For rounding: the motion keeps a constant speed of its limit on a line."""
+    pieces = lines(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 10.0)
+    rest = [np.zeros(1) for _ in range(3)]
+    motion = Motion(np.ones(1), np.zeros(1, np.int64), np.zeros(1), np.full(1, 0.5 * (1.0 + excess)), *rest)
+    assert bool(len(faults_of(pieces, motion, LIMITS)) == 0) is proven
+
+
+def test_a_position_in_mm_is_read_in_inches_after_g20(tmp_path: Path) -> None:
+    program = tmp_path / "inch.ngc"
+    program.write_text("G21\nG0 X25.4\nG20\nG0 X[#5420 + 1]\nM2\n")
+    ends = [move.end[0] for move in read_program(program) if isinstance(move, Straight)]
+    assert ends == pytest.approx([0.0254, 0.0508])

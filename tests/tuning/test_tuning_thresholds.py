@@ -1,5 +1,8 @@
 """Numbers that decide what a tuning tries, refuses or tells: a case on either side of each."""
 
+# pyright: reportPrivateUsage=false
+# most of these numbers decide inside a module
+
 from __future__ import annotations
 
 import re
