@@ -28,6 +28,7 @@ from feeddrive.path.program.interpreter import Flow
 from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
 from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.path.proof import Prover, faults_of
+from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule, override
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
 
@@ -499,3 +500,44 @@ def test_a_position_in_mm_is_read_in_inches_after_g20(tmp_path: Path) -> None:
     program.write_text("G21\nG0 X25.4\nG20\nG0 X[#5420 + 1]\nM2\n")
     ends = [move.end[0] for move in read_program(program) if isinstance(move, Straight)]
     assert ends == pytest.approx([0.0254, 0.0508])
+
+
+# lifting
+
+
+@pytest.fixture(scope="module")
+def lifting() -> list[tuple[Part, list[Part], Part | None]]:
+    """Each part of a wavy path, what lifting makes final after it, and what waits then."""
+    x = np.linspace(0.0, 0.16, 160)
+    points = np.stack([x, 0.004 * np.sin(40.0 * np.pi * x), 0.0 * x], axis=1)
+    runs, _ = joined(lines(points, 0.3), np.full(159, 1e-5))
+    lifter = Lifter(LIMITS)
+    return [
+        (part, [*lifter.add(part)], lifter.hand)
+        for part in Schedule(LIMITS, 100).add(Section(runs[0], True))
+        if isinstance(part, Part)
+    ]
+
+
+def count_of(part: Part) -> int:
+    return len(part.motion.duration)
+
+
+def test_a_hundred_time_intervals_are_lifted_together(lifting: list[tuple[Part, list[Part], Part | None]]) -> None:
+    (first, nothing, _), (second, lifted, _) = lifting[:2]
+    assert 50 < count_of(first) < 100 < count_of(first) + count_of(second) < 200
+    assert not nothing
+    assert lifted
+
+
+def test_three_tenths_of_what_is_lifted_wait(lifting: list[tuple[Part, list[Part], Part | None]]) -> None:
+    final, waits = next((lifted, hand) for _, lifted, hand in lifting if lifted)
+    assert waits is not None
+    last = float(np.sum(waits.motion.duration))
+    assert 0.22 < last / (last + sum(float(np.sum(part.motion.duration)) for part in final)) < 0.38
+
+
+def test_eight_tenths_of_the_first_phase_from_rest_stay(lifting: list[tuple[Part, list[Part], Part | None]]) -> None:
+    """z = u'² grows as u^1.5 there, which no cubic spline follows."""
+    final = next(lifted for _, lifted, _ in lifting if lifted)
+    assert 0.7 < final[0].motion.duration[0] / lifting[0][0].motion.duration[0] < 0.9
