@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from feeddrive.tuning.recipes import (
     GOALS,
     half_antiresonance,
     kv_rule,
+    makers_rule,
     margin_goals,
     symmetric_optimum,
 )
@@ -109,3 +111,35 @@ def test_what_has_no_mass_and_what_is_no_goal() -> None:
     spring = fd.FRF(lines, np.full(lines.size, 1e-6 + 0j), unit="m/N")
     with pytest.raises(NotIdentifiableError, match="shows no mass"):
         symmetric_optimum(measured_point(spring, sample_time=1e-4))
+
+
+def position_damping(Kv: float, rate: float) -> float:
+    """The damping ratio of a position loop, s² + ωv s + Kv ωv, around a velocity loop with a first-order lag."""
+    return 0.5 * float(np.sqrt(rate / Kv))
+
+
+def test_kv_of_the_rules_damps_a_position_loop_critically() -> None:
+    found = symmetric_optimum(rigid(), a=3.0)
+    assert position_damping(found.law.Kv, 1.0 / (3.0 * found.lag)) == pytest.approx(1.0)
+
+
+def peak(loop: fd.Loop, law: fd.blocks.CascadePPI) -> float:
+    return fd.margins(replace(loop, control=replace(loop.control, law=law))).sensitivity_peak
+
+
+def test_the_makers_rule_has_ms_2_on_a_free_mass_and_its_integral_costs_14_degrees() -> None:
+    """By the ratio of the rule itself, which is lowered by less than 2 % for the error of lag and mass."""
+    loop = rigid(viscous=0.0)
+    found = makers_rule(loop)
+    rate = found.law.Kp / found.mass
+    lowered = re.search(r"lowered from ([\d.]+) Hz", str(found.reason))
+    assert lowered is None or float(lowered[1]) == pytest.approx(rate / (2.0 * np.pi), rel=0.02)
+    assert peak(loop, found.law) == pytest.approx(2.0, abs=0.02)
+    assert position_damping(found.law.Kv, rate) == pytest.approx(1.0)
+    assert np.degrees(np.arctan(1.0 / (found.law.Tn * rate))) == pytest.approx(14.0, abs=0.1)
+
+
+def test_the_makers_rule_is_lowered_to_ms_2_where_filters_cost_more(screw: fd.Loop) -> None:
+    found = makers_rule(screw)
+    assert "lowered" in str(found.reason)
+    assert peak(screw, found.law) == pytest.approx(2.0, abs=0.02)
