@@ -104,11 +104,13 @@ def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
     for _ in range(50):
         dx, dy = x - center[0], y - center[1]
         r = np.hypot(dx, dy)
+        # at the center itself the distance has no derivative
         if not np.all(r > 0.0):
             break
         design = np.column_stack([-dx / r, -dy / r, -np.ones(len(x))])
         step = np.linalg.lstsq(design, np.mean(r) - r, rcond=None)[0][:2]
         center = center + step
+        # rounding of the radius ends the descent; 1e-16 m stands for a path without extent
         if np.max(np.abs(step)) <= 1e-16 + 1e-13 * np.mean(r):
             break
     return center, float(np.mean(np.hypot(x - center[0], y - center[1])))
@@ -124,6 +126,7 @@ def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
 
     center, _ = circle_fit(x, y)
     best = _zone(x, y, center)
+    # the distance is linear in the center for small shifts only: linearize again about each new center
     for _ in range(8):
         dx, dy = x - center[0], y - center[1]
         r = np.hypot(dx, dy)
@@ -131,6 +134,7 @@ def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
         middle = float(np.mean(r))
         order = np.argsort(r)
         chosen = set(order[:40].tolist()) | set(order[-40:].tolist()) | set(range(0, len(x), max(1, len(x) // 72)))
+        # HiGHS has absolute tolerances of 1e-7, and deviations are micrometers: scale them to 1
         scale = max(float(np.ptp(r)), 1e-12)
         step = np.zeros(2)
         for _ in range(10):
@@ -150,6 +154,7 @@ def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
                 break
             chosen |= set(beyond[np.argsort(-np.abs(left[beyond]))][:40].tolist())
         center = center + step
+        # a step of the linearized problem may widen the zone
         best = min(best, _zone(x, y, center), key=lambda zone: zone.width)
         if np.max(np.abs(step)) < 1e-6 * scale:
             break
@@ -217,7 +222,9 @@ def circle_path(
             "settle for another turn, or look for drift"
         )
     wanted = turned[-1] - 2.0 * np.pi + 2.0 * np.pi * (np.arange(points) + 0.5) / points
+    # noise turns a slow angle back for a row, and interpolation needs ascending places
     places = np.maximum.accumulate(turned[first:])
+    # a mean over many rows removes their noise; over few it would be a staircase
     even = _averaged(places, r[first:], wanted) if len(places) > 4 * points else np.interp(wanted, places, r[first:])
     span = float(time[begin:end][-1] - time[begin:end][first])
     nominal = _ROUND * round(fitted / _ROUND) if radius is None else radius
@@ -247,6 +254,7 @@ def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray,
     if whole < 2.0 * np.pi:
         raise LogError(f"{name}: the motion turns by {Quantity(whole, 'rad'):deg} about its center: no full circle")
     turned = np.abs(angle - angle[0])
+    # over 2° instead of one row: an angle by differences of rows is noise at slow feeds
     far = np.searchsorted(np.maximum.accumulate(turned), turned + _OVER)
     inside = far < len(x)
     rate = np.zeros(len(x))
@@ -263,6 +271,7 @@ def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray,
         raise LogError(f"{name}: no stretch of the motion has a constant feed")
     longest = int(np.argmax(turned[np.minimum(ends, len(x) - 1)] - turned[begins]))
     stretch = slice(begins[longest], ends[longest])
+    # the loose tolerance keeps the slow rows of a reversal; its ends are trimmed with the tight one, without run-in
     there = begins[longest] + np.flatnonzero(np.abs(rate[stretch] - usual) <= _SETTLED * usual)
     return int(there[0]), int(there[-1]) + 1
 
@@ -411,7 +420,7 @@ def about_origin(circle: CirclePath) -> CirclePath:
 
 
 NEAR = np.radians(10.0)
-"""Of a peak: the angle behind a reversal in which it is looked for, rad; the base is taken from as much before it."""
+"""The angle after a reversal in which its peak is searched, rad; the base is the mean over the same angle before it."""
 
 
 class QuadrantPeak(NamedTuple):
@@ -509,6 +518,7 @@ class Fit(NamedTuple):
         """Return the decay with the smallest residual, by a coarse grid and a search around its best value."""
         from scipy.optimize import minimize_scalar  # not for commands that only read
 
+        # few passes rank the decays; the fit with the best one then runs until it settles
         grid = np.geomspace(*_DECAYS, 16)
         left = [self.settled(float(t), 4).square for t in grid]
         best = int(np.argmin(left))
@@ -563,6 +573,7 @@ class Solved:
         self.labels = list(blocks[0])
         self.design = np.vstack([np.column_stack(list(block.values())) for block in blocks])
         self.wanted = np.concatenate([rows.deviation for rows in data])
+        # columns in m, rad and s² are compared at length 1, so that the rank does not depend on units
         norms = np.linalg.norm(self.design, axis=0)
         self.seen = norms > 1e-12 * np.max(norms)
         self.scale = np.where(self.seen, norms, 1.0)
@@ -605,6 +616,7 @@ class Solved:
         x, y = self.names
         angle, d, V, R = rows.angle, rows.d, rows.V, rows.R
         ahead = d * rows.turning * self.shape.mismatch
+        # each axis reverses at its own phase: columns that turn at the polar angle find 2.8 µm of a spike of 4 µm
         at_x, at_y = angle - ahead, angle + ahead
         cos, sin = np.cos(angle), np.sin(angle)
         since = {x: since_reversal(at_x, d, 0.0), y: since_reversal(at_y, d, 0.5 * np.pi)}
@@ -646,11 +658,13 @@ class Solved:
         middle = np.zeros((len(self.kept), len(self.kept)))
         begin = 0
         for rows in self.data:
-            own = scores[begin : begin + len(rows.angle)]
+            circle_scores = scores[begin : begin + len(rows.angle)]
             begin += len(rows.angle)
-            width = max(1, len(own) // _CORRELATED)
-            around = np.cumsum(np.vstack([np.zeros((1, own.shape[1])), own, own[:width]]), axis=0)
-            blocks = around[width : width + len(own)] - around[: len(own)]
+            width = max(1, len(circle_scores) // _CORRELATED)
+            # a circle is closed: the blocks at its end continue at its start
+            before = np.zeros((1, circle_scores.shape[1]))
+            around = np.cumsum(np.vstack([before, circle_scores, circle_scores[:width]]), axis=0)
+            blocks = around[width:][: len(circle_scores)] - around[: len(circle_scores)]
             middle += blocks.T @ blocks / width
         n, k = self.design.shape[0], len(self.kept)
         return self._inverse @ middle @ self._inverse * (n / max(n - k, 1))
@@ -678,6 +692,7 @@ def _held(since: np.ndarray, R: float, gap: float) -> np.ndarray:
     """Return the part of a gap that a table still at rest has not yet crossed, by the angle since the reversal."""
     if gap <= 0.0:
         return np.zeros_like(since)
+    # the axis leaves its reversal with the acceleration V²/R, and has moved by R since²/2
     return np.maximum(0.0, 1.0 - since**2 * (0.5 * R / gap))
 
 
@@ -919,7 +934,7 @@ def _spike(solved: Solved, axis: str, place: int) -> Spike:
     places: list[np.ndarray] = []
     heights: list[np.ndarray] = []
     reach = window(feed / solved.data[0].R)
-    for rows, own, rest in zip(solved.data, drawn, left, strict=True):
+    for rows, spike, rest in zip(solved.data, drawn, left, strict=True):
         if abs(rows.V - feed) > 0.02 * feed:
             continue
         ahead = rows.d * rows.turning * solved.shape.mismatch
@@ -931,7 +946,7 @@ def _spike(solved: Solved, axis: str, place: int) -> Spike:
         inside = since < reach
         part = np.abs(np.cos(rows.angle) if first else np.sin(rows.angle))
         places.append(since[inside])
-        heights.append((own + rest)[inside] / part[inside])
+        heights.append((spike + rest)[inside] / part[inside])
     count = max(8, round(reach * len(solved.data[0].angle) / (2.0 * np.pi)))
     edges = np.linspace(0.0, reach, count + 1)
     which = np.clip(np.searchsorted(edges, np.concatenate(places), side="right") - 1, 0, count - 1)

@@ -48,6 +48,7 @@ class Curve(NamedTuple):
         """The change of the tangent direction at each node, rad, 0 at both ends of the path, shape (n,)."""
         angles = np.zeros(len(self.node))
         step = unit(self.begin[1:]) - unit(self.end[:-1])
+        # an arccosine of the scalar product would lose turns below 1e-8 rad
         angles[1:-1] = 2.0 * np.arcsin(np.minimum(1.0, 0.5 * size(step)))
         return angles
 
@@ -90,6 +91,7 @@ def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> C
     length = size(chord)
     direction = unit(chord)
     if velocity is None:
+        # each chord weighted with the length of the other one: the tangent of the circle through the three nodes
         both = length[1:, None] * direction[:-1] + length[:-1, None] * direction[1:]
         at = unit(np.vstack([direction[:1], both, direction[-1:]]))
         if len(node) > 2:  # the ends of the circle through the first, the last three nodes
@@ -105,6 +107,8 @@ def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> C
     for tangent in (at[:-1], at[1:]):
         fits = np.einsum("ij,ij->i", tangent, direction) > _ALONG
         sides.append(np.where(fits[:, None], tangent, direction))
+    # of an arc that turns by δ, bent is δ² to second order; its tangents are 1/cos²(δ/4) and its length (δ/2)/sin(δ/2)
+    # times the chord
     bent = size(sides[1] - sides[0]) ** 2
     arc = (length * (1.0 + bent / 16.0))[:, None]  # the length of the tangents with which a piece is an arc
     along = np.concatenate([[0.0], np.cumsum(length * (1.0 + bent / 24.0))])
@@ -254,6 +258,7 @@ def _feet(
             # no point that is nearer along the path can be nearer than the nearest one so far
             j = j + max(1, int((sqrt(away) - sqrt(least)) / longest))
         u, square = _on_piece(place, node[k], node[k + 1], begin[k], end[k])
+        # near an end of the piece the nearest point may lie on the neighbor of the nearest chord
         for side in range(-1, 2, 2):
             other = k + side
             if other >= 0 and other <= last and ((side < 0 and u < 0.1) or (side > 0 and u > 0.9)):
@@ -378,6 +383,7 @@ class ContourError(Result):
         """Return the contour error not exceeded on this share of the path, m; 0 if no sample counts."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
+        # rounding may leave the sum of all weights just below 1
         place = np.searchsorted(np.cumsum(weights[order]), share - 1e-12)
         return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
@@ -422,6 +428,7 @@ class ContourError(Result):
         highs = np.minimum(np.concatenate([middles, self.curve.along[-1:]]), places + most)
         corners_seen: list[Corner] = []
         for node, place, low, high in zip(nodes, places, lows, highs, strict=True):
+            # the tool lags: it still passes the corner after the set position has left its range
             begin, stop = np.searchsorted(commanded, [low, high + (high - place)])
             rows = slice(int(begin), max(int(stop), int(begin) + 1))
             vertex = self.curve.node[node]
@@ -588,6 +595,7 @@ def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> 
 
 def _differenced(position: np.ndarray, velocity: np.ndarray, T: float) -> bool:
     """Return True if the velocities are backward differences of the positions, which are not tangents."""
+    # a backward difference is the velocity of half a sample ago: on an arc it is not tangential
     step = np.diff(position, axis=0)
     away = np.max(np.abs(T * velocity[1:] - step), initial=0.0)
     return bool(away <= 1e-9 * np.max(np.abs(step), initial=0.0))

@@ -90,6 +90,7 @@ def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
     first = {name: np.float64(run[name][0]) for name in names}
     begun = plain.start(None, _motions(cut, first, 0.0))
     tables = dict(tree.tables(cut))
+    # the block of the run itself, compiled as in the run: a second copy of its equations could differ
     compiled = native(plan(_program(cut, begun, tables)))
     values = {**dict(tree.leaves(plain)), "T": T}
     constants = np.array([[values[name]] for name, _ in compiled.plan.constants]).reshape(-1, 1)
@@ -108,6 +109,7 @@ def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
         acts &= middle < cut.cut_to
     forces = {name: np.where(acts, results[name], 0.0) for name in ("feed", "normal", "axial", "torque")}
     speed = _speed(cut, middle)
+    # at mid-sample, where the block evaluates the forces
     turns = (
         np.concatenate([[0.0], np.cumsum(speed[:-1] * (run.sample_time / 60.0))]) + 0.5 * speed * run.sample_time / 60.0
     )
@@ -292,6 +294,7 @@ def wall(
     lag = 2.0 * np.tan(float(edge.helix_angle)) / float(edge.diameter)
     middle, outward = (0.0, 1.0) if milling == "up" else (np.pi, -1.0)
     half = _WIDE * feed / radius
+    # a chord over the angle a of a circle of radius R has the sagitta R a²/8
     walk = np.linspace(-half, half, 2 * int(np.ceil(half / np.sqrt(8.0 * _SAG / radius))) + 1)
     envelope = np.full((levels, points), -np.inf)
     for level, z in enumerate(heights):
@@ -304,6 +307,7 @@ def wall(
                     continue
                 at = path(instants)
                 s, w = at[:, 0] + radius * np.sin(middle + walk), at[:, 1] + radius * np.cos(middle + walk)
+                # in down milling the edge runs against the feed, and interpolation needs ascending places
                 if s[0] > s[-1]:
                     s, w = s[::-1], w[::-1]
                 reached = np.interp(along, s, outward * w - radius, left=-np.inf, right=-np.inf)

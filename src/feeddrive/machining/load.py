@@ -231,6 +231,7 @@ def axis_load(
     rms = float(np.sqrt(np.mean(force * force)))
     heat = repeated = None
     if continuous_force is not None and time_constant is not None:
+        # exact for a force that is held; expm1, since a sample is about a millionth of the time constant
         stays = np.exp(-sample_time / time_constant)
         heating = -np.expm1(-sample_time / time_constant) * (force / continuous_force) ** 2
         from scipy.signal import lfilter  # a second of imports, which reading a plan need not wait for

@@ -120,6 +120,7 @@ def chatter_signs(
     lines = spectrum(signal, sample_time, name=name, unit=unit)
     width = lines.frequency[1] - lines.frequency[0]
     times = lines.frequency * period
+    # half a line more, since a harmonic may lie between two lines
     harmonic = np.abs(times - np.round(times)) <= (_SIDE_LINES + 0.5) * width * period
     from scipy.interpolate import CubicSpline  # not for commands that only read
 
@@ -188,6 +189,7 @@ def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = (
             # whole waves between two teeth: where ωτ - turn crosses a multiple of 2π
             phase = (2.0 * np.pi * frequency * period - turn) / (2.0 * np.pi)
             phase = phase - np.round(phase)
+            # the jump of the rounded phase from 0.5 to -0.5 changes the sign, too, and is no crossing
             there = (phase[:-1] * phase[1:] <= 0.0) & (np.abs(phase[:-1] - phase[1:]) < 0.5)
             places = np.flatnonzero(there & np.isfinite(phase[:-1]) & np.isfinite(phase[1:]))
             for k in places:
@@ -206,6 +208,7 @@ def _lines(tool: Any) -> tuple[np.ndarray, np.ndarray, list[int]]:
         lines = [np.geomspace(0.02 * sizes.min(), 4.0 * sizes.max(), _RESPONSE_LINES)]
         for pole in poles[poles.imag > 0.0]:
             width, middle = abs(pole.real) / (2.0 * np.pi), pole.imag / (2.0 * np.pi)
+            # a resonance changes over its half width: most lines lie within a few of them, and the outermost 548 away
             lines.append(middle + width * np.sinh(np.linspace(-7.0, 7.0, _RESPONSE_LINES)))
         frequency = np.unique(np.concatenate(lines))
         frequency = frequency[frequency > 0.0]
@@ -576,7 +579,9 @@ def _borders(
 
     from scipy.optimize import minimize_scalar  # not for commands that only read
 
+    # zero-order limits are no bound: in narrow down milling the exact limit may be half of them, or less
     begin = first if growth(coarse, first) < 0.0 else _LOWER * first
+    # flip lobes may be narrower than any step: their depths follow from eigenvalues, and both sides of each are scanned
     flips = coarse.flips()
     steps = np.geomspace(begin, most, int(np.ceil(np.log(most / begin) / np.log(_RATIO))) + 2)
     sides = [flips * (1.0 - 1e-6), flips * (1.0 + 1e-6)]
@@ -588,6 +593,7 @@ def _borders(
         for depth, multiplier in zip(chunk, coarse.multipliers(chunk), strict=True):
             now = float(np.log(np.abs(multiplier)))
             last, before = past[-1]
+            # a lobe whose tip reaches between two steps shows as a maximum of the growth below 0
             if len(past) > 1 and before < 0.0 and now < before > past[-2][1]:
                 top: Any = minimize_scalar(
                     lambda a: -growth(coarse, a),

@@ -160,6 +160,7 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
             continue
         nodes = node[first : last + 2]
         place = contour.position[inside]
+        # samples near both ends may belong to the neighboring lines of the program
         line = None if contour.line is None else int(np.median(contour.line[inside]))
         error = float(np.max(np.abs(contour.error[inside])))
         if straight:
@@ -211,6 +212,7 @@ def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: 
     step = float(np.max(size(np.diff(position, axis=0)), initial=0.0))
     stride = max(1, int(_WALL_STEP * radius / step)) if step > 0.0 else 1
     nearest, _ = KDTree(position[::stride]).query(wall)
+    # speed weights by path length: where the tool dwells does not decide on which side the part lies
     speed = size(velocity)
     stays = (speed > 0.0) & (nearest >= radius * (1.0 - _TOUCHES))
     inside = enclosed(wall, position)
@@ -230,9 +232,11 @@ def enclosed(points: np.ndarray, path: np.ndarray) -> np.ndarray:
         if y0 == y1:
             continue
         low, high, sign = (y0, y1, 1) if y0 < y1 else (y1, y0, -1)
+        # half open, so that a ray through a vertex of the polygon counts it once
         crosses = (points[:, 1] >= low) & (points[:, 1] < high)
         at = x0 + (points[crosses, 1] - y0) * (x1 - x0) / (y1 - y0)
         turns[np.flatnonzero(crosses)[at > points[crosses, 0]]] += sign
+    # parity would call the overlap of lead-in and lead-out outside
     return turns != 0
 
 

@@ -253,6 +253,7 @@ class ToothPassage:
         self.A, self.B, self.C = tool.moving()
         self.fastest = tool.fastest()
         self.directions = tool.directions()
+        # triangular, so that the states are solved one by one; eigenvectors of a double pole would be singular
         schur_form = schur(self.A, output="complex")
         self._T, self._U = np.asarray(schur_form[0], complex), np.asarray(schur_form[1], complex)
         self._kept: list[_Passage] | None = None
@@ -285,6 +286,7 @@ class ToothPassage:
         vibrations = self.fastest * length / (2.0 * np.pi)
         turns = (piece.end - piece.begin) / np.pi
         stiff = float(np.max(np.abs(poles))) * length
+        # Chebyshev points are spaced by 1/n² at the ends: a layer that decays quickly needs the root of its stiffness
         n = int(self.share * (12.0 + 8.0 * (vibrations + turns) + min(2.0 * np.sqrt(stiff), _LAYER)))
         if n > _MOST:
             raise ParameterError(
@@ -316,8 +318,8 @@ class ToothPassage:
 
         angles = piece.begin + 0.5 * (x[1:] + 1.0) * (piece.end - piece.begin)
         ends = y[:, -1, : n * q], y[:, -1, n * q :]
-        own = np.array(weights[1:]) * 0.5 * length
-        return _Passage(piece, length, angles, own, seen(self.C), seen(self.C @ self.A), ends)
+        in_time = np.array(weights[1:]) * 0.5 * length
+        return _Passage(piece, length, angles, in_time, seen(self.C), seen(self.C @ self.A), ends)
 
     def _directional(self, passage: _Passage, depth: float) -> tuple[np.ndarray, np.ndarray]:
         """Return H and P at the points as block-diagonal matrices over points and directions."""

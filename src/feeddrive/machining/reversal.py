@@ -14,6 +14,7 @@ from feeddrive.loop.simulate import Run
 from feeddrive.machining.contour import ContourError, contour_error
 
 _BASE = 0.2  # of the way from the reversal before: where the circle has come to rest again
+# a simulated axis that sticks has a velocity of 0, except for rounding
 _STUCK = 1e-12  # m/s
 
 

@@ -270,6 +270,7 @@ def _poles(z: np.ndarray, T: float) -> list[complex]:
 
 
 def _alternates(p: complex) -> bool:
+    # ln z of a negative real pole has the imaginary part π/T without a conjugate: no real continuous system has it
     return abs(p.imag) < 1e-12 and p.real < 0.0
 
 
@@ -293,16 +294,17 @@ def _realized(poles: Sequence[complex], residues: np.ndarray, missed: float) -> 
             at += 1
         else:
             # states 1/below and s/below
-            own = np.array([[0.0, 1.0], [-size * size, 2.0 * pole.real]])
-            blocks.append((own, np.array([0.0, 1.0]), residues[at : at + 2] * np.array([size**2, size])[:, None, None]))
+            companion = np.array([[0.0, 1.0], [-size * size, 2.0 * pole.real]])
+            scaled = residues[at : at + 2] * np.array([size**2, size])[:, None, None]
+            blocks.append((companion, np.array([0.0, 1.0]), scaled))
             at += 2
     n = sum(block[0].shape[0] for block in blocks) * q
     A, B, C = np.zeros((n, n)), np.zeros((n, q)), np.zeros((q, n))
     row = 0
-    for own, into, left in blocks:
+    for companion, into, left in blocks:
         for column in range(q):
-            m = own.shape[0]
-            A[row : row + m, row : row + m], B[row : row + m, column] = own, into
+            m = companion.shape[0]
+            A[row : row + m, row : row + m], B[row : row + m, column] = companion, into
             C[:, row : row + m] = left[:, :, column].T
             row += m
     return ToolPoint(A, B, C, missed)
