@@ -144,6 +144,7 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
         raise ParameterError("orders must be whole numbers >= 1, each once")
     for i, run in enumerate(runs):
         covered = np.unique(np.floor(np.mod(run.turns, 1.0) * 2 * max(chosen))).size
+        # two places a wave: fewer would let a high order pass as a low one
         if covered < 0.95 * min(2 * max(chosen), run.turns.size):
             raise NotIdentifiableError(
                 f"run {i + 1} visits {covered} of {2 * max(chosen)} places of a turn that order {max(chosen)} needs; "
@@ -187,6 +188,7 @@ def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
     fits = [_alone(run, orders) for run in runs]
     values, count = np.array([fit[0] for fit in fits]), len(fits)
     mean = values.mean(axis=0)
+    # each run is fitted alone: a shifted zero of one run would otherwise smear the harmonics of all
     covariance = np.sum([fit[1] for fit in fits], axis=0) / count**2
     groups = [slice(0, 1), *(slice(1 + 2 * i, 3 + 2 * i) for i in range(len(orders)))]
     spreads = [
@@ -239,6 +241,7 @@ def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int
     even = odd = None
     phase = 0.0
     if forward is not None and backward is not None:
+        # the amplitude of half the sum of both directions, whose noise is independent
         spread = 0.25 * (spreads[1] + spreads[-1])
         even = _amplitude("even", 0.5 * (pairs[1] + pairs[-1]), spread, unit)
         odd = _amplitude("odd", 0.5 * (pairs[1] - pairs[-1]), spread, unit)
@@ -350,6 +353,7 @@ def cogging_passes(
         raise LogError(f"a log of cogging is not finite at row {bad + 1}; cut it there")
     far = strays(force)
     remarks = stray_remarks(f"{name}, force", force, far, "")
+    # unwrapped before strays of the force are removed: a gap could hide a wrap
     x, force = np.unwrap(turns, period=1.0)[~far], force[~far]
     runs: list[CoggingRun] = []
     longest = 0.0
@@ -384,6 +388,7 @@ def _passes(x: np.ndarray) -> Iterator[tuple[int, int]]:
                 way, far = (1 if x[k] > x[begin] else -1), k
         elif way * (x[k] - x[far]) > 0.0:
             far = k
+        # hysteresis: noise and the vibration at low speed go back by less, and are no reversal
         elif way * (x[far] - x[k]) > enough:
             yield begin, far
             begin, far, way = far, k, -way

@@ -122,11 +122,13 @@ def learned_stops(
     few = max(1, round(1e-3 / log.sample_time))
     prepared = prepare(log, how or Preparation(cutoff=200.0, decimation=few, reversals=True))
     rows = [prepared.reduced(stretches(log.position, width)) for width in widths]
+    # non-negative least squares has no free sign: the offset is the difference of two columns
     free = {"viscous": prepared.velocity, "offset": prepared.constant, "less": -prepared.constant}
     if mass is None:
         free["mass"] = prepared.acceleration
     columns = np.column_stack([*rows, *free.values()])
     force = prepared.force - (0.0 if mass is None else mass) * prepared.acceleration
+    # elongations are micrometers and accelerations m/s²: unscaled, the small columns vanish in the solver's tolerance
     size = np.sqrt(np.mean(columns * columns, axis=0))
     size = np.where(size > 0.0, size, 1.0)
     used = slice(0, force.size - force.size // _UNUSED)
@@ -362,12 +364,14 @@ def _stretches(v: np.ndarray, begin: int, end: int, least: int) -> Iterator[tupl
 
 def _cut(v: np.ndarray, least: int) -> int | None:
     """Return the change point between two means if they differ significantly; a few rows lie on each side."""
+    # a change point in the first rows would be noise of a mean over two of them
     few = max(3, least // 4)
     if v.size < 2 * few:
         return None
     n = np.arange(few, v.size - few + 1)
     total = np.concatenate([[0.0], np.cumsum(v)])
     left, right = total[n] / n, (total[-1] - total[n]) / (v.size - n)
+    # the decrease of the sum of squares by two means instead of one
     gain = n * (v.size - n) / v.size * (left - right) ** 2
     best = int(np.argmax(gain))
     k = int(n[best])
@@ -382,6 +386,7 @@ def _is_held(part: np.ndarray, whole: np.ndarray) -> bool:
     """Return True if a part has a constant speed other than 0."""
     mean = abs(float(np.mean(part)))
     error = float(np.std(part)) / np.sqrt(part.size)
+    # standstill: no mean speed beyond its noise, or one that only drift makes
     if mean <= 4.0 * error or mean < 1e-3 * float(np.max(np.abs(whole))):
         return False
     k = np.arange(part.size) - 0.5 * (part.size - 1)
@@ -677,6 +682,7 @@ def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, flo
 
     tried = [linear(float(x), columns) for x, columns in zip(grid, model.columns(v, grid[:, None]), strict=True)]
     ranked = sorted(range(_GRID), key=lambda i: tried[i][0])
+    # the squared residual has several minima over the Stribeck velocity, and some have levels that no friction has
     best = next((i for i in ranked if model.is_sound(tried[i][1])), None)
     if best is None:
         return None
@@ -701,6 +707,7 @@ def _separate(runs: SteadyRuns, model: Candidate) -> Compared | None:
     residual = np.zeros(runs.velocity.size)
     for side in _sides(runs):
         v, force = runs.velocity[side], runs.force[side]
+        # a Stribeck curve has four parameters: fewer speeds leave nothing to judge it by
         if v.size <= 5:
             return None
         values = _values(v, force, model)

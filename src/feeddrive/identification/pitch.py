@@ -87,6 +87,7 @@ def learned_pitch(
     if not np.any(way > 0.0) or not np.any(way < 0.0):
         raise ParameterError("the motion goes one way only: both directions are needed, there and back")
     low, high = float(np.min(nominal[way != 0.0])), float(np.max(nominal[way != 0.0]))
+    # a travel of a whole number of spacings must not get one more entry by rounding
     count = max(2, round(np.ceil((high - low) / spacing * (1.0 - 1e-9))) + 1)
     if count > _MOST:
         raise ParameterError(
@@ -150,10 +151,10 @@ def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", sett
              of the table
     Raises ParameterError as `learned_pitch`, and for a signal that the run does not have.
     """
-    own = f"{axis}." if f"{axis}.set_velocity" in run.signals else ""
-    signal = reached or (f"tool.{axis}" if f"tool.{axis}" in run.signals else f"{own}position_load")
+    prefix = f"{axis}." if f"{axis}.set_velocity" in run.signals else ""
+    signal = reached or (f"tool.{axis}" if f"tool.{axis}" in run.signals else f"{prefix}position_load")
     return learned_pitch(
-        run[f"{own}reading_load"], run[signal], run[f"{own}set_velocity"], spacing=spacing, settle=settle
+        run[f"{prefix}reading_load"], run[signal], run[f"{prefix}set_velocity"], spacing=spacing, settle=settle
     )
 
 

@@ -111,6 +111,7 @@ def sizes(
         near, far = (max(1, round(over / sample_time)) for over in (_SPEED_OVER, _ACCELERATION_OVER))
         if position.size > 2 * far:
             magnitudes[names[1]] = float(np.max(np.abs(position[near:] - position[:-near]))) / (near * sample_time)
+            # a second difference over samples would be encoder counts over T²
             bent = position[2 * far :] - 2.0 * position[far:-far] + position[: -2 * far]
             magnitudes[names[2]] = float(np.max(np.abs(bent))) / (far * sample_time) ** 2
     if force is not None and force.size:
@@ -124,6 +125,7 @@ def sizes(
 
 def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndarray) -> float | None:
     """Return the mass by inverse dynamics, for either sign of the force; None if it is not identifiable."""
+    # an inverted force is another fault, with a message of its own: here only the magnitude counts
     for sign in (1.0, -1.0):
         try:
             log = MotionLog(

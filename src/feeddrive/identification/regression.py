@@ -176,6 +176,7 @@ def strays(values: np.ndarray) -> np.ndarray:
     away = np.abs(values - median_filter(values, _NEAR, mode="nearest"))
     spread = maximum_filter(median_filter(away, min(_AROUND, values.size), mode="nearest"), _AROUND, mode="nearest")
     quantum = float(np.min(np.diff(np.unique(values)), initial=np.inf))
+    # a force as ragged as its faults, as by coarse counts through a velocity gain, has no strays
     usual = _FURTHER * float(np.quantile(away, 1.0 - _RARE))
     far = away > np.maximum(_STRAY * np.maximum(1.4826 * spread, quantum), usual)
     return short_runs(far, _STRAY_ROWS)
@@ -251,6 +252,7 @@ def long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
     from scipy.signal import oaconvolve  # takes a second to import
 
     rows = scores.shape[0]
+    # more lags than a quarter of the rows leave too few products for each
     lags = max(0, min(memory(scores) if lags is None else lags, rows // 4))
     # all lags at once: the scores against themselves, spread by the window
     window = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
@@ -284,6 +286,7 @@ def memory(scores: np.ndarray) -> int:
         size = float(column @ column)
         if size <= 0.0 or n < 3:
             continue
+        # as Andrews bounds it: near 1 the bandwidth would exceed the record
         rho = min(0.97, max(-0.97, float(column[1:] @ column[:-1]) / size))
         spread = size * (1.0 - rho * rho)
         alpha += 4.0 * rho**2 * spread**2 / ((1.0 - rho) ** 6 * (1.0 + rho) ** 2)
@@ -336,6 +339,7 @@ def _parts(residual: np.ndarray, stretches: Sequence[slice] | None) -> list[np.n
 def _likelihood(parts: list[np.ndarray], rho: float) -> float:
     """Return -2 log L up to a constant."""
     n = sum(part.size for part in parts)
+    # the first row has the stationary variance s²/(1 - rho²)
     first = (1.0 - rho * rho) * sum(float(part[0]) ** 2 for part in parts)
     rest = sum(float(np.sum((part[1:] - rho * part[:-1]) ** 2)) for part in parts)
     # a residual that is only rounding counts as 0

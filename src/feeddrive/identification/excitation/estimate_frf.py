@@ -56,6 +56,7 @@ def excited_lines(cause: np.ndarray) -> np.ndarray:
 
     The gap to the empty lines is the widest even if the spectrum falls by decades over the band.
     """
+    # empty lines of a generated reference are exactly 0, and a ratio to them would be the widest gap
     size = np.maximum(np.abs(cause) / np.max(np.abs(cause)), _ROUNDING)
     ordered = np.sort(size)[::-1]
     gaps = ordered[:-1] / ordered[1:]
@@ -83,6 +84,7 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
     if not empty.size:
         return levels
     between = (empty > first) & (empty < last)
+    # real and imaginary part, not magnitude and phase: no jump where the phase wraps
     guessed = np.interp(empty, lines, np.real(response)) + 1j * np.interp(empty, lines, np.imag(response))
     guessed = np.where(between, guessed, 0.0)
     power = np.abs(mean.output[empty] - guessed * mean.input[empty]) ** 2
@@ -244,7 +246,7 @@ def periodic(
     )
     estimate = FrequencyEstimate(frf, text, nu, noise, total, levels, counts, tuple(remarks))
     doubt = np.mean([realisation.uu[lines] / np.abs(realisation.input[lines]) ** 2 for realisation in drawn], axis=0)
-    return estimate.where_told(doubt)
+    return estimate.where_excited(doubt)
 
 
 def _realisation(

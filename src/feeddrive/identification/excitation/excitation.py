@@ -216,6 +216,7 @@ def advice(excitation: Excitation, drawn: Callable[[float], Excitation]) -> str:
         _, share = _worst(tried)
         if share > _HOPELESS:
             break
+        # 2 % in reserve: because of friction the peaks are not proportional to the amplitude
         tried = drawn(0.98 * tried.amplitude / share)
         if all(limit.holds for limit in tried.limits):
             keeps = Text(f"an amplitude of {readable(tried.amplitude, excitation.unit)} keeps it")
@@ -354,6 +355,7 @@ def _drawn(
     times = _Timeline(max(round(2.0 * _RAMP / T), 1) if offset else 0, fade, period, periods)
     drawings: list[Drawing] = []
     for i, (phase, scale) in enumerate(zip(phases, waves, strict=True)):
+        # there and back, so that two realizations need the travel of one
         way = offset if i % 2 == 0 else -offset
         drawings.append(_simulated(loop, where, times, lines, scale * sizes, phase, way, seed + i))
     kept = slice(times.first, times.first + periods * period)

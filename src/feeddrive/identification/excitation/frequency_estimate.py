@@ -115,11 +115,13 @@ def find_period(values: np.ndarray) -> int | None:
     """
     x = np.asarray(values, float) - np.mean(values)
     n = x.size
+    # padded to twice the length: the transform would otherwise correlate the end with the start
     size = int(2 ** np.ceil(np.log2(2 * n)))
     spectrum = np.fft.rfft(x, size)
     lagged = np.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2 + 1]
     squares = np.concatenate([[0.0], np.cumsum(x * x)])
     lags = np.arange(lagged.size)
+    # normalized by the overlapping part, or the correlation would fall with the lag
     power = np.sqrt(np.maximum(squares[n - lags] * (squares[n] - squares[lags]), np.finfo(float).tiny))
     alike = lagged / power
     below = np.flatnonzero(alike <= 0.0)
@@ -134,6 +136,7 @@ def find_period(values: np.ndarray) -> int | None:
     peaks = np.concatenate(
         [[False], (inner >= rest[:-2]) & (inner >= rest[2:]), [rest.size > 1 and rest[-1] > rest[-2]]]
     )
+    # the first of all peaks about as high as the highest, since every multiple of the period is one
     good = np.flatnonzero(peaks & (rest > 1.0 - 2.0 * (1.0 - best) - 1e-6))
     return int(below[0] + good[0]) if good.size else None
 
@@ -283,7 +286,7 @@ class FrequencyEstimate(Result):
             self, frf=frf, freedom=self.freedom[kept], noise=self.noise[kept], remarks=(*self.remarks, *remarks)
         )
 
-    def where_told(self, doubt: np.ndarray) -> FrequencyEstimate:
+    def where_excited(self, doubt: np.ndarray) -> FrequencyEstimate:
         """Return the estimate on lines with sufficient excitation: `doubt`, the relative variance of the input, <= 0.1.
 
         The variance of a quotient is undefined if the denominator may be 0.  Raises LogError if no line is left.

@@ -47,6 +47,7 @@ def find_blows(force: np.ndarray) -> list[_Blow]:
     A blow is a short unipolar pulse that starts and ends at rest.
     """
     u = force - np.median(force)
+    # a hammer's sensor may be wired either way
     if np.max(u) < -np.min(u):
         u = -u
     peak = float(np.max(u))
@@ -212,7 +213,7 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
         counts={"blows": count},
         remarks=(*_saturation(stretches), *remarks),
     )
-    return estimate.where_told(noise / power)
+    return estimate.where_excited(noise / power)
 
 
 def _correlation(decay: float, length: int) -> np.ndarray:
@@ -272,6 +273,7 @@ def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarr
     force = np.zeros(length)
     end = min(blow.end, start + length)
     force[blow.begin - start : end - start] = record.input[blow.begin : end] - np.median(record.input)
+    # offset and slow drift of the sensor before the blow are no response to it
     before = record.output[max(0, start - FEWEST) : blow.begin + 1]
     return force, record.output[start : start + length] - np.mean(before)
 

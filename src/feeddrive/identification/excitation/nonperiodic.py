@@ -138,7 +138,7 @@ def averaged(
     estimate = FrequencyEstimate(
         frf, text, np.full(transforms.frequency.size, nu), variance, counts={"stretches": u.shape[0]}, remarks=remarks
     )
-    return estimate.where_told(doubt)
+    return estimate.where_excited(doubt)
 
 
 def _closed(
@@ -226,7 +226,7 @@ def local_polynomial(
     estimate = FrequencyEstimate(
         frf, text, np.full(frequency.size, nu), variance, counts={"records": len(records)}, remarks=remarks
     )
-    return estimate.where_told(np.max(doubts, axis=0))
+    return estimate.where_excited(np.max(doubts, axis=0))
 
 
 def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: int | None) -> np.ndarray:
@@ -327,12 +327,14 @@ def local_rational(
     weight = 1.0 / spread[place]
     coefficients = np.zeros((lines.size, UNKNOWNS), complex)
     inverse = np.zeros((lines.size, UNKNOWNS, UNKNOWNS), complex)
+    # the first solution weights lines by |1 + b u|², most where the denominator is largest: the second one removes that
     for turn in range(2):
         if turn:
             weight = weight / np.maximum(np.abs(1.0 + coefficients[:, 3:4] * u) ** 2, 1e-4)
         weighted = columns.conj() * weight[:, :, None]
         normal = weighted.transpose(0, 2, 1) @ columns
         scale = np.sqrt(np.abs(np.einsum("nii->ni", normal)))
+        # columns of unit size, and a trace of 1e-12 where the lines do not determine all four
         normal = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-12 * np.eye(UNKNOWNS)
         inverse = np.linalg.inv(normal) / (scale[:, :, None] * scale[:, None, :])
         coefficients = (inverse @ (weighted.transpose(0, 2, 1) @ values[:, :, None]))[:, :, 0]

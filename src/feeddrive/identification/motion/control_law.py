@@ -12,7 +12,7 @@ from feeddrive.analysis.replay import commanded
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.identification.motion.motion_log import MotionLog, count_of, decimated
-from feeddrive.identification.motion.rigid import LEAST_OWN, covariance_of
+from feeddrive.identification.motion.rigid import LEAST_INDEPENDENT, covariance_of
 from feeddrive.identification.regression import (
     NORMAL,
     Estimate,
@@ -100,6 +100,7 @@ def identify_control(log: MotionLog) -> ControlFit:
             f"{log.name}: the gains of the loop are not identifiable without the set position: record it next, on the "
             f"same clock"
         )
+    # at its limit the command does not follow the law; 0.1 % for the rounding of the log
     free = np.abs(log.force) < 0.999 * np.max(np.abs(log.force))
     rows = np.arange(_START, log.force.size - 1)
     rows = rows[free[rows]]
@@ -308,6 +309,7 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
     names = _independent({name: rows.reduced(slope) for name, slope in slopes.items()})
     raw = np.array([slopes[name] for name in names]).reshape(len(names), -1)
     linear = [rows.linear(plain, raw, d) for d in range(MOST_DELAY + 1)]
+    # the nonlinear fit simulates the law for each gain: only for the two delays that the linear one prefers
     likely = sorted(range(MOST_DELAY + 1), key=lambda d: linear[d])[:2]
     fit = min((_Fit.of(rows, control, names, plain, raw, d) for d in likely), key=lambda fit: fit.remains)
     delay, y = fit.delay, force - rows.reduced(plain, fit.delay)
@@ -467,11 +469,11 @@ def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
     """Return the names of linearly independent columns, preferring nested names: a common factor is not a gain."""
     kept: list[str] = []
     for name in sorted(columns, key=lambda key: -key.count(".")):
-        own = columns[name] - np.mean(columns[name])
+        column = columns[name] - np.mean(columns[name])
         if kept:
-            others = np.vstack([*(columns[other] for other in kept), np.ones(own.size)]).T
-            own = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
-        if float(np.std(own)) > LEAST_OWN * float(np.std(columns[name])):
+            others = np.vstack([*(columns[other] for other in kept), np.ones(column.size)]).T
+            column = column - others @ np.linalg.lstsq(others, column, rcond=None)[0]
+        if float(np.std(column)) > LEAST_INDEPENDENT * float(np.std(columns[name])):
             kept.append(name)
     return tuple(name for name in columns if name in kept)
 

@@ -85,37 +85,37 @@ def refined_names(loop: Loop) -> tuple[str, ...] | None:
     if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
         return None
     ends = ("coulomb", "coulomb_positive", "coulomb_negative", "viscous", "viscous_positive", "viscous_negative")
-    own = loop.place_of("axis")
+    axis = loop.place_of("axis")
     names = [
         name
         for name, value in tree.parameters(loop).items()
         if isinstance(value, float)
         and value != 0.0
         and (
-            name == f"{own}.plant.mass"
-            or (name.startswith(f"{own}.friction_load.") and name.endswith(ends))
-            or (name.startswith(f"{own}.forces.") and name.endswith(".force"))
+            name == f"{axis}.plant.mass"
+            or (name.startswith(f"{axis}.friction_load.") and name.endswith(ends))
+            or (name.startswith(f"{axis}.forces.") and name.endswith(".force"))
         )
     ]
-    return tuple(name for name in names if isinstance(loop.axis.plant, Rigid) or name != f"{own}.plant.mass")
+    return tuple(name for name in names if isinstance(loop.axis.plant, Rigid) or name != f"{axis}.plant.mass")
 
 
 def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
     """Return remarks on a plant with several bodies, whose masses are kept."""
     if isinstance(axis.plant, Rigid):
         return []
-    mass, own = rigid["mass"], float(axis.plant.rigid_mass())
-    off = mass.value - own
+    mass, stated_mass = rigid["mass"], float(axis.plant.rigid_mass())
+    off = mass.value - stated_mass
     remarks = [
         Text(
             f"the axis is a {axis.plant.kind}: a log of a motion shows the sum of its masses, {mass.quantity}, but "
             "not each of them; its masses, springs and dampers stay as they are"
         )
     ]
-    if abs(off) > max(3.0 * mass.error, _FAR * own):
+    if abs(off) > max(3.0 * mass.error, _FAR * stated_mass):
         remarks[0] += Text(
-            f". Their sum, {Quantity(own, mass.unit):5}, is off by {Quantity(off / own, 'share'):+.2g}: measure a "
-            "frequency response (feeddrive excite, frf) and identify that"
+            f". Their sum, {Quantity(stated_mass, mass.unit):5}, is off by {Quantity(off / stated_mass, 'share'):+.2g}: "
+            "measure a frequency response (feeddrive excite, frf) and identify that"
         )
     if axis.friction_motor is not None:
         levels = joined(", ", (f"{e.name} {Quantity(e.value, e.unit)}" for e in rigid.estimates if e.name != "mass"))
@@ -138,14 +138,14 @@ def _without(friction: Friction, viscous: float) -> Friction:
     return friction
 
 
-def _scaled(known: Friction, identified: Friction) -> Friction:
+def _scaled(richer: Friction, identified: Friction) -> Friction:
     """Return a richer friction model with the identified levels; its excess at low speed is scaled in proportion."""
     leaves = dict(tree.leaves(identified))
     level = [float(value) for name, value in leaves.items() if name.startswith("coulomb")]
     slope = [float(value) for name, value in leaves.items() if name.startswith("viscous")]
     sides = {"positive": 0, "negative": -1}
     changes: dict[str, float] = {}
-    old = dict(tree.leaves(known))
+    old = dict(tree.leaves(richer))
     for name in old:
         head, _, side = name.partition("_")
         if head in ("coulomb", "viscous", "breakaway") and side in ("", "positive", "negative"):
@@ -157,7 +157,7 @@ def _scaled(known: Friction, identified: Friction) -> Friction:
             else:
                 changes[name] = mean
     least = {"coulomb": 1e-9, "breakaway": 1e-9}
-    return tree.vary(known, {name: max(value, least.get(name, 0.0)) for name, value in changes.items()})
+    return tree.vary(richer, {name: max(value, least.get(name, 0.0)) for name, value in changes.items()})
 
 
 # The choice between inverse dynamics and closed loop, where they contradict each other on the same log.
@@ -166,7 +166,7 @@ _RUNS = 16  # of the closed loop with its counts: one log in 17 leaves more than
 
 
 def agreed(
-    log: MotionLog, loop: Loop, fit: Refinement, delay: DelayFit, known: float, remarks: list[str]
+    log: MotionLog, loop: Loop, fit: Refinement, delay: DelayFit, stated: float, remarks: list[str]
 ) -> Refinement:
     """Return the output-error fit with the dead time to be used: its own, or that of the inverse dynamics.
 
@@ -174,26 +174,27 @@ def agreed(
     residual. If they differ, and the force residual is 10 % larger with the dead time of the closed loop, the one
     is selected whose residual increases more with the dead time of the other.
     """
-    own = beyond(delay, known)
-    grows = delay.left(known + fit.delay) / delay.left(known + own)
-    if own == fit.delay or not delay.tells(known + own, known + fit.delay):
+    extra = beyond(delay, stated)
+    # ratios, since one residual is a force and the other one a position
+    grows = delay.left(stated + fit.delay) / delay.left(stated + extra)
+    if extra == fit.delay or not delay.tells(stated + extra, stated + fit.delay):
         return fit
     try:
-        other = refine(loop, log, tuple(estimate.name for estimate in fit.estimates), delays=[own])
+        other = refine(loop, log, tuple(estimate.name for estimate in fit.estimates), delays=[extra])
         value, error = dead_time(other, log)
     except DivergedError:  # a loop near its limit, which is no loop that ran
         return fit
-    left, without = other.by_delay[own], fit.by_delay[fit.delay]
-    apart = abs(delay.dead_time - known - value)
+    left, without = other.by_delay[extra], fit.by_delay[fit.delay]
+    apart = abs(delay.dead_time - stated - value)
     joint = SURE * math.hypot(error, delay.error)
     first = grows > left / without
-    ways = delay.left(known + own), delay.left(known + fit.delay)
+    ways = delay.left(stated + extra), delay.left(stated + fit.delay)
     remarks.append(
         Text(
             "dead time in samples beyond the stated one: the inverse dynamics say "
-            f"{Quantity(delay.dead_time - known, error=delay.error)} and leave {Quantity(ways[0], 'share'):3} of the "
-            f"force with {own}, {Quantity(ways[1], 'share'):3} with {fit.delay}; the closed loop says "
-            f"{Quantity(value, error=error)} and leaves {log.distance(left)} of the position with {own}, "
+            f"{Quantity(delay.dead_time - stated, error=delay.error)} and leave {Quantity(ways[0], 'share'):3} of the "
+            f"force with {extra}, {Quantity(ways[1], 'share'):3} with {fit.delay}; the closed loop says "
+            f"{Quantity(value, error=error)} and leaves {log.distance(left)} of the position with {extra}, "
             f"{log.distance(without)} with {fit.delay}. They "
             f"{'contradict each other' if apart > joint else 'agree within three errors'}; that of the "
             f"{'inverse dynamics' if first else 'closed loop'} is taken, whose residual grows more with the other one"
@@ -209,8 +210,8 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
     standard errors.
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
-    own = rigid["mass"]
-    if mass is None or abs(mass.value - own.value) < SURE * math.hypot(mass.error, own.error):
+    rigid_mass = rigid["mass"]
+    if mass is None or abs(mass.value - rigid_mass.value) < SURE * math.hypot(mass.error, rigid_mass.error):
         return fit
     rows = prepare(log, how)
     residual = log.force - fit.replay.run["force"][: log.force.size]
@@ -218,9 +219,9 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
     first = rigid.residuals.relative < left
     remarks.append(
         Text(
-            f"the inverse dynamics say a mass of {own.quantity} and leave "
+            f"the inverse dynamics say a mass of {rigid_mass.quantity} and leave "
             f"{Quantity(rigid.residuals.relative, 'share'):3} of the force in motion, the closed loop says "
-            f"{Quantity(mass.value, own.unit, mass.error)} and leaves {Quantity(left, 'share'):3} of it: they "
+            f"{Quantity(mass.value, rigid_mass.unit, mass.error)} and leaves {Quantity(left, 'share'):3} of it: they "
             "contradict each other, as where a force acts that the model lacks; the "
             f"{'inverse dynamics' if first else 'closed loop'}, which leave{'' if first else 's'} less, "
             f"{'are' if first else 'is'} taken"
@@ -254,10 +255,10 @@ def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparati
     return replace(rigid, counts=(max(rigid.counts[0], *used), max(rigid.counts[1], *unused)))
 
 
-def beyond(delay: DelayFit, known: float) -> int:
+def beyond(delay: DelayFit, stated: float) -> int:
     """Return the additional dead time in whole samples that the inverse dynamics clearly indicate, or 0."""
-    own = max(0, round(delay.dead_time - known))
-    return own if delay.tells(known + own, known) else 0
+    extra = max(0, round(delay.dead_time - stated))
+    return extra if delay.tells(stated + extra, stated) else 0
 
 
 # Complete identification of one log: inverse dynamics, dead time, control law, output error, recommendation.
@@ -383,9 +384,9 @@ def identify_motion(
     if control is not None:  # gains that no law can have come of a wrong sign, which the rigid drive names
         check = _attempted(lambda: _checked_law(log, None, control.law()), [])
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
-    known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
+    stated = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
-    rigid = _rigid(log, friction, how, known + late)
+    rigid = _rigid(log, friction, how, stated + late)
     if log.frame is SHAFT:
         doubt = _doubt(log, rigid, remarks)
         rigid = rigid if lead is None else rigid.at_table(lead, gear)
@@ -394,7 +395,7 @@ def identify_motion(
     loop = _loop(log, rigid, start, control, law if closed else None)
     refinement = None
     if loop is not None and closed and not (check is not None and check.disagrees):
-        loop, refinement = _refined(log, start, rigid, loop, delay, known, remarks)
+        loop, refinement = _refined(log, start, rigid, loop, delay, stated, remarks)
     if start is not None:
         remarks += axis_remarks(start.axis, rigid)
     if loop is not None and refinement is not None and check is None:
@@ -405,21 +406,21 @@ def identify_motion(
     if check is not None and check.disagrees:
         remarks.append(_not_alone(check))
     if refinement is None and closed and (start is None or check is not None):  # the inverse dynamics decide
-        late = beyond(delay, known)
+        late = beyond(delay, stated)
     elif refinement is not None:
         late = refinement.delay
     if late:
-        rigid = _rigid(log, friction, how, known + late)
+        rigid = _rigid(log, friction, how, stated + late)
     if refinement is not None:
-        refinement = better(log, rigid, refinement, how or Preparation(delay=HOLD + known + late), remarks)
+        refinement = better(log, rigid, refinement, how or Preparation(delay=HOLD + stated + late), remarks)
     if refinement is not None and (rigid.left > POOR or rigid.changed):
-        rigid = with_counts(log, rigid, refinement, how or Preparation(delay=HOLD + known + late))
+        rigid = with_counts(log, rigid, refinement, how or Preparation(delay=HOLD + stated + late))
     if refinement is None and loop is not None and start is not None:
         loop = replace(start, axis=with_rigid(start.axis, rigid))
         if is_richer(start.axis):
             loop, _ = _by_friction(log, start, rigid, loop, None, remarks)
         loop = later(loop, late)
-    remarks += [*_counted(log, refinement), *_about(rigid, late), *_untold(check)]
+    remarks += [*_counted(log, refinement), *_about(rigid, late), *_unseen_gains(check)]
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop
     doubt = _doubt(log, rigid, remarks)
@@ -440,7 +441,7 @@ def _apart(refinement: Refinement, rows: int) -> np.ndarray:
 
 
 def _refined(
-    log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, known: float, remarks: list[str]
+    log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, stated: float, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
     """Return the loop and its output-error fit, with the friction model of the machine file if it fits as well."""
     fit = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
@@ -448,7 +449,7 @@ def _refined(
         return loop, None
     if start is not None and is_richer(start.axis):
         loop, fit = _by_friction(log, start, rigid, loop, fit, remarks)
-    return loop, None if fit is None else agreed(log, loop, fit, delay, known, remarks)
+    return loop, None if fit is None else agreed(log, loop, fit, delay, stated, remarks)
 
 
 def _not_alone(check: LawCheck) -> str:
@@ -473,7 +474,7 @@ def _counted(log: MotionLog, refinement: Refinement | None) -> list[str]:
     ]
 
 
-def _untold(check: LawCheck | None) -> list[str]:
+def _unseen_gains(check: LawCheck | None) -> list[str]:
     """Return a remark on gains of the law that the log does not reveal."""
     if check is None or check.disagrees or not check.unseen:
         return []
@@ -513,14 +514,14 @@ def _by_friction(
     kind, other = start.axis.friction_load, loop.axis.friction_load
     assert kind is not None
     assert other is not None
-    own = replace(start, axis=with_rigid(start.axis, rigid, richer=True))
+    richer = replace(start, axis=with_rigid(start.axis, rigid, richer=True))
     if plain is None:
         remarks.append(
             f"friction stays {kind.kind} with the levels that were found: near standstill, where it differs from "
             f"{other.kind}, a log without closed loop contains no information; runs at constant speeds do"
         )
-        return own, None
-    kept = _attempted(lambda: refine(own, log, refined_names(own)), remarks)
+        return richer, None
+    kept = _attempted(lambda: refine(richer, log, refined_names(richer)), remarks)
     if kept is None:
         remarks.append(f"friction is {other.kind} now, and no longer {kind.kind}: with that the fit failed")
         return loop, plain
@@ -532,7 +533,7 @@ def _by_friction(
                 f"the position, {other.kind} {log.distance(without)}; what it does near standstill was not fitted"
             )
         )
-        return own, kept
+        return richer, kept
     remarks.append(
         Text(
             f"friction is {other.kind} now, and no longer {kind.kind}: in closed loop it leaves "

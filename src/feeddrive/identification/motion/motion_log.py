@@ -218,9 +218,11 @@ def count_of(position: np.ndarray) -> float:
     """Return the resolution of readings in m, of which all their differences are multiples; 0 if there is none."""
     levels = np.unique(position)
     steps = np.diff(levels)
+    # levels that differ by rounding of the file are one level
     steps = steps[steps > 1e-12 * (levels[-1] - levels[0])]
     if not steps.size:
         return 0.0
+    # first from steps of one count, then from the whole range, whose relative error is smaller by the number of counts
     near = float(np.mean(steps[steps < 1.5 * np.min(steps)]))
     count = float((levels[-1] - levels[0]) / np.round((levels[-1] - levels[0]) / near))
     off = (levels - levels[0]) / count
@@ -255,8 +257,9 @@ def unknown_force(residual: np.ndarray, runs: np.ndarray, moving: np.ndarray) ->
     slow = uniform_filter1d(residual[moving], _NEAR_COUNT, mode="nearest")
     counts = uniform_filter1d(runs[:, moving], _NEAR_COUNT, axis=1, mode="nearest")
     power = float(np.mean(slow**2))
-    own = float(np.mean(counts**2)) * len(runs) / (len(runs) - 1)
-    return -np.sqrt(max(0.0, 1.0 - own / power)) * slow if power > 0.0 else 0.0 * slow
+    # the runs are measured from their own mean, which removes one degree of freedom
+    by_counts = float(np.mean(counts**2)) * len(runs) / (len(runs) - 1)
+    return -np.sqrt(max(0.0, 1.0 - by_counts / power)) * slow if power > 0.0 else 0.0 * slow
 
 
 def drawn(
@@ -274,6 +277,7 @@ def drawn(
     position, velocity = estimate_start(log.position, log.sample_time)
     simulated = []
     for i in range(runs):
+        # stratified: with 16 runs, independent offsets would leave gaps in the count
         shift = count * ((i + random.uniform()) / runs - 0.5)
         begin = position + count * random.uniform(-0.5, 0.5)
         load = None
@@ -408,6 +412,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
     if how.acceleration not in ("second", "twice"):
         raise ParameterError(f"acceleration = {how.acceleration!r} must be 'second' or 'twice'")
     factor = how.decimation if how.decimation is not None else max(1, round(0.01 / T))
+    # below the Nyquist frequency with room for the filter's slope: slow logs have 100 Hz beyond it
     cutoff = min(how.cutoff, 0.4 / T)
     velocity, acceleration = _differenced(log.position, cutoff, T, how)
     skip = round(5.0 / (cutoff * T)) if how.skip is None else how.skip
@@ -468,8 +473,8 @@ def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarra
     """Return values at the rows `places`, after the decimating low pass over each stretch separately."""
     parts = []
     for stretch in stretches:
-        own = places[slice(*np.searchsorted(places, (stretch.start, stretch.stop)))] - stretch.start
-        parts.append(_decimating(values[..., stretch], factor)[..., own])
+        inside = places[slice(*np.searchsorted(places, (stretch.start, stretch.stop)))] - stretch.start
+        parts.append(_decimating(values[..., stretch], factor)[..., inside])
     return np.concatenate(parts, axis=-1) if parts else values[..., :0]
 
 

@@ -82,8 +82,8 @@ class Refinement(Result):
 
 def physics(loop: Loop) -> tuple[str, ...]:
     """Return the names of nonzero mass, friction and constant force of a loop, the parameters fitted by default."""
-    own = loop.place_of("axis")
-    wanted = tuple(f"{own}.{part}" for part in ("plant.mass", "friction_load.", "friction_motor.", "forces."))
+    axis = loop.place_of("axis")
+    wanted = tuple(f"{axis}.{part}" for part in ("plant.mass", "friction_load.", "friction_motor.", "forces."))
     skipped = ("stribeck_velocity", "smoothing", "transition_velocity", "period", "phase", "share")
     paths = [
         name
@@ -328,6 +328,7 @@ def _solved(columns: np.ndarray, left: np.ndarray) -> np.ndarray:
     """Solve the least squares for the change of the parameters."""
     flat = columns.reshape(-1, columns.shape[-1])
     sizes = np.linalg.norm(flat, axis=0)
+    # columns of length 1: a mass in kg and a friction in N differ by powers of ten
     return np.linalg.lstsq(flat / sizes, left.ravel(), rcond=1e-10)[0] / sizes
 
 
@@ -377,6 +378,7 @@ def _advance(
     """Apply the fraction of a step that lowers the cost; return the loop, its signals and the relative decrease."""
     measured, sizes, model = now
     before = float(np.mean(((measured - model) / sizes) ** 2))
+    # a full step may make the loop unstable or reverse the sign of friction: the cost is flat or undefined there
     for share in (1.0, 0.5, 0.25, 0.1, 0.01):
         values = {name: _bounded(loop, name, share * dv) for name, dv in zip(names, change, strict=True)}
         try:

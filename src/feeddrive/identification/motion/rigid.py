@@ -55,7 +55,7 @@ NAMES = {
 }
 _DRAWN = 4  # sets of readings with other places within their counts
 LEAST_REVERSAL = 0.05  # least share of the moving rows in each direction
-LEAST_OWN = 0.02  # share of a column's size that the other columns must leave unexplained
+LEAST_INDEPENDENT = 0.02  # share of a column's size that the other columns must leave unexplained
 MOST_MEMORY = 0.97  # correlation from row to row that is taken out of scores: as in Andrews' rule
 LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts as identified
 
@@ -172,8 +172,8 @@ def identify_rigid(
         raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
     rows = prepare(log, how or Preparation())
     check_motion(log.name, rows.velocity, log.frame)
-    asked = tuple(FRICTIONS) if friction == "best" else (friction,)
-    fits = [_fit(log, rows, model, folds) for model in asked]
+    models = tuple(FRICTIONS) if friction == "best" else (friction,)
+    fits = [_fit(log, rows, model, folds) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
     return replace(best, criterion=criterion)
@@ -229,6 +229,7 @@ def _with_counts(
     count, names = count_of(log.position), NAMES[friction]
     if count == 0.0:
         return 0.0, np.zeros(len(names))
+    # a fixed seed: the same log gives the same errors
     random = np.random.default_rng(0)
     ways = {"viscous_positive": rows.velocity > 0.0, "viscous_negative": rows.velocity < 0.0}
     residuals, shifts = [], []
@@ -269,6 +270,7 @@ def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
     """Raise NotIdentifiableError for a log without motion or with motion in one direction only."""
     top = float(np.max(np.abs(velocity)))
+    # below 5 % of the top speed an axis at rest with encoder noise would count as moving
     forward, backward = (int(np.sum(sign * velocity > 0.05 * top)) for sign in (1.0, -1.0))
     moving = forward + backward
     if not moving:
@@ -292,11 +294,11 @@ def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> Non
             raise NotIdentifiableError(f"{name}: not identifiable: {_next(column_name)}")
         others = np.delete(columns, i, axis=1)
         left = columns[:, i] - others @ np.linalg.lstsq(others, columns[:, i], rcond=None)[0]
-        own = float(np.linalg.norm(left)) / float(sizes[i])
-        if own < LEAST_OWN:
+        independent = float(np.linalg.norm(left)) / float(sizes[i])
+        if independent < LEAST_INDEPENDENT:
             raise NotIdentifiableError(
-                f"{name}: {column_name} is not identifiable: {Quantity((1.0 - own), 'share')} of its column is a sum "
-                f"of the others; {_next(column_name)}"
+                f"{name}: {column_name} is not identifiable: {Quantity((1.0 - independent), 'share')} of its column is "
+                f"a sum of the others; {_next(column_name)}"
             )
 
 
@@ -405,6 +407,7 @@ def find_delay(
     columns = columns_of(base, friction)
     columns = columns[:, np.any(columns != 0.0, axis=0)]  # a direction without motion has no friction
     basis = np.linalg.qr(columns)[0]
+    # the force is shifted and not the motion, so that the columns and their factorization serve all delays
     forces = base.reduced(np.array([delayed(log.force, HOLD + d) for d in delays]))
     residual = np.array([_left(basis, force) for force in forces])
     best = int(np.argmin(residual))
@@ -434,13 +437,13 @@ def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual
         )
     middle = len(forces) // 2
     slope = forces[middle + 1] - forces[middle - 1]
-    own = _left(basis, slope) if np.any(slope) else 0.0
-    if own < LEAST_OWN:
+    independent = _left(basis, slope) if np.any(slope) else 0.0
+    if independent < LEAST_INDEPENDENT:
         raise NotIdentifiableError(
             f"{log.name}: the delay of the force is not identifiable: the motion has nearly one frequency only, where "
-            f"a delay acts like less mass and more damping ({Quantity(own, 'share'):2} of its effect is independent, "
-            f"at least {Quantity(LEAST_OWN, 'share'):6} are needed); record next moves to and fro at constant speeds, "
-            "with ramps between"
+            f"a delay acts like less mass and more damping ({Quantity(independent, 'share'):2} of its effect is "
+            f"independent, at least {Quantity(LEAST_INDEPENDENT, 'share'):6} are needed); record next moves to and fro "
+            "at constant speeds, with ramps between"
         )
 
 
@@ -495,7 +498,8 @@ def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays
     other = left[0][second], left[1][first]
     least = left[0][first], left[1][second]
     sure = all(
-        own < CLEAR * at and at - own > _rough(residual) for own, at, residual in zip(least, other, left, strict=True)
+        lowest < CLEAR * at and at - lowest > _rough(residual)
+        for lowest, at, residual in zip(least, other, left, strict=True)
     )
     if sure and abs(second - first) >= _DRIFT * max(1.0, _EARLY / log.sample_time):
         raise NotIdentifiableError(

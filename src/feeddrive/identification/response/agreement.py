@@ -146,6 +146,7 @@ def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order:
         curves = [response for response, _ in model.on(lines)(values)]
         finer: list[np.ndarray] = []
         for f, response in zip(lines, curves, strict=True):
+            # mobility: of position the rigid motion, of acceleration the noise at the highest line would get all points
             place = response * (2j * np.pi * f) ** (1 - order)
             far = np.flatnonzero(np.abs(np.diff(place)) > _STEP * np.max(np.abs(place)))
             finer.append(np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1])))
@@ -172,30 +173,31 @@ def predicted(
     Every fifth line is left out, then its neighbor, and so on, so that each line is predicted once. Lines whose noise
     exceeds 30 % do not count.
     """
-    own, other = [], []
+    used, unused = [], []
     for fold in range(_FOLDS):
         out = [np.arange(frf.frequency.size) % _FOLDS == fold for frf in responses]
+        # from the solution, so that a few steps suffice and no fold ends in another minimum
         part = refine(
             model,
             unknowns,
             responses,
-            use=[~each for each in out],
+            use=[~left_out for left_out in out],
             start=refined.values,
             steps=_FEW,
             model_error=refined.model_error,
         )
         for (response, _), frf, left in zip(model(part.values), responses, out, strict=True):
-            apart, known = np.abs(np.log(response / frf.response)) ** 2, _known(frf)
-            other.append(apart[left & known])
-            own.append(apart[~left & known])
-    return float(np.sqrt(np.mean(np.concatenate(own)))), float(np.sqrt(np.mean(np.concatenate(other))))
+            apart, above_noise = np.abs(np.log(response / frf.response)) ** 2, _lines_above_noise(frf)
+            unused.append(apart[left & above_noise])
+            used.append(apart[~left & above_noise])
+    return float(np.sqrt(np.mean(np.concatenate(used)))), float(np.sqrt(np.mean(np.concatenate(unused))))
 
 
-def _known(frf: FRF) -> np.ndarray:
+def _lines_above_noise(frf: FRF) -> np.ndarray:
     """Return True for lines above the noise; for all lines if hardly any are above it."""
     share = np.zeros(frf.frequency.size) if frf.variance is None else frf.variance / frf.magnitude**2
-    known = share < _OPEN_LINE**2
-    return known if np.count_nonzero(known) >= 2 * _FOLDS else np.ones(known.size, bool)
+    above_noise = share < _OPEN_LINE**2
+    return above_noise if np.count_nonzero(above_noise) >= 2 * _FOLDS else np.ones(above_noise.size, bool)
 
 
 def advice(name: str, band: tuple[float, float], mass: float, error: float, units: ResponseUnits) -> str:

@@ -35,6 +35,7 @@ def common_poles(
     Sources: Gustavsen & Semlyen 1999; Gustavsen 2006 (relaxed); Deschrijver et al. 2008 (one QR per response).
     """
     low, high = min(float(abs(points[0])) for points in s), max(float(abs(points[-1])) for points in s)
+    # weakly damped start poles, as in the source: real or strongly damped ones give an ill-conditioned basis
     poles = np.geomspace(1.2 * low, high / 1.2, max(pairs, 1))[:pairs] * (-0.01 + 1j)
     real = -np.geomspace(low, high, reals + 2)[1:-1]
     weights = [np.abs(response) ** -power for response in responses]
@@ -76,6 +77,7 @@ def _moved(
     for lines, response, weight in zip(s, responses, weights, strict=True):
         basis = np.column_stack([_basis(lines, poles, real), np.ones(lines.size)])
         both = np.hstack([basis, -response[:, None] * basis]) * weight[:, None]
+        # only the part below the residues of this response concerns the common poles: the rest of the factor is dropped
         reduced = np.asarray(np.linalg.qr(np.vstack([np.real(both), np.imag(both)]), mode="r"))
         rows.append(reduced[count + 1 :, count + 1 :])
         right.append(np.zeros(rows[-1].shape[0]))
@@ -87,6 +89,7 @@ def _moved(
     values = np.concatenate([*right, [scale * sum(lines.size for lines in s)]])
     columns = np.linalg.norm(matrix, axis=0) + 1e-300
     solution = np.linalg.lstsq(matrix / columns, values, rcond=None)[0] / columns
+    # a d̃ near 0 would throw the zeros of σ to infinity
     direct = solution[-1] if abs(solution[-1]) > 1e-8 else 1e-8
     moving, drive = np.zeros((count, count)), np.zeros(count)
     for i, pole in enumerate(poles):
@@ -125,7 +128,7 @@ class ModalResponse:
         return 2 * self.modes + 2
 
     @property
-    def own(self) -> int:
+    def per_output(self) -> int:
         """The number of separate parameters of each output."""
         return 2 * self.modes + 2
 
@@ -154,13 +157,13 @@ class ModalResponse:
         )
         responses: list[tuple[np.ndarray, np.ndarray]] = []
         for i, s in enumerate(self.s):
-            place = n + i * self.own
-            weights = parameters[place : place + self.own]
+            place = n + i * self.per_output
+            weights = parameters[place : place + self.per_output]
             delay = np.exp(-s * late)
             shapes = self.shapes(s, parameters) * delay[:, None]
             response = shapes @ weights
             slopes = np.zeros((s.size, parameters.size), complex)
-            slopes[:, place : place + self.own] = shapes
+            slopes[:, place : place + self.per_output] = shapes
             turned = shapes[:, k + 1 : 2 * k + 1] * weights[k + 1 : 2 * k + 1]
             inner = shapes[:, 1 : k + 1] * weights[1 : k + 1] + turned
             denominator = (s * s)[:, None] + 2.0 * np.outer(s, ratio * omega) + omega**2
@@ -190,13 +193,14 @@ class Poles:
         if (pairs, power) not in self.computed:
             self.computed[pairs, power] = common_poles(self.s, self.rising, pairs, 1, power=power)
         poles, heights = self.computed[pairs, power]
+        # strongly damped poles represent friction, dead time and lag, and are no modes
         alive = np.flatnonzero(-np.real(poles) < 0.5 * np.abs(poles))
         if alive.size < wanted:
             return None
         return poles[np.sort(alive[np.argsort(-heights[alive])][:wanted])]
 
 
-def begun(
+def initial(
     model: ModalResponse, responses: Sequence[np.ndarray], chosen: np.ndarray, dead_time: float | None
 ) -> tuple[float, np.ndarray]:
     """Return initial parameters for given mode poles: linear ones by least squares of relative errors.
@@ -246,7 +250,7 @@ def unknowns(model: ModalResponse, start: np.ndarray, outputs: Sequence[str], un
     parameters.append(Unknown("corner", "1/s", corner, positive=True, least=1e-4 * lowest, most=highest))
     parameters.append(Unknown("dead_time", "s", start[2 * k + 1], scale=0.1 / highest))
     for i, name in enumerate(outputs):
-        weights = start[model.common + i * model.own : model.common + (i + 1) * model.own]
+        weights = start[model.common + i * model.per_output : model.common + (i + 1) * model.per_output]
         of = f"_{name}" if name else ""
         top = float(np.max(np.abs(weights[: k + 1]), initial=0.0)) or 1.0
         parameters.append(Unknown(f"free{of}", f"{unit}/s2", weights[0], scale=abs(weights[0]) or top))
@@ -388,11 +392,11 @@ def fit_modes(
         model = ModalResponse(
             tuple(2j * np.pi * frf.frequency for frf in frfs), units.order, count, rigid, rest, not proportional
         )
-        if sum(frf.frequency.size for frf in frfs) < 2 * (model.common + len(frfs) * model.own):
+        if sum(frf.frequency.size for frf in frfs) < 2 * (model.common + len(frfs) * model.per_output):
             break
         progress.step(f"{count} modes")
         poles = Poles(model, [frf.response for frf in frfs], dead_time) if poles is None else poles
-        begin = _begun(model, frfs, outputs, units, dead_time, poles)
+        begin = _best_start(model, frfs, outputs, units, dead_time, poles)
         if begin is not None:
             candidates.append((begin[0], model, *begin[1:]))
         best = _simplest(candidates)
@@ -403,9 +407,9 @@ def fit_modes(
         raise ParameterError(
             f"the responses do not hold {modes} resonances: take fewer modes, or give a band in which they stand out"
         )
-    _, model, sought, begun_at = best
+    _, model, sought, best_start = best
     progress.step(f"{model.modes} modes, to the end")
-    refined = refine(model, sought, frfs, start=begun_at.values)
+    refined = refine(model, sought, frfs, start=best_start.values)
     return _result(model, sought, refined, frfs, outputs, units)
 
 
@@ -429,7 +433,7 @@ def _simplest(candidates: Sequence[tuple[float, ModalResponse, list[Unknown], Re
     return None
 
 
-def _begun(
+def _best_start(
     model: ModalResponse,
     frfs: Sequence[FRF],
     outputs: Sequence[str],
@@ -442,11 +446,12 @@ def _begun(
     arrays = [frf.response for frf in frfs]
     low, high = min(frf.frequency[0] for frf in frfs), max(frf.frequency[-1] for frf in frfs)
     starts: list[tuple[float, np.ndarray]] = []
+    # poles in excess take up noise and dead time, so that the others stay at the resonances
     for extra in range(3 if model.modes else 1):
         for power in (1.0, 0.5):
             chosen = poles.most(model.modes, model.modes + extra, power)
             if chosen is not None:
-                starts.append(begun(model, arrays, chosen, dead_time))
+                starts.append(initial(model, arrays, chosen, dead_time))
     for _, start in sorted(starts, key=lambda scored: scored[0])[:_STARTS]:
         sought = [
             _settled(parameter, model, dead_time, low, high)
@@ -500,7 +505,7 @@ def _result(
     inside: list[FittedMode] = []
     beyond: list[FittedMode] = []
     for i in np.argsort(refined.values[:k]):
-        places = [model.common + j * model.own for j in range(len(outputs))]
+        places = [model.common + j * model.per_output for j in range(len(outputs))]
         residues = tuple(complex(refined.values[p + 1 + i], refined.values[p + 1 + k + i]) for p in places)
         mode = FittedMode(every[i], every[k + i], residues)
         rings = mode.damping_ratio.value < 1.0

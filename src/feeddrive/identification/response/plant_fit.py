@@ -137,10 +137,10 @@ class Task:
             SensorLines(frf.frequency, sensor, self.units.order, frf.sample_time if self.held else None)
             for sensor, frf in self.responses.items()
         ]
-        known = {"dead_time": self.actuator.dead_time, **self.fixed}
+        fixed = {"dead_time": self.actuator.dead_time, **self.fixed}
         if self.actuator.current_loop is not None and "current_loop" not in names:
-            known.setdefault("current_loop", self.actuator.current_loop)
-        return TracedPlant(self.plant, names, lines, known)
+            fixed.setdefault("current_loop", self.actuator.current_loop)
+        return TracedPlant(self.plant, names, lines, fixed)
 
     def unknowns(self, names: Sequence[str]) -> list[Unknown]:
         """Return initial value, scale and bounds of each parameter."""
@@ -189,18 +189,19 @@ def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = S
 
 
 def finished(
-    task: Task, names: Sequence[str], neutral: Sequence[str] = (), known: Mapping[str, float] | None = None
+    task: Task, names: Sequence[str], neutral: Sequence[str] = (), stated: Mapping[str, float] | None = None
 ) -> PlantFit:
     """Fit until convergence, fixing parameters of `neutral` that the lines do not determine, and return the fit.
 
-    `neutral` lists optional parameters in the order in which they are fixed, at zero or at their `known` value.  The
+    `neutral` lists optional parameters in the order in which they are fixed, at zero or at their `stated` value.  The
     errors of the other parameters are computed as if these were unknown.
     """
-    kept = {name: (known or {}).get(name, 0.0) for name in neutral}
+    kept = {name: (stated or {}).get(name, 0.0) for name in neutral}
     names, gone = list(names), {}
     task, refined = solve(task, names, logarithmic=True)
     weighted = any(frf.variance is not None for frf in task.frfs)
     while True:
+        # the logarithmic cost has the wider basin and comes first; the variances then weight the lines
         if weighted:
             task, refined = solve(task, names, logarithmic=False)
         covariance = _covariance(task, names, refined, weighted, {})
@@ -283,6 +284,7 @@ def with_derived(fit: PlantFit, derived: Sequence[tuple[str, str, Any]]) -> Plan
     for name, unit, function in derived:
         value, slope = float(function(fit.plant)), np.zeros(len(fit.estimates))
         for i, estimate in places:
+            # central difference: its error falls with the square of the step, and rounding with 1e-16 over it
             step = 1e-5 * max(abs(estimate.value), 1e-12)
             up, down = (
                 float(function(tree.rebuild(fit.plant, _other(fit.plant, estimate.name, estimate.value + sign * step))))
@@ -337,9 +339,9 @@ class TracedPlant:
         self, plant: Plant, names: Sequence[str], lines: Sequence[SensorLines], fixed: Mapping[str, float]
     ) -> None:
         self.plant, self.names, self.lines = plant, tuple(names), tuple(lines)
-        known = {name: float(value) for name, value in tree.leaves(plant)} | {"dead_time": 0.0}
-        self.known = {**known, **{name: float(value) for name, value in fixed.items()}}
-        self.traced = _trace(plant, "current_loop" in (*self.names, *self.known))
+        fixed_values = {name: float(value) for name, value in tree.leaves(plant)} | {"dead_time": 0.0}
+        self.fixed = {**fixed_values, **{name: float(value) for name, value in fixed.items()}}
+        self.traced = _trace(plant, "current_loop" in (*self.names, *self.fixed))
 
     def on(self, frequencies: Sequence[np.ndarray], /) -> TracedPlant:
         """Return the model on other lines in Hz."""
@@ -351,16 +353,16 @@ class TracedPlant:
 
     def values(self, parameters: np.ndarray) -> list[float]:
         """Return the values of all leaves of the plant."""
-        values_by_name = {**self.known, **dict(zip(self.names, map(float, parameters), strict=True))}
+        values_by_name = {**self.fixed, **dict(zip(self.names, map(float, parameters), strict=True))}
         return [values_by_name[name] for name, _ in tree.leaves(self.plant)]
 
     def responses(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """Return each response, without derivatives, at other values of parameters by name."""
-        return [response for response, _ in self._at({**self.known, **values}, ())]
+        return [response for response, _ in self._at({**self.fixed, **values}, ())]
 
     def __call__(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return each response and its derivatives, shape (lines, parameters)."""
-        return self._at({**self.known, **dict(zip(self.names, map(float, parameters), strict=True))}, self.names)
+        return self._at({**self.fixed, **dict(zip(self.names, map(float, parameters), strict=True))}, self.names)
 
     def _at(self, values: Mapping[str, float], names: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
         traced = [name for name in names if name != "dead_time"]
@@ -483,14 +485,14 @@ def fit_plant(
     When not: for poor initial values; `fit_two_mass` and `fit_modal_axis` find their own.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
-    known = dict(fixed or {})
-    for name in known:
+    fixed_values = dict(fixed or {})
+    for name in fixed_values:
         tree.get(plant, name)
     actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
-    names = [name for name, _ in tree.leaves(plant) if name not in known]
+    names = [name for name, _ in tree.leaves(plant) if name not in fixed_values]
     names += ["dead_time"] if dead_time is None else []
     names += ["current_loop"] if find_current_loop else []
-    start = tree.vary(plant, known)
+    start = tree.vary(plant, fixed_values)
     stated = {name: float(tree.get(start, name)) for name in absent}
     return finished(Task(start, actuator, {}, responses, units, held), names, absent, stated)
 
@@ -521,21 +523,22 @@ def fit_two_mass(
     When not: for an axis with further modes in the band; reduce the band, or use `fit_modal_axis`.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
-    known = dict(fixed or {})
-    if "motor" not in responses and not {"mass_motor", "mass_load", "stiffness"} & set(known):
+    fixed_values = dict(fixed or {})
+    if "motor" not in responses and not {"mass_motor", "mass_load", "stiffness"} & set(fixed_values):
         raise NotIdentifiableError(
             "mass_motor and mass_load are not identifiable from the load's response alone: it determines their sum "
             "and the resonance; measure next the motor's encoder too, or fix one of them"
         )
     every = ("mass_motor", "mass_load", "stiffness", "damping", "viscous_motor", "viscous_load")
-    names = [name for name in every if name not in known]
+    names = [name for name in every if name not in fixed_values]
     names += ["dead_time"] if dead_time is None else []
     names += ["current_loop"] if find_current_loop else []
     best: tuple[float, Task] | None = None
     actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
     for start in starts(responses, units, dead_time):
-        task = Task(tree.vary(start, known), actuator, {}, responses, units, held)
+        task = Task(tree.vary(start, fixed_values), actuator, {}, responses, units, held)
         task, refined = solve(task, names, logarithmic=True, steps=25)
+        # bounded, so that a few lines at a missed peak do not decide which start is followed
         far = float(np.mean(np.minimum(np.abs(np.concatenate(refined.residuals)), 1.0)))
         if best is None or far < best[0]:
             best = far, task
@@ -555,9 +558,10 @@ def fit_two_mass(
 
 def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
     """Raise ParameterError for a mode with negative residue at the motor encoder."""
-    known = {estimate.name: estimate for estimate in modal.estimates}
+    by_name = {estimate.name: estimate for estimate in modal.estimates}
     number = int(np.argmin(np.abs(modal.values[: modal.model.modes] - frequency))) + 1
-    error = known[f"residue_{number}_motor"].error if f"residue_{number}_motor" in known else np.inf
+    error = by_name[f"residue_{number}_motor"].error if f"residue_{number}_motor" in by_name else np.inf
+    # a driven point moves with its force in every mode: its residues are positive
     if residue < -3.0 * error:
         raise WrongSignError(
             f"the mode at {Quantity(frequency, 'Hz')} has the wrong sign at the motor's encoder (residue "
@@ -598,7 +602,7 @@ def fit_modal_axis(
     modal = fit_modes(plain, modes, proportional=True, dead_time=dead_time)
     check_signs(modal)
     model, values = modal.model, modal.values
-    free = float(np.mean([abs(values[model.common + i * model.own]) for i in range(len(modal.outputs))]))
+    free = float(np.mean([abs(values[model.common + i * model.per_output]) for i in range(len(modal.outputs))]))
     parts: list[Mode] = []
     fixed: list[str] = []
     for i, mode in enumerate((*modal.modes, *modal.beyond)):
@@ -654,6 +658,7 @@ def _of_grid(responses: Mapping[str, FRF], units: ResponseUnits) -> list[TwoMass
         plant = _scaled(1.0, ratio, 2.0 * np.pi * f, 0.03, 0.0)
         predictions = model.responses(dict(tree.leaves(plant)))
         apart = np.concatenate([np.log(np.abs(response)) for response in predictions]) - measured
+        # the total mass shifts ln |G| as a whole: its best value is the median, without a search
         total = float(np.median(apart))
         score = float(np.mean(np.minimum(np.abs(apart - total), 1.0)))
         scored.append((score, _scaled(float(np.exp(total)), ratio, 2.0 * np.pi * f, 0.03, 0.0)))
@@ -677,7 +682,7 @@ def _scaled(total: float, ratio: float, omega: float, damping_ratio: float, visc
 def _from_mode(modal: ModalFit, place: int) -> TwoMass | None:
     mode = modal.modes[place]
     model, values = modal.model, modal.values
-    free = [abs(float(values[model.common + i * model.own])) for i in range(len(modal.outputs))]
+    free = [abs(float(values[model.common + i * model.per_output])) for i in range(len(modal.outputs))]
     if min(free) <= 0.0:
         return None
     total = 1.0 / float(np.mean(free))
@@ -800,6 +805,7 @@ def fit_axis(
     if not fits:
         raise ParameterError(joined("; ", (f"{name}: {why}" for name, why in refused.items())))
     best = min(fit.agreement.unused for fit in fits.values())
+    # the error on unused lines scatters itself: of equally good structures the simplest one is the safest to tune with
     good = [name for name, fit in fits.items() if fit.agreement.unused <= _AS_GOOD * best + 1e-9]
     return AxisFits(fits, min(good, key=lambda name: len(fits[name].estimates)), refused, wrong_sign)
 

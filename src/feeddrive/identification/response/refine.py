@@ -37,12 +37,12 @@ class ResponseUnits:
 
     def of(self, unit: str) -> str:
         """Return the unit that corresponds to an SI unit of a linear axis, such as kg, N/m, N s/m, m/N."""
-        known = _SI.get((self.output, self.input))
-        if known is not None:
-            return known.get(unit, unit)
+        si_units = _SI.get((self.output, self.input))
+        if si_units is not None:
+            return si_units.get(unit, unit)
         force, travel = self.input, self.output
-        own = {"kg": f"{force} s2/{travel}", "N/m": f"{force}/{travel}", "N s/m": f"{force} s/{travel}"}
-        return {**own, "m/N": f"{travel}/{force}"}.get(unit, unit)
+        composed = {"kg": f"{force} s2/{travel}", "N/m": f"{force}/{travel}", "N s/m": f"{force} s/{travel}"}
+        return {**composed, "m/N": f"{travel}/{force}"}.get(unit, unit)
 
 
 def response_units(frf: FRF) -> ResponseUnits:
@@ -68,10 +68,10 @@ def _known(unit: str) -> tuple[str, float] | None:
 
 def _in_si(frf: FRF) -> FRF:
     """Return a response in SI with the canonical spelling of its unit; unchanged if the unit is unknown."""
-    known = _known(frf.unit)
-    if known is None:
+    conversion = _known(frf.unit)
+    if conversion is None:
         return frf
-    unit, factor = known
+    unit, factor = conversion
     return replace(frf if factor == 1.0 else replace(frf * factor, coherence=frf.coherence), unit=unit)
 
 
@@ -213,6 +213,7 @@ def measured(responses: Sequence[FRF], model_error: float = 0.0) -> tuple[Measur
         if frf.variance is not None:
             # a variance of a real residual is half of E|dG|²
             sigma = np.sqrt(0.5 * frf.variance + 0.5 * (model_error * frf.magnitude) ** 2)
+            # a variance of 0, as that of a simulation, would be an infinite weight
             least = 1e-9 * frf.magnitude
             weighted.append(Measured(frf, np.maximum(sigma, least), False))
         else:
@@ -248,6 +249,7 @@ def refine(
     keep = [np.ones(frf.frequency.size, bool) for frf in chosen] if use is None else list(use)
     u = _inner(unknowns, np.array([unknown.start for unknown in unknowns]) if start is None else start)
     begin, data, refined = u, measured(chosen), None
+    # the variances depend on the model error, and the fit on the variances: both are repeated until they agree
     for _ in range(8):
         data = measured(chosen, model_error)
         refined = _descend(model, unknowns, data, keep, u, steps)
@@ -277,7 +279,7 @@ def _near_its_start(
     inner = np.array([unknown.positive and not unknown.fixed for unknown in unknowns])
     loose = np.array([not unknown.fixed for unknown in unknowns]) & ~refined.bound
     normal = (refined.slopes.T @ refined.slopes)[np.ix_(loose, loose)]
-    if _told(normal, inner[loose], refined.spread).shape[1] == normal.shape[0]:
+    if _determined(normal, inner[loose], refined.spread).shape[1] == normal.shape[0]:
         return refined
     near = _descend(model, unknowns, data, keep, begin, steps, refined.spread)
     far = _FAR * refined.spread
@@ -289,7 +291,7 @@ def _near_its_start(
     return replace(near, model_error=refined.model_error) if other <= low + 4.0 * refined.spread**2 else refined
 
 
-def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
+def _determined(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
     """Return the directions, one per column, in which the logarithms are determined at this noise level.
 
     They follow from the normal equations of the logarithms, reduced by all other parameters: H₁₁ - H₁₂ H₂₂⁻¹ H₂₁.
@@ -298,12 +300,12 @@ def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
         return np.eye(inner.size)
     other = ~inner
     cross = normal[np.ix_(inner, other)]
-    own = normal[np.ix_(inner, inner)] - cross @ np.linalg.pinv(normal[np.ix_(other, other)]) @ cross.T
-    curvature, directions = np.linalg.eigh(own)
-    told = directions[:, curvature > (noise / _OPEN) ** 2]
-    ways = np.zeros((inner.size, told.shape[1] + int(np.sum(other))))
-    ways[np.flatnonzero(inner), : told.shape[1]] = told
-    ways[np.flatnonzero(other), told.shape[1] :] = np.eye(int(np.sum(other)))
+    reduced = normal[np.ix_(inner, inner)] - cross @ np.linalg.pinv(normal[np.ix_(other, other)]) @ cross.T
+    curvature, directions = np.linalg.eigh(reduced)
+    determined = directions[:, curvature > (noise / _OPEN) ** 2]
+    ways = np.zeros((inner.size, determined.shape[1] + int(np.sum(other))))
+    ways[np.flatnonzero(inner), : determined.shape[1]] = determined
+    ways[np.flatnonzero(other), determined.shape[1] :] = np.eye(int(np.sum(other)))
     return ways
 
 
@@ -388,8 +390,9 @@ def _descend(
         gradient, normal = slopes.T @ (weight * r), (slopes * weight[:, None]).T @ slopes
         free = loose & ~(((u <= lower) & (gradient > 0.0)) | ((u >= upper) & (gradient < 0.0)))
         size = np.diag(normal)[free]
+        # Marquardt's scaling by the diagonal; a parameter without effect has none, and would make the matrix singular
         size = size + 1e-12 * float(np.max(size, initial=1e-300))
-        ways = np.eye(size.size) if noise is None else _told(normal[np.ix_(free, free)], inner[free], noise)
+        ways = np.eye(size.size) if noise is None else _determined(normal[np.ix_(free, free)], inner[free], noise)
         before = cost
         while damping < 1e12:
             move = np.zeros(u.size)
@@ -408,6 +411,7 @@ def _descend(
         else:
             settled = True
             break
+        # the step after the outlier limit has changed is no evidence: its cost is another one
         little = before - cost <= max(_FLAT * before, _LITTLE * (far / _FAR) ** 2)
         flat = flat + 1 if little and step % 5 != 4 else 0
         if flat == 2:
