@@ -104,17 +104,17 @@ def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
     """Return remarks on a plant with several bodies, whose masses are kept."""
     if isinstance(axis.plant, Rigid):
         return []
-    mass, stated_mass = rigid["mass"], float(axis.plant.rigid_mass())
-    off = mass.value - stated_mass
+    mass, their_sum = rigid["mass"], float(axis.plant.rigid_mass())
+    off = mass.value - their_sum
     remarks = [
         Text(
             f"the axis is a {axis.plant.kind}: a log of a motion shows the sum of its masses, {mass.quantity}, but "
             "not each of them; its masses, springs and dampers stay as they are"
         )
     ]
-    if abs(off) > max(3.0 * mass.error, _FAR * stated_mass):
+    if abs(off) > max(3.0 * mass.error, _FAR * their_sum):
         remarks[0] += Text(
-            f". Their sum, {Quantity(stated_mass, mass.unit):5}, is off by {Quantity(off / stated_mass, 'share'):+.2g}: "
+            f". Their sum, {Quantity(their_sum, mass.unit):5}, is off by {Quantity(off / their_sum, 'share'):+.2g}: "
             "measure a frequency response (feeddrive excite, frf) and identify that"
         )
     if axis.friction_motor is not None:
