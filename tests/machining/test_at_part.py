@@ -97,3 +97,16 @@ def test_a_path_goes_around_what_lies_inside() -> None:
     points = 1e-3 * np.array([[0.0, 0.0], [0.9, -0.9], [1.1, 0.0], [0.0, 5.0]])
     np.testing.assert_array_equal(enclosed(points, square), [True, True, False, False])
     np.testing.assert_array_equal(enclosed(points, square[::-1]), [True, True, False, False])
+
+
+@pytest.mark.parametrize(("deeper", "counts"), [(3.5e-3, True), (7.5e-3, False)])
+def test_a_wall_that_a_later_pass_takes_by_half_a_percent_of_the_radius_is_no_wall_of_the_part(
+    deeper: float, counts: bool
+) -> None:
+    """Two parallel passes in down milling, the second one farther to the right by a share of the radius."""
+    first = along((-40, 0), (40, 0))
+    path = np.vstack([first, first - [0.0, deeper * R]])
+    moving = np.tile([0.4, 0.0], (len(path), 1))
+    counted = on_part(path, moving, R, "down")
+    assert np.all(counted[len(first) :])
+    assert bool(np.mean(counted[: len(first)]) > 0.5) is counts

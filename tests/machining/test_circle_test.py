@@ -21,12 +21,15 @@ from feeddrive.loop.simulate import simulate
 from feeddrive.machining.circle_test import (
     CircleCauses,
     CirclePath,
+    _hats,
     circle_causes,
     circle_fit,
     circle_of_run,
     circle_path,
     circle_test,
     minimum_zone,
+    quadrant_peaks,
+    window,
 )
 from machining.circles import KV, axis, circle, response
 
@@ -396,3 +399,149 @@ def test_the_offset_of_the_set_up_is_no_fault() -> None:
     plain, shifted = circle_test(circles), circle_test(moved, about="set-up")
     assert pytest.approx(plain.figures[0].G, abs=1e-3 * UM) == shifted.figures[0].G
     assert shifted.figures[0].F_max > 30 * UM
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def turning(rate: np.ndarray, radius: float | np.ndarray = 0.02) -> CirclePath:
+    """The circle of a motion with these angular rates in rad/s, a row each ms."""
+    angle = np.concatenate([[0.0], 1e-3 * np.cumsum(rate)[:-1]])
+    return circle_path(radius * np.cos(angle), radius * np.sin(angle), sample_time=1e-3)
+
+
+def dip(depth: float, degrees: float) -> np.ndarray:
+    """Rates of 1.6 turns, in the middle of which the angle goes slower over some degrees."""
+    rate = np.ones(round(3.2e3 * np.pi))
+    middle, half = rate.size // 2, round(500.0 * np.radians(degrees))
+    rate[middle - half : middle + half] = 1.0 - depth
+    return rate
+
+
+@pytest.mark.parametrize(
+    ("depth", "degrees", "whole"),
+    [(0.04, 10.0, True), (0.065, 10.0, False), (0.08, 1.0, True), (0.08, 2.6, False)],
+)
+def test_a_feed_that_dips_by_5_percent_over_2_degrees_is_not_constant(
+    depth: float, degrees: float, whole: bool
+) -> None:
+    """Each half of the motion is less than a turn: the circle exists only if the dip does not divide it."""
+    if whole:
+        assert turning(dip(depth, degrees)).radius == pytest.approx(0.02)
+        return
+    with pytest.raises(LogError, match="constant feed"):
+        turning(dip(depth, degrees))
+
+
+@pytest.mark.parametrize(("off", "counts"), [(0.0035, True), (0.0075, False)])
+def test_a_circle_begins_where_the_rate_is_within_half_a_percent(off: float, counts: bool) -> None:
+    rate = np.ones(round(2.2e3 * np.pi))
+    rate[: round(0.5e3 * np.pi)] = 1.0 - off  # 0.25 of 1.1 turns
+    if counts:
+        assert turning(rate).radius == pytest.approx(0.02)
+        return
+    with pytest.raises(LogError, match="constant feed"):
+        turning(rate)
+
+
+@pytest.mark.parametrize(
+    ("oval", "gap", "closed"),
+    [
+        (20.0, 3.2, True),  # of 40 um between the circles about it
+        (20.0, 6.5, False),
+        (0.0, 0.7, True),
+        (0.0, 1.4, False),
+    ],
+)
+def test_a_gap_of_a_tenth_of_the_deviation_or_a_micrometer_is_closed(oval: float, gap: float, closed: bool) -> None:
+    angle = np.linspace(0.0, 3.0 * np.pi, 6000)
+    # the gap grows within 20 degrees after the point where the last turn begins: elsewhere the circle is closed
+    step = np.clip((angle - np.pi) / np.radians(20.0), 0.0, 1.0)
+    radius = 0.02 + UM * (oval * np.cos(2.0 * angle) + gap * step)
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    if closed:
+        assert len(circle_path(x, y, sample_time=1e-3).x) == 3600
+        return
+    with pytest.raises(LogError, match="not closed"):
+        circle_path(x, y, sample_time=1e-3)
+
+
+@pytest.mark.parametrize(("slower", "pairs"), [(0.985, 1), (0.97, 0)])
+def test_circles_within_2_percent_of_the_feed_are_a_pair(slower: float, pairs: int) -> None:
+    circles = [drawn(FAST, 1), drawn(FAST, -1)]
+    circles[1] = replace(circles[1], feed=slower * FAST)
+    assert sum(each.both for each in circle_test(circles).figures) == pairs
+
+
+@pytest.mark.parametrize(("radius", "nominal"), [(20.04, 20.0), (20.12, 20.1)])
+def test_a_radius_that_nobody_stated_is_one_of_tenths_of_a_millimeter(radius: float, nominal: float) -> None:
+    assert 1e3 * turning(np.ones(7000), 1e-3 * radius).radius == pytest.approx(nominal, abs=1e-9)
+
+
+@pytest.mark.parametrize(("behind", "found"), [(8.0, True), (13.0, False)])
+def test_a_peak_lies_within_10_degrees_behind_its_reversal(behind: float, found: bool) -> None:
+    """A peak of 5 um with a width of 1 degree, and a ledge of 1 um at the same distance before the reversal."""
+    angle = 2.0 * np.pi * (np.arange(3600) + 0.5) / 3600
+    r = R + 5 * UM * np.exp(-0.5 * ((np.degrees(angle) - 90.0 - behind) / 0.5) ** 2)
+    r += 1 * UM * (np.abs(np.degrees(angle) - 90.0 + behind) < 0.5)
+    path = CirclePath(r * np.cos(angle), r * np.sin(angle), 1, FAST, R, (0.0, 0.0))
+    peaks = {(each.axis, each.side): each for each in quadrant_peaks(circle_test([path], about="set-up"))}
+    # of 10 degrees before it, the ledge takes one
+    base = 0.1 * UM if found else 0.0
+    assert peaks["y", "+"].height == pytest.approx((5 * UM if found else 0.0) - base, abs=0.05 * UM)
+
+
+def test_a_spike_lasts_a_quarter_of_a_second_within_4_and_50_degrees() -> None:
+    assert window(1.0) == pytest.approx(0.25)  # rad, at a rad per second
+    assert np.degrees([window(0.1), window(0.5)]) == pytest.approx([4.0, np.degrees(0.125)])
+    assert np.degrees([window(3.0), window(9.0)]) == pytest.approx([np.degrees(0.75), 50.0])
+
+
+def few(V: float, d: int, decay: float, radius: float) -> CirclePath:
+    """A circle of 720 points with a spike of x alone."""
+    angle = 2.0 * np.pi * (np.arange(720) + 0.5) / 720
+    r = radius + 5 * UM * np.exp(-np.mod(d * angle, np.pi) / (V / radius * decay)) * np.abs(np.cos(angle))
+    return CirclePath(r * np.cos(angle), r * np.sin(angle), d, V, radius, (0.0, 0.0))
+
+
+@pytest.mark.parametrize(("decay", "turning"), [(0.15, 1.0), (1.4e-3, 50.0)])
+def test_decays_of_a_spike_from_one_to_200_ms_are_found(decay: float, turning: float) -> None:
+    circles = [few(0.02 * turning, d, decay, 0.02) for d in (1, -1)]
+    assert circle_causes(circles, spike="exponential", backlash="step").decay == pytest.approx(decay, rel=1e-3)
+
+
+@pytest.mark.parametrize(("apart", "separable"), [(3e-7, True), (1.2e-7, False)])
+def test_feeds_too_close_to_each_other_do_not_separate_scale_and_lag(apart: float, separable: bool) -> None:
+    """Columns (1, 1) and (1, 1 + 2 a) of length 1 have the singular values √2 and a/√2: their ratio is a/2."""
+    circles = [few(V, 1, 0.01, 0.02) for V in (0.02, 0.02 * (1.0 + apart))]
+    found = circle_causes(circles, spike="exponential", backlash="step", decay=0.01)
+    assert np.isfinite(found["scale, mean"].error) == separable
+
+
+def test_standard_errors_hold_for_residuals_that_hang_together_over_10_degrees() -> None:
+    """What repeats every 10 degrees averages out within each of their blocks, what repeats every 20 does not."""
+    angle = 2.0 * np.pi * (np.arange(720) + 0.5) / 720
+    errors = []
+    for waves in (36, 18):
+        r = R + UM * np.cos(waves * angle)
+        circles = [CirclePath(r * np.cos(angle), r * np.sin(angle), 1, V, R, (0.0, 0.0)) for V in (SLOW, FAST)]
+        found = circle_causes(circles, spike="exponential", backlash="step", decay=0.01)
+        errors.append(found["scale, mean"].error)
+    assert errors[0] < 0.05 * errors[1]
+
+
+def test_a_free_course_ends_with_a_24th_of_its_range() -> None:
+    """Its functions add to 1 up to the last node, which is closer to the end the more there are of them."""
+    since = np.array([0.1, 0.5, 0.93, 0.952, 1.0])
+    total = np.sum(_hats(since, 1.0), axis=0)
+    assert total[:3] == pytest.approx(1.0)
+    assert 0.0 < total[3] < 0.99
+    assert total[4] == 0.0
+
+
+def test_the_course_of_a_spike_is_seen_from_a_fifth_of_a_degree_on() -> None:
+    """Earlier it is the change of sides of a backlash; points of 0.1 degree have their middles at 0.05, 0.15 ..."""
+    angle = 2.0 * np.pi * (np.arange(3600) + 0.5) / 3600
+    slow = CirclePath(R * np.cos(angle), R * np.sin(angle), 1, SLOW, R, (0.0, 0.0))
+    (first, _) = circle_causes([slow]).spikes
+    assert np.degrees(first.angle[0]) == pytest.approx(0.25, abs=1e-6)

@@ -10,7 +10,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
-from feeddrive.machining.contour import contour_error, curve_through, feet
+from feeddrive.machining.contour import ContourError, Curve, contour_error, curve_through, feet
 from machining.circles import axis, circle, response, smooth_xy_table
 
 UM = 1e-6
@@ -288,3 +288,74 @@ def test_the_tool_point_of_a_machine_with_geometry_errors_counts() -> None:
     table, tool = contour_error(run, signal="position_load"), contour_error(run)
     settled = (run.time > 1.4) & (run.time < 2.4)
     assert (table.error - tool.error)[settled] == pytest.approx(1e-3 * R, rel=2e-4)  # the circle itself is 2.1 um large
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+@pytest.mark.parametrize(("nanometers", "moves"), [(0.8, False), (1.5, True)])
+def test_a_path_that_moves_by_less_than_a_nanometer_is_one_point(nanometers: float, moves: bool) -> None:
+    path = np.column_stack([1e-9 * nanometers * np.linspace(0.0, 1.0, 9), np.zeros(9)])
+    if moves:
+        assert len(curve_through(path).node) == 2
+        return
+    with pytest.raises(ParameterError, match="do not move"):
+        curve_through(path)
+
+
+@pytest.mark.parametrize(("radians", "sharp"), [(0.25, False), (0.45, True)])
+def test_chords_that_turn_by_more_than_20_degrees_are_a_corner(radians: float, sharp: bool) -> None:
+    legs = np.array([[-2.0, 0.0], [-1.0, 0.0], [0.0, 0.0], [np.cos(radians), np.sin(radians)]])
+    curve = curve_through(np.vstack([legs, legs[-1] + (legs[-1] - legs[-2])]))
+    assert curve.turn[2] == pytest.approx(radians if sharp else 0.0)
+
+
+@pytest.mark.parametrize(("degrees", "tangent"), [(50.0, 50.0), (70.0, 0.0)])
+def test_a_velocity_within_60_degrees_of_the_chord_is_a_tangent(degrees: float, tangent: float) -> None:
+    path = np.column_stack([np.linspace(0.0, 1.0, 3), np.zeros(3)])
+    aside = np.radians(degrees)
+    curve = curve_through(path, np.tile([np.cos(aside), np.sin(aside)], (3, 1)))
+    assert np.degrees(np.arctan2(*curve.begin[0][::-1])) == pytest.approx(tangent)
+
+
+@pytest.mark.parametrize(("turn", "corner"), [(0.7e-3, False), (1.5e-3, True)])
+def test_a_turn_of_less_than_a_milliradian_is_no_corner(turn: float, corner: bool) -> None:
+    node = np.array([[-1.0, 0.0], [0.0, 0.0], [np.cos(turn), np.sin(turn)]])
+    chord = np.diff(node, axis=0)
+    curve = Curve(node, np.array([0.0, 1.0, 2.0]), chord, chord, np.arange(3))
+    assert bool(feet(curve, np.array([[0.0, -1e-3]]), None, 1.0).corner[0]) is corner
+
+
+def peaked(*peaks: float, rest: float = 0.0, path: float = 1.0) -> ContourError:
+    """Errors of 10 um over 0.1 mm at these places of a straight path in m, and a share `rest` of them between."""
+    x = np.linspace(0.0, path, 20001)
+    error = np.max([10 * UM * (np.abs(x - place) < 5e-5) for place in peaks], axis=0)
+    between = (x > min(peaks)) & (x < max(peaks))
+    error = np.where(between, np.maximum(error, rest * 10 * UM), error)
+    return contour_error(np.column_stack([x, error]), np.column_stack([x, np.zeros(20001)]))
+
+
+def test_a_table_names_the_five_worst_places() -> None:
+    assert len(peaked(*np.linspace(0.1, 0.9, 12)).table().rows) == 5
+
+
+@pytest.mark.parametrize(("apart", "places"), [(0.8e-3, 1), (1.5e-3, 2)])
+def test_places_within_a_thousandth_of_the_path_are_one(apart: float, places: int) -> None:
+    assert len(peaked(0.5, 0.5 + apart).worst()) == places
+
+
+@pytest.mark.parametrize(("rest", "places"), [(0.4, 2), (0.6, 1)])
+def test_places_are_parted_by_half_of_the_error(rest: float, places: int) -> None:
+    found = peaked(0.4, 0.6, rest=rest).worst()
+    assert sum(abs(each.error) > 9 * UM for each in found) == places
+
+
+@pytest.mark.parametrize(("speed", "known"), [(0.7e-6, False), (1.5e-6, True)])
+def test_a_path_slower_than_a_micrometer_per_second_has_no_direction(speed: float, known: bool) -> None:
+    x = speed * np.arange(50.0)
+    path = np.column_stack([x, np.zeros(50)])
+    # the velocity of the instant, a little more than the difference: not that of a control which differences
+    velocity = np.column_stack([np.full(50, 1.0001 * speed), np.zeros(50)])
+    found = contour_error(path, path, velocity=velocity, acceleration=0.0 * path)
+    assert found.estimate is not None
+    assert np.all(np.isfinite(found.estimate)) if known else np.all(np.isnan(found.estimate))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -72,3 +74,54 @@ def test_wrong_input_is_named() -> None:
     three = np.column_stack([path, path[:, 0]])
     with pytest.raises(ParameterError, match="plane path, not of x, y, z"):
         elements(contour_error(three, three))
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def follows(*pieces: tuple[float, float]) -> np.ndarray:
+    """A tangential path of pieces with length (m) and curvature (1/m), in steps of 50 um."""
+    bend = np.concatenate([np.full(round(length / 5e-5), curvature) for length, curvature in pieces])
+    # the exact chord of each arc: its direction is that of the middle
+    heading = 5e-5 * (np.cumsum(bend) - 0.5 * bend)
+    chord = 5e-5 * np.sinc(0.5 * 5e-5 * bend / np.pi)
+    step = chord[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+    return np.vstack([[0.0, 0.0], np.cumsum(step, axis=0)])
+
+
+def kinds(path: np.ndarray) -> list[str]:
+    return [each.kind for each in elements(contour_error(path, path)).elements]
+
+
+@pytest.mark.parametrize(("change", "arcs"), [(0.075, 1), (0.13, 2)])
+def test_a_curvature_that_changes_by_5_percent_from_node_to_node_begins_another_arc(change: float, arcs: int) -> None:
+    """Between two arcs it changes in two steps: the node in the middle has the mean of both curvatures."""
+    assert kinds(follows((0.03, 50.0), (0.03, 50.0 * (1.0 + change)))) == ["arc"] * arcs
+
+
+@pytest.mark.parametrize(("curvature", "found"), [(0.7e-2, ["line"]), (1.4e-2, [])])
+def test_a_radius_of_100_m_is_straight(curvature: float, found: list[str]) -> None:
+    """Beyond it the piece turns by far less than an arc must, so that it is neither."""
+    assert kinds(follows((0.1, curvature))) == found
+
+
+@pytest.mark.parametrize(("millimeters", "lines"), [(1.5, 2), (2.6, 3)])
+def test_an_element_is_2_mm_long(millimeters: float, lines: int) -> None:
+    """A short side between two long ones, at right angles to them."""
+    legs = 1e-3 * np.array([[0.0, 0.0], [20.0, 0.0], [20.0, millimeters], [40.0, millimeters]])
+    parts = [a + (b - a) * np.linspace(0.0, 1.0, 401)[1:, None] for a, b in pairwise(legs)]
+    assert kinds(np.vstack([legs[:1], *parts])) == ["line"] * lines
+
+
+@pytest.mark.parametrize(("radians", "arcs"), [(0.22, 0), (0.4, 1)])
+def test_an_arc_turns_by_17_degrees(radians: float, arcs: int) -> None:
+    assert kinds(follows((0.02, 0.0), (0.02 * radians, 50.0), (0.02, 0.0))).count("arc") == arcs
+
+
+@pytest.mark.parametrize(("share", "seen"), [(0.037, False), (0.07, True)])
+def test_a_twentieth_at_each_end_of_an_element_is_left_out(share: float, seen: bool) -> None:
+    path = follows((0.05, 0.0))
+    tool = path.copy()
+    tool[round(share * 1000)] += (0.0, 10 * UM)
+    (line,) = elements(contour_error(tool, path)).elements
+    assert (line.error > 9 * UM) is seen

@@ -18,9 +18,10 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.machining.lobes import cut_stability, kind_of, semi_discretisation, stability_lobes, zero_order
+from feeddrive.machining.lobes import Lobes, cut_stability, kind_of, semi_discretisation, stability_lobes, zero_order
 from feeddrive.machining.regeneration import Regeneration, ToothPassage, regeneration
 from feeddrive.machining.tool_point import ToolMode, ToolPoint, tool_modes, tool_point
 
@@ -411,3 +412,62 @@ def test_a_finer_scan_finds_no_lower_limit(seed: int, monkeypatch: pytest.Monkey
     usual = stability_lobes(tool_modes(*modes), cut, [speed])
     monkeypatch.setattr("feeddrive.machining.lobes._RATIO", 1.03)
     assert stability_lobes(tool_modes(*modes), cut, [speed]).depth == pytest.approx(usual.depth, rel=1e-6)
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def test_a_limit_is_searched_up_to_12_times_the_lowest_zero_order_limit() -> None:
+    least = zero_order(TOOL, SLOT).least
+    assert stability_lobes(TOOL, SLOT, [5000.0]).deepest == pytest.approx(12.0 * least, rel=1e-12)
+
+
+def test_a_table_names_five_pockets_and_the_lowest_limit() -> None:
+    depth = 1e-3 * np.where(np.arange(41) % 2 == 1, 2.0, 1.0)
+    nothing = np.full(41, np.nan)
+    lobes = Lobes(np.linspace(1e3, 2e4, 41), depth, nothing, nothing + 0j, 0.01, 2, np.array([922.0]))
+    assert len(lobes.table().rows) == 6
+
+
+@pytest.mark.parametrize(("vibrations", "resolved"), [(42.0, True), (50.5, False)])
+def test_a_tooth_in_whose_cut_a_mode_swings_50_times_is_refused(vibrations: float, resolved: bool) -> None:
+    """The slot of two teeth is cut all the time: over a tooth period the mode swings f times that."""
+    passage = ToothPassage(TOOL, SLOT, 922.0 * np.sqrt(1.0 - 0.011**2) * 30.0 / vibrations)
+    if resolved:
+        assert np.isfinite(abs(passage.multipliers([1e-6])[0]))
+        return
+    with pytest.raises(ParameterError, match="at most 50 are resolved"):
+        passage.multipliers([1e-6])
+
+
+@pytest.mark.parametrize(("share", "fastest"), [(0.007, 100.0), (0.014, 1000.0)])
+def test_a_pole_that_moves_the_tool_by_a_hundredth_of_the_largest_peak_counts(share: float, fastest: float) -> None:
+    """A mode of mass m has a pole of peak 1/(2 m ω_d) over its decay rate ζω; the second one is damped by half."""
+    slow, quick = 2.0 * np.pi * 100.0, 2.0 * np.pi * 1000.0
+
+    def compliance(omega: float, ratio: float, mass: float) -> float:
+        return 1.0 / (2.0 * mass * omega * np.sqrt(1.0 - ratio**2) * ratio * omega)
+
+    mass = compliance(quick, 0.5, 1.0) / (share * compliance(slow, 0.02, 1.0))
+    point = tool_modes(ToolMode(100.0, 0.02, 1.0), ToolMode(1000.0, 0.5, mass))
+    ratio = 0.02 if fastest == 100.0 else 0.5
+    assert point.fastest() == pytest.approx(2.0 * np.pi * fastest * np.sqrt(1.0 - ratio**2), rel=1e-9)
+
+
+def alternating(size: float) -> StateSpace:
+    """A sampled first-order lag of 20 ms, and a pole at z = -0.5 of `size`, which no continuous pole stands for."""
+    poles = np.array([np.exp(-1e-3 / 0.02), -0.5])
+    C = np.array([[1.0 - poles[0], 1.5 * size]])
+    ports = ("load_force",), ("position_load",)
+    return StateSpace(np.diag(poles), np.ones((2, 1)), C, np.zeros((1, 1)), 1e-3, ("slow", "alternating"), *ports)
+
+
+@pytest.mark.parametrize(("missed", "fits"), [(0.007, True), (0.014, False)])
+def test_a_response_that_its_poles_miss_by_a_hundredth_is_refused(missed: float, fits: bool) -> None:
+    small = 1e-3
+    size = small * missed / tool_point(alternating(small)).missed  # the fit is linear in the response
+    if fits:
+        assert tool_point(alternating(size)).missed == pytest.approx(missed, rel=0.05)
+        return
+    with pytest.raises(ParameterError, match="a fit misses it"):
+        tool_point(alternating(size))

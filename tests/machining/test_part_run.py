@@ -8,9 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.families import Observer
+from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
+from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.job import read_job
 from feeddrive.jobs.run_laws import JobResult, run_laws
-from feeddrive.machining.part_run import disturbance_of
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
+from feeddrive.loop.simulate import Run
+from feeddrive.machining.contour import contour_error
+from feeddrive.machining.load import MachineLoad
+from feeddrive.machining.part_run import PartRun, disturbance_of, part_run
 from feeddrive.workflow.run_job import DemoRequest, demo, run
 
 
@@ -96,3 +107,78 @@ def test_the_demo_of_the_mill_compares_six_laws(tmp_path: Path) -> None:
     assert page.index("keeps the contour best") < page.index("<figure") < page.index("<table") < page.index("<details")
     for said in ("Worst places", "No cut chatters", "regenerative, over 3 earlier surfaces", "What limits the speed"):
         assert said in page
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+T, ROWS, TURN = 1e-3, 400, 150  # s; samples; x reverses between this sample and the next one
+PLAIN = Loop(
+    control=Control(law=CascadePPI(Kv=20.0, Kp=1e4, Tn=0.02)), axis=Axis(plant=Rigid(mass=100.0)), sample_time=T
+)
+MACHINE = Machine.of({"x": PLAIN, "y": PLAIN})
+
+
+def turned(feed: float, **changed: np.ndarray) -> Run:
+    """A parabola on which x reverses at 0.1 m/s² while y moves with a feed in m/s; `changed` signals of x."""
+    k = np.arange(ROWS)
+    time = T * (k - TURN - 0.5)
+    zero = np.zeros(ROWS)
+    signals: dict[str, np.ndarray] = {}
+    motions = {"x": (-0.05 * time**2, -0.1 * time, zero - 0.1), "y": (feed * time, zero + feed, zero)}
+    for axis, (position, velocity, acceleration) in motions.items():
+        own = dict.fromkeys(
+            ("following_error", "drive_force", "force", "load_force", "friction_motor", "friction_load"), zero
+        )
+        own |= dict.fromkeys(("set_position", "position_load", "position_motor", "reading_load"), position)
+        own |= {"set_velocity": velocity, "velocity_load": velocity, "set_acceleration": acceleration}
+        signals |= {f"{axis}.{name}": values for name, values in (own | (changed if axis == "x" else {})).items()}
+    return Run("turned", signals, T, ROWS)
+
+
+def evaluated(run: Run, observers: dict[str, dict[str, Observer]] | None = None) -> PartRun:
+    return part_run(run, MACHINE, ("x", "y"), np.zeros(ROWS, int), observers=observers)
+
+
+@pytest.mark.parametrize(("late", "glitch"), [(0.04, True), (0.07, False)])
+def test_a_glitch_is_an_error_in_the_50_ms_after_a_reversal(late: float, glitch: bool) -> None:
+    """The error lies across the path, in the direction (vy, -vx)."""
+    row, feed = TURN + round(late / T), 0.02
+    x = np.array(turned(feed)["x.position_load"])
+    x[row] += 1e-5
+    found = evaluated(turned(feed, position_load=x)).axes["x"]
+    assert found.glitches == 1
+    assert (found.glitch > 5e-6) is glitch
+
+
+@pytest.mark.parametrize(("feed", "reversals"), [(0.7e-3, 0), (1.5e-3, 1)])
+def test_a_reversal_counts_while_another_axis_moves_by_a_millimeter_per_second(feed: float, reversals: int) -> None:
+    assert evaluated(turned(feed)).axes["x"].glitches == reversals
+
+
+@pytest.mark.parametrize(("at", "counts"), [(0.15, False), (0.3, True)])
+def test_an_observer_is_compared_from_a_fifth_of_a_second_on(at: float, counts: bool) -> None:
+    observers: dict[str, dict[str, Observer]] = {"recovered": {"x": DisturbanceRecovery(mass=100.0, frequency=200.0)}}
+    unseen = np.zeros(ROWS)  # a force of which the readings hold nothing
+    unseen[round(at / T) : round((at + 0.03) / T)] = 50.0
+    errors = [
+        evaluated(turned(0.02, load_force=force), observers).estimates["recovered"]["x"].error
+        for force in (np.zeros(ROWS), unseen)
+    ]
+    assert (errors[1] > errors[0] + 1.0) is counts
+
+
+def peaked(places: np.ndarray, path: float) -> PartRun:
+    """Errors of 10 um over 0.1 mm at these places in m of a straight path."""
+    x = np.linspace(0.0, path, 20001)
+    error = np.max([1e-5 * (np.abs(x - place) < 5e-5) for place in places], axis=0)
+    contour = contour_error(np.column_stack([x, error]), np.column_stack([x, np.zeros(20001)]))
+    return PartRun("peaked", contour, {}, MachineLoad({}), None, {}, {})
+
+
+def test_the_eight_worst_places_are_listed() -> None:
+    assert len(peaked(np.linspace(0.05, 0.45, 12), 0.5).worst()) == 8
+
+
+@pytest.mark.parametrize(("apart", "places"), [(2.2e-3, 1), (4.5e-3, 2)])
+def test_places_within_3_mm_of_the_path_are_one(apart: float, places: int) -> None:
+    assert len(peaked(np.array([0.2, 0.2 + apart]), 0.5).worst()) == places

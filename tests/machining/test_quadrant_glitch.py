@@ -11,7 +11,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.machining.contour import contour_error
-from feeddrive.machining.reversal import reversals, stick_time
+from feeddrive.machining.reversal import Reversals, reversals, stick_time
 from machining.circles import KP, KV, MASS, TN, VISCOUS, axis, circle, smooth_xy_table
 from machining.stick_slip import glitch
 
@@ -102,3 +102,33 @@ def test_an_axis_without_dry_friction_does_not_stand() -> None:
     error = contour_error(three, three)
     with pytest.raises(ParameterError, match="a plane path"):
         reversals(simulate(smooth_xy_table(), circle(0.02, 0.1), duration=0.1), error)
+
+
+def turned(outward: np.ndarray, stuck: float = 1.0) -> Reversals:
+    """The reversals of x on a circle of 400 samples in a second, with these outward errors and a speed of x at rest."""
+    angle = 2.0 * np.pi * (np.arange(400) + 0.5) / 400
+    R, w = 0.02, 2.0 * np.pi
+    cos, sin = np.cos(angle), np.sin(angle)
+    signals = {
+        "x.set_position": R * cos, "y.set_position": R * sin,
+        "x.set_velocity": -R * w * sin, "y.set_velocity": R * w * cos,
+        "x.set_acceleration": -R * w * w * cos, "y.set_acceleration": -R * w * w * sin,
+        "x.position_load": (R + outward) * cos, "y.position_load": (R + outward) * sin,
+        "x.velocity_load": -R * w * sin, "y.velocity_load": R * w * cos,
+    }  # fmt: skip
+    signals["x.velocity_load"][200:206] = stuck  # behind the reversal of x at half a turn
+    return reversals(Run("circle", signals, 1.0 / 400, 400))
+
+
+def test_the_base_is_the_last_fifth_before_a_reversal() -> None:
+    """From the reversal of y at sample 100 on: 2 um in the last 15 of the hundred samples before that of x at 200."""
+    outward = np.zeros(400)
+    outward[185:200] = 2 * UM
+    found = {f"{each.axis}{each.side}": each for each in turned(outward).reversals}
+    assert found["x-"].base == pytest.approx(2 * UM * 15 / 20, abs=1e-3 * UM)
+
+
+@pytest.mark.parametrize(("speed", "samples"), [(0.7e-12, 6), (1.5e-12, 0)])
+def test_an_axis_sticks_below_a_picometer_per_second(speed: float, samples: int) -> None:
+    found = {f"{each.axis}{each.side}": each for each in turned(np.zeros(400), speed).reversals}
+    assert found["x-"].stick_time == pytest.approx(samples / 400)

@@ -89,3 +89,28 @@ def test_what_makes_no_wall_is_named() -> None:
         wall(run, cut(2, 5e-3), 0.3, 0.5, "up")
     with pytest.raises(ParameterError, match="teeth pass: a wall needs 8"):
         wall(run, cut(2, 5e-3), 0.1, 0.12, "up")
+
+
+def test_one_of_eight_teeth_that_cuts_deeper_leaves_marks_of_eight_feeds() -> None:
+    """Swinging by 60 um once in four turns of two teeth: marks reach four feeds to each side, (4 c)²/2R deep."""
+    time = moved(1e-4, 2).time
+    run = moved(1e-4, 2)
+    passing = 2.0 * np.pi * 2 * SPEED / 60.0 / 8.0
+    signals = dict(run.signals)
+    signals["y.position_load"] = 60e-6 * np.cos(passing * time)
+    signals["y.velocity_load"] = -60e-6 * passing * np.sin(passing * time)
+    found = wall(Run("swinging", signals, T, len(time)), cut(2, 5e-3), 0.1, 0.3, "up", points=2001)
+    assert np.ptp(found.map) == pytest.approx((4e-4) ** 2 / (2.0 * 5e-3), rel=0.02)
+
+
+def test_the_path_of_an_edge_has_a_sagitta_of_a_nanometer() -> None:
+    """A tool that hardly moves: its mark is a parabola x²/2R about each pass, and chords lie inside of the arc."""
+    feed, R = 2e-4, 5e-3
+    found = wall(moved(feed, 1), cut(1, R), 0.1, 0.3, "up", points=40001)
+    t = np.linspace(-0.6, 0.6, 4001) * feed / R  # rad beside the pass of the edge
+    turn = 2.0 * np.pi * SPEED / 60.0
+    s, depth = feed * turn / (2.0 * np.pi) * t / turn + R * np.sin(t), R * (1.0 - np.cos(t))
+    exact = np.interp((found.along + 0.5 * feed) % feed - 0.5 * feed, s, depth)
+    inside = found.map[0] - exact
+    assert np.min(inside) > -1e-11
+    assert 0.6e-9 < np.max(inside) < 1.1e-9
