@@ -108,3 +108,59 @@ def test_a_single_sample_is_left_out_of_the_harmonics_and_said() -> None:
     assert clean.remarks == ()
     assert "slow.csv, force: 1 single sample" in found.remarks[0]
     assert "row 701" in found.remarks[0]
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def test_an_order_is_significant_below_a_probability_of_5_percent() -> None:
+    """One order is tried on the same noise with amplitudes from none to certain: so are probabilities of all sizes."""
+    noise = np.random.default_rng(2).standard_normal(64)
+    turns = np.arange(64) / 64.0
+    judged: dict[float, bool] = {}
+    for size in np.linspace(0.2, 0.7, 40):
+        found = identify_cogging([CoggingRun(turns, noise + size * np.sin(2.0 * np.pi * 3 * turns))], (3,)).order(3)
+        judged[found.p_value] = found.significant
+    assert all(significant is (p < 0.05) for p, significant in judged.items())
+    assert any(0.026 < p < 0.049 for p in judged)
+    assert any(0.051 < p < 0.098 for p in judged)
+
+
+def test_a_column_has_three_rows() -> None:
+    """Sixty places hold ten orders of two columns each."""
+    turns = np.arange(60) / 60.0
+    assert len(identify_cogging([CoggingRun(turns, np.sin(2.0 * np.pi * turns) + turns)]).orders) == 10
+
+
+@pytest.mark.parametrize(("back", "one_way"), [(1, True), (3, False)])
+def test_98_of_100_steps_go_one_way(back: int, one_way: bool) -> None:
+    steps = np.where(np.arange(100) < back, -1e-3, 1e-2)
+    turns = np.concatenate([[0.0], np.cumsum(steps)])
+    if one_way:
+        assert CoggingRun(turns, np.sin(turns)).direction == 1
+        return
+    with pytest.raises(NotIdentifiableError, match="goes both ways"):
+        CoggingRun(turns, np.sin(turns))
+
+
+@pytest.mark.parametrize(("back", "passes"), [(0.014, 1), (0.03, 2)])
+def test_a_fiftieth_of_the_travel_back_is_a_reversal(back: float, passes: int) -> None:
+    there, again = np.linspace(0.0, 1.5, 3000), np.linspace(1.5 - 3.0 * back, 3.0, 3000)
+    x = np.concatenate([there, np.linspace(1.5, 1.5 - 3.0 * back, 50)[1:-1], again])
+    assert len(cogging_passes(x, np.sin(2.0 * np.pi * x))) == passes
+
+
+def test_half_a_percent_at_each_end_of_a_pass_is_left_out() -> None:
+    x = np.linspace(0.0, 2.0, 20001)
+    (run,) = cogging_passes(x, np.sin(2.0 * np.pi * x), highest=1000)
+    assert (run.turns[0], run.turns[-1]) == pytest.approx((0.01, 1.99), abs=1.1e-4)
+
+
+@pytest.mark.parametrize(("periods", "enough"), [(0.92, False), (0.98, True)])
+def test_a_pass_is_a_period_less_a_twentieth(periods: float, enough: bool) -> None:
+    x = np.linspace(0.0, periods, 3000)
+    if enough:
+        assert len(cogging_passes(x, np.sin(2.0 * np.pi * x))) == 1
+        return
+    with pytest.raises(NotIdentifiableError, match="needs a whole one"):
+        cogging_passes(x, np.sin(2.0 * np.pi * x))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,10 @@ import feeddrive as fd
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.excitation import (
     Excitation,
+    Limit,
+    _check,
+    _offset,
+    advice,
     crest_factor,
     design_excitation,
     grid_lines,
@@ -161,3 +167,70 @@ def test_the_motion_underneath_comes_back_and_has_the_speed() -> None:
     assert there.set_position[-1] == pytest.approx(-back.set_position[-1], rel=1e-12)
     middle = np.diff(there.set_position[found.first : -found.first]) / T
     assert middle == pytest.approx(found.offset_velocity, rel=1e-6)
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def beyond(share: float, amplitude: float = 100.0) -> Any:
+    """An excitation whose force is a multiple of its limit."""
+    limit = Limit("force, peak", share, 1.0, "N")
+    return SimpleNamespace(limits=(limit,), amplitude=amplitude, unit="N", offset_velocity=0.0, periods=8)
+
+
+@pytest.mark.parametrize(("trials", "named"), [(4, True), (7, False)])
+def test_an_amplitude_is_searched_in_five_simulations(trials: int, named: bool) -> None:
+    shares = iter([1.1] * (trials - 1) + [0.9])
+    words = advice(beyond(1.1), lambda amplitude: beyond(next(shares), amplitude))
+    assert words.startswith("an amplitude of") is named
+
+
+@pytest.mark.parametrize(("share", "named"), [(60.0, True), (150.0, False)])
+def test_an_amplitude_a_hundred_times_too_large_is_hopeless(share: float, named: bool) -> None:
+    words = advice(beyond(share), lambda amplitude: beyond(0.9, amplitude))
+    assert words.startswith("an amplitude of") is named
+
+
+def test_the_offset_speed_is_1_5_times_the_peak_or_three_stribeck_velocities_beyond_it() -> None:
+    def offset(slow: float) -> float:
+        friction = fd.blocks.Stribeck(coulomb=1.0, breakaway=1.0, stribeck_velocity=slow)  # without a bump
+        axis = replace(loop().axis, friction_motor=friction)
+        lines, one = np.array([4, 8]), np.ones(2)
+        return _offset(replace(loop(), axis=axis), "force", lines, one, [0.0 * one], [10.0], 800)
+
+    slow, quick = offset(0.1), offset(0.2)
+    assert quick - slow == pytest.approx(3.0 * 0.1, rel=1e-9)
+    assert offset(1e-9) == pytest.approx(1.5 * (slow - 3.0 * 0.1), rel=1e-6)
+
+
+def test_the_axis_is_at_its_speed_after_0_3_s_and_the_excitation_swells_for_0_25_s() -> None:
+    found = designed(loop(), periods=2, offset_velocity=0.05, amplitude=10.0)
+    speed = np.diff(found.drawings[0].set_position) / T
+    assert speed[round(0.27 / T)] < 0.0499
+    assert speed[round(0.31 / T)] == pytest.approx(0.05, rel=1e-6)
+    assert found.fade * T == pytest.approx(0.25)
+    assert found.first * T == pytest.approx(0.3 + 0.25)
+
+
+@pytest.mark.parametrize(("millions", "drawn"), [(3.0, True), (6.0, False)])
+def test_four_million_samples_can_be_drawn(millions: float, drawn: bool) -> None:
+    resolution = 8.0 / (millions * 1e6 * T)
+    if drawn:
+        _check(loop(), BAND, 1.0, "force", resolution, 8, 1, "acceleration")
+        return
+    with pytest.raises(ParameterError, match="at most 4,000,000"):
+        _check(loop(), BAND, 1.0, "force", resolution, 8, 1, "acceleration")
+
+
+def test_phases_are_clipped_300_times_with_eight_points_in_the_shortest_wave(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+
+    def counted(*sum_of: Any) -> np.ndarray:
+        counts.append(sum_of[3])
+        return summed(*sum_of)
+
+    monkeypatch.setattr("feeddrive.identification.excitation.excitation.summed", counted)
+    lines = np.arange(1, 63)
+    low_crest_phases(lines, np.ones(62), np.zeros(62))
+    assert len(counts) == 300
+    assert 8 <= counts[0] / 62 < 16

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.machine import read_machine
-from feeddrive.identification.response.plant_fit import fit_axis, fit_two_mass
+from feeddrive.identification.regression import Estimate
+from feeddrive.identification.response.agreement import Agreement, _lines_above_noise, blind, entangled
+from feeddrive.identification.response.modal_fit import _simplest, fit_modes
+from feeddrive.identification.response.plant_fit import AxisFits, PlantFit, fit_axis, fit_two_mass, with_derived
+from feeddrive.identification.response.refine import Refined, ResponseUnits, taken
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
+from feeddrive.loop.frequency_response import FRF
 from screw_responses import SCREW, responses
 
 
@@ -48,3 +60,111 @@ def test_friction_that_no_line_tells_keeps_the_value_of_the_machine(seed: int) -
     assert "mass_screw" in fit.not_identifiable
     for name in ("mass_motor", "mass_screw", "mass_load", "coupling_stiffness", "stiffness"):
         assert abs(fit[name].value - tree.get(axis.plant, name)) < 3.0 * fit[name].error, name
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def structure(unused: float, parameters: int, autocorrelation: float) -> Any:
+    """A fit as the choice between structures sees it."""
+    agreement = SimpleNamespace(unused=unused, autocorrelation=lambda: autocorrelation)
+    return SimpleNamespace(agreement=agreement, estimates=[None] * parameters)
+
+
+def chosen(monkeypatch: pytest.MonkeyPatch, **fits: Any) -> AxisFits:
+    ways = {name.replace("_", "-"): partial(lambda fit: fit, fit) for name, fit in fits.items()}
+    monkeypatch.setattr("feeddrive.identification.response.plant_fit._ways", lambda *_: ways)
+    return fit_axis()
+
+
+@pytest.mark.parametrize(("worse", "name"), [(1.07, "rigid"), (1.2, "two-mass")])
+def test_a_structure_within_a_tenth_of_the_least_error_is_as_good(
+    monkeypatch: pytest.MonkeyPatch, worse: float, name: str
+) -> None:
+    fits = chosen(monkeypatch, rigid=structure(worse, 3, 0.9), two_mass=structure(1.0, 7, 0.9))
+    assert fits.chosen == name
+
+
+@pytest.mark.parametrize(("autocorrelation", "tried"), [(0.2, False), (0.45, True)])
+def test_modes_are_tried_where_residuals_are_correlated_by_0_3(
+    monkeypatch: pytest.MonkeyPatch, autocorrelation: float, tried: bool
+) -> None:
+    fits = chosen(monkeypatch, rigid=structure(1.0, 3, autocorrelation), modal=structure(1.0, 9, 0.0))
+    assert ("modal" in fits.fits) is tried
+
+
+LINES = np.geomspace(10.0, 100.0, 40)
+FLAT = FRF(LINES, np.ones(40) + 0j)
+
+
+def agreeing(residual: np.ndarray) -> Agreement:
+    return Agreement((FLAT,), (FLAT,), (residual,), 0.1, 0.1, 1.0, 0.0, ())
+
+
+@pytest.mark.parametrize(("correlation", "systematic"), [(0.4, False), (0.7, True)])
+def test_residuals_correlated_by_a_half_are_systematic(correlation: float, systematic: bool) -> None:
+    """A rotating residual e^(jφk) has the correlation cos φ from line to line."""
+    found = agreeing(np.exp(1j * np.arccos(correlation) * np.arange(40)))
+    assert found.autocorrelation() == pytest.approx(correlation, abs=0.03)
+    assert any("the model lacks a systematic part" in remark for remark in found.remarks()) is systematic
+
+
+def undetermined(correlation: float, error: float = 1.0) -> tuple[list[Estimate], Refined]:
+    """Two parameters of value 1 whose effects have a correlation: singular values √(1 ± r) of unit columns."""
+    slopes = np.array([[1.0, correlation], [0.0, np.sqrt(1.0 - correlation**2)]])
+    none = np.zeros((2, 2))
+    refined = Refined(np.ones(2), none, none, slopes, (), 1.0, 0.0, np.zeros(2, bool), True)
+    return [Estimate(name, 1.0, "", error, error) for name in ("mass_motor", "mass_load")], refined
+
+
+@pytest.mark.parametrize(("correlation", "tied"), [(0.993, False), (0.997, True)])
+def test_parameters_correlated_by_0_995_are_one_combination(correlation: float, tied: bool) -> None:
+    assert bool(entangled(["mass_motor", "mass_load"], undetermined(correlation)[1])) is tied
+
+
+@pytest.mark.parametrize(
+    ("share", "error", "gone"), [(0.007, 0.5, 2), (0.014, 0.5, 0), (0.005, 0.07, 0), (0.005, 0.14, 2)]
+)
+def test_parameters_apart_by_a_hundredth_with_an_error_of_a_tenth_are_not_identifiable(
+    share: float, error: float, gone: int
+) -> None:
+    assert len(blind(*undetermined(1.0 - share**2, error))) == gone
+
+
+@pytest.mark.parametrize(("deviation", "above"), [(0.2, 40), (0.45, 20)])
+def test_lines_with_a_deviation_of_0_3_are_noise(deviation: float, above: int) -> None:
+    variance = np.where(np.arange(40) < 20, 0.01**2, deviation**2)
+    assert np.count_nonzero(_lines_above_noise(replace(FLAT, variance=variance))) == above
+
+
+@pytest.mark.parametrize(("lines", "enough"), [(6, False), (12, True)])
+def test_a_fit_has_eight_lines(lines: int, enough: bool) -> None:
+    short = replace(FLAT, frequency=LINES[:lines], response=FLAT.response[:lines], unit="m/N")
+    if enough:
+        assert taken({"motor": short}, None, None, None)[0]["motor"].frequency.size == lines
+        return
+    with pytest.raises(ParameterError, match="needs 8 at least"):
+        taken({"motor": short}, None, None, None)
+
+
+@pytest.mark.parametrize(("better", "modes"), [(0.95, 0), (0.85, 1)])
+def test_a_mode_lowers_the_error_by_a_tenth(better: float, modes: int) -> None:
+    """Two modes that lower it by as much once would have to do so twice."""
+    candidates: list[Any] = [(1.0, 0, None, None), (better, 1, None, None), (0.99 * better, 2, None, None)]
+    assert _simplest(candidates)[1] == modes
+
+
+@pytest.mark.parametrize(("modes", "said"), [(30, "do not hold 30 resonances"), (60, "must be >= 0 and <= 40")])
+def test_forty_modes_may_be_asked_for(modes: int, said: str) -> None:
+    with pytest.raises(ParameterError, match=said):
+        fit_modes(replace(FLAT, unit="m/N"), modes)
+
+
+@pytest.mark.parametrize(("error", "known"), [(0.35, True), (0.7, False)])
+def test_a_value_with_an_error_of_a_half_is_not_identifiable(error: float, known: bool) -> None:
+    units = ResponseUnits("m", "N", 0)
+    mass = Estimate("mass", 10.0, "kg", 10.0 * error, 10.0 * error)
+    fit = PlantFit(
+        Rigid(mass=10.0), Actuator(), (mass,), np.array([[(10.0 * error) ** 2]]), (), {}, agreeing(LINES), units, ()
+    )
+    assert ("total" not in with_derived(fit, [("total", "kg", lambda plant: plant.mass)]).not_identifiable) is known

@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.special import fdtri
 
-from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.estimate_frf import (
+    Averaged,
+    _steady,
+    _total,
+    detection,
+    estimate_frf,
+    excited_lines,
+    local_scatter,
+    smoothed,
+)
 from feeddrive.identification.excitation.frequency_estimate import (
     FrequencyEstimate,
+    Level,
     Record,
     cut,
     find_period,
     fisher,
     repeating,
+    saturation,
     transient_periods,
 )
+from feeddrive.identification.excitation.nonperiodic import spectra
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.loop.frequency_response import FRF
 
 T = 1e-3
 B, A = np.array([0.0, 0.02, 0.02]), np.array([1.0, -1.85, 0.9])  # a resonance at 36 Hz, damping 0.23
@@ -263,3 +278,158 @@ def test_what_cannot_be_used_is_named() -> None:
         estimate_frf(record, period=512, skip=-1)
     with pytest.raises(LogError, match="repeats every 500 samples"):
         estimate_frf(measured(multisine(1), 1, gain=0.0), method="local_polynomial")
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+@pytest.mark.parametrize(("samples", "enough"), [(24, False), (40, True)])
+def test_a_record_has_32_samples(samples: int, enough: bool) -> None:
+    values = np.sin(np.arange(float(samples)))
+    if enough:
+        assert len(Record(input=values, output=2.0 * values, sample_time=T)) == samples
+        return
+    with pytest.raises(LogError, match="32 samples or more"):
+        Record(input=values, output=2.0 * values, sample_time=T)
+
+
+@pytest.mark.parametrize(("held", "said"), [(14, False), (30, True)])
+def test_a_channel_at_its_end_for_2_percent_is_saturated(held: int, said: bool) -> None:
+    values = np.sin(np.arange(1000.0))
+    values[:held] = 2.0
+    assert bool(saturation("u", values)) is said
+
+
+@pytest.mark.parametrize(("alike", "periodic"), [(0.85, False), (0.95, True)])
+def test_a_signal_that_is_alike_by_nine_tenths_is_periodic(alike: float, periodic: bool) -> None:
+    """Two periods of 500 samples, the second one in part of other lines: their scalar product is the share alike."""
+    first, other = (multisine(seed, 1) for seed in (1, 2))
+    other = other - first * (first @ other) / (first @ first)
+    other *= np.linalg.norm(first) / np.linalg.norm(other)
+    values = np.concatenate([first, alike * first + np.sqrt(1.0 - alike**2) * other])
+    assert find_period(values) == (PERIOD if periodic else None)
+
+
+@pytest.mark.parametrize(("off", "repeats"), [(0.7e-3, True), (1.5e-3, False)])
+def test_a_reference_repeats_to_a_thousandth_of_its_spread(off: float, repeats: bool) -> None:
+    values = multisine(1, 4)
+    values[3 * PERIOD + 250] += off * np.std(values)
+    assert (repeating(values, PERIOD) == (0, 4 * PERIOD)) is repeats
+
+
+@pytest.mark.parametrize(("errors", "removed"), [(3.5, False), (7.0, True)])
+def test_a_drift_of_five_standard_errors_is_removed(errors: float, removed: bool) -> None:
+    """The means of nine periods rise by 1 ± e: four steps of the second half have the error e √(4/3)/2."""
+    scatter = 1.0 / (errors * np.sqrt(4.0 / 3.0) / 2.0)
+    steps = np.tile([1.0 + scatter, 1.0 - scatter], 4)
+    level = np.repeat(np.concatenate([[0.0], np.cumsum(steps - 1.0)]), PERIOD)
+    ramp = np.arange(9.0 * PERIOD) / PERIOD
+    record = Record(input=multisine(1, 9), output=ramp + level, sample_time=T)
+    left = np.abs(cut(record, PERIOD)[1]).max()
+    assert (left < 1e-9) is removed  # a ramp of 1 a period has 1/π on its first line
+
+
+def quadruple(deviation: float, lines: int = 24) -> np.ndarray:
+    """Eight periods whose last four differ by 1 from their mean of 0; the first one by `deviation` on two lines."""
+    periods = np.tile(np.tile([1.0, -1.0, 1.0j, -1.0j], 2)[:, None], (1, lines))
+    periods[0, :2] = deviation
+    return periods
+
+
+@pytest.mark.parametrize(("risk", "dropped"), [(0.007, 1), (0.015, 0)])
+def test_a_period_beyond_a_risk_of_1_percent_over_twelve_bands_is_dropped(risk: float, dropped: int) -> None:
+    """Two lines a band: |d|²/(1 + 1/4) over 4/3 is distributed as F(4, 12)."""
+    quantile = float(fdtri(4.0, 12.0, 1.0 - risk / 12.0))
+    assert transient_periods(quadruple(np.sqrt(quantile * 1.25 * 4.0 / 3.0))) == dropped
+
+
+@pytest.mark.parametrize(("doubt", "kept"), [(0.07, 2), (0.14, 1)])
+def test_a_line_whose_input_is_doubtful_by_a_tenth_is_left_out(doubt: float, kept: int) -> None:
+    ones = np.ones(2)
+    estimate = FrequencyEstimate(FRF(np.array([1.0, 2.0]), ones + 0j, variance=ones), "", ones, ones)
+    assert estimate.where_excited(np.array([0.0, doubt])).frequency.size == kept
+
+
+@pytest.mark.parametrize(("gap", "empty"), [(4.0, 0), (7.0, 3)])
+def test_lines_five_times_weaker_are_empty(gap: float, empty: int) -> None:
+    assert np.count_nonzero(~excited_lines(np.array([1.0, 1.0 / gap, 1.0, 1.0 / gap, 1.0, 1.0 / gap]))) == empty
+
+
+@pytest.mark.parametrize(("weak", "excited"), [(2.7e-5, False), (3.8e-5, True)])
+def test_exact_zeros_count_as_1e_9_of_the_largest_line(weak: float, excited: bool) -> None:
+    """The wider one of the gaps 1/weak and weak/1e-9 parts excited from empty lines."""
+    assert bool(excited_lines(np.array([1.0, weak, 0.0]))[1]) is excited
+
+
+@pytest.mark.parametrize(("risk", "distorted"), [(0.007, True), (0.015, False)])
+def test_distortion_is_significant_to_1_percent(risk: float, distorted: bool) -> None:
+    """Twenty lines with four degrees of freedom: the mean of |D|²/noise, by its own mean of 4/3, against F(40, 8)."""
+    frequency, excited = np.arange(1.0, 42.0), np.arange(41) % 2 == 0
+    quotient = 4.0 / 3.0 * float(fdtri(40.0, 8.0, 1.0 - risk))
+    one, zero = np.ones(41), np.zeros(41)
+    output = np.where(excited, 1.0, np.sqrt(quotient) * 1e-3) + 0j
+    mean = Averaged(frequency, excited + 0j, output, 1e-6 * one, zero, zero + 0j, 4, excited)
+    assert bool(np.any(detection(mean, one[excited] + 0j)["even"].output > 0.0)) is distorted
+
+
+def test_a_level_is_that_of_five_lines() -> None:
+    assert np.count_nonzero(smoothed(np.eye(21)[10])) == 5
+
+
+def test_scatter_is_that_around_a_parabola_over_eleven_lines() -> None:
+    f = np.linspace(1.0, 1.001, 40)
+    one, x = np.ones(40), np.linspace(-1.0, 1.0, 40)
+    assert local_scatter(f[:10], one[:10] + 0j, x[:10] + 0j) is None
+    assert local_scatter(f[:11], one[:11] + 0j, x[:11] + 0j) is not None
+    # imaginary parts of second order do not change the slope of the magnitude that is taken out before
+    parabola, cubic = (local_scatter(f, one + 0j, 1.0 + 0.05j * x**k) for k in (2, 3))
+    assert parabola is not None
+    assert cubic is not None
+    assert np.max(parabola) < 1e-3 * np.min(cubic)
+    assert np.min(cubic) > 1e-10
+
+
+@pytest.mark.parametrize(("lines", "spread"), [(1, False), (13, True)])
+def test_scatter_counts_where_it_is_that_of_most_of_31_lines(lines: int, spread: bool) -> None:
+    """A jump of the response is in the parabola of eleven lines: it scatters over ten lines more."""
+    f = np.linspace(1.0, 1.001, 120)
+    output = np.ones(120) + 0j
+    output[60 : 60 + lines] += 0.1j * (-1.0) ** np.arange(lines)
+    scatter = local_scatter(f, np.ones(120) + 0j, output)
+    assert scatter is not None
+    assert bool(np.max(scatter) > 1e-6) is spread
+
+
+@pytest.mark.parametrize(("ratio", "nonlinear"), [(1.3, False), (1.8, True)])
+def test_a_scatter_of_1_5_times_the_noise_is_nonlinear(ratio: float, nonlinear: bool) -> None:
+    f, one = np.arange(1.0, 21.0), np.ones(20)
+    levels = {"noise": Level(f, one, one), "nonlinear": Level(f, np.sqrt(ratio - 1.0) * one, one)}
+    drawn: Any = [None]
+    variance, total, _, _ = _total(drawn, np.arange(20), f, one + 0j, one, one, levels)
+    assert total is nonlinear
+    assert bool(np.all(variance > 1.0)) is nonlinear
+
+
+def test_local_polynomials_are_evaluated_at_two_thousand_lines() -> None:
+    """Of nearly 3000 lines, spaced logarithmically: low ones coincide, so that somewhat fewer are left."""
+    found = estimate_frf(measured(noise(0)[:6000], 0, gain=0.0))
+    assert 1000 < found.frequency.size < 2000
+
+
+def test_two_periods_are_needed() -> None:
+    record = measured(multisine(1, 3)[: 5 * PERIOD // 2], 1, gain=0.0)
+    assert estimate_frf(record, period=PERIOD).counts["periods"] == 2
+    with pytest.raises(ParameterError, match="so that the shortest record holds 2 of them"):
+        estimate_frf(record, period=3 * PERIOD // 2)
+
+
+@pytest.mark.parametrize(("samples", "kept"), [(3, True), (7, False)])
+def test_a_hundredth_of_a_period_at_the_end_is_not_cut_off(samples: int, kept: bool) -> None:
+    reference = multisine(1, 4)
+    reference[-samples:] = 0.0
+    record = Record(input=reference, output=2.0 * reference, references=(reference,), sample_time=T)
+    assert (len(_steady(record, PERIOD)) == 4 * PERIOD) is kept
+
+
+def test_a_record_is_cut_into_sixteen_stretches() -> None:
+    assert spectra([measured(noise(0), 0, gain=0.0)]).input.shape[0] == 16

@@ -8,7 +8,15 @@ import pytest
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.stribeck import Stribeck
-from feeddrive.identification.friction_curve import CANDIDATES, fit_friction, runs_of, steady_runs
+from feeddrive.identification.friction_curve import (
+    CANDIDATES,
+    Compared,
+    SteadyRuns,
+    _remarks,
+    fit_friction,
+    runs_of,
+    steady_runs,
+)
 from feeddrive.identification.regression import strays
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from slow_share import all_but
@@ -133,3 +141,101 @@ def test_noise_steps_rests_and_slip_hold_no_strays() -> None:
     slip = np.where(rng.random(2000) < 0.04, 10.0, 0.0) + np.round(rng.standard_normal(2000))
     for values in (rest, steps, slip, rng.laplace(size=2000), np.sin(np.arange(500) / 20), np.ones(300)):
         assert not np.any(strays(values))
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def held(v: np.ndarray) -> SteadyRuns | None:
+    try:
+        return steady_runs([(v, np.full(v.size, 20.0))])
+    except NotIdentifiableError:
+        return None
+
+
+@pytest.mark.parametrize(("rows", "runs"), [(15, 0), (30, 1)])
+def test_a_speed_is_held_for_20_rows(rows: int, runs: int) -> None:
+    found = held(np.full(rows, 0.1))
+    assert (0 if found is None else found.velocity.size) == runs
+
+
+@pytest.mark.parametrize(("change", "runs"), [(0.07, 0), (0.16, 2)])
+def test_a_change_by_a_tenth_of_the_speed_parts_two_runs(change: float, runs: int) -> None:
+    """A smaller one is a speed that is not constant."""
+    found = held(np.repeat([0.1, 0.1 * (1.0 + change)], 100))
+    assert (0 if found is None else found.velocity.size) == runs
+    if found is not None:
+        assert found.rows == pytest.approx(90)  # a tenth is cut off where the speed changed
+
+
+@pytest.mark.parametrize(("errors", "runs"), [(4.5, 1), (9.0, 2)])
+def test_a_change_within_six_standard_errors_is_noise(errors: float, runs: int) -> None:
+    """Noise of ±s in two runs of a hundred rows: the difference of their means has the error s √(2/100)."""
+    noise = 0.02 / (errors * np.sqrt(0.02)) * np.tile([1.0, -1.0], 100)
+    found = held(np.repeat([0.1, 0.12], 100) + noise)
+    assert (0 if found is None else found.velocity.size) == runs
+
+
+@pytest.mark.parametrize(("drift", "runs"), [(0.014, 1), (0.03, 0)])
+def test_a_speed_that_rises_by_2_percent_is_not_constant(drift: float, runs: int) -> None:
+    found = held(0.1 * (1.0 + np.linspace(-0.5 * drift, 0.5 * drift, 200)))
+    assert (0 if found is None else found.velocity.size) == runs
+
+
+@pytest.mark.parametrize(("apart", "enough"), [(0.014, False), (0.03, True)])
+def test_speeds_within_2_percent_are_one(apart: float, enough: bool) -> None:
+    speeds = np.array([0.1, 0.1 * (1.0 + apart), 0.15, 0.15 * (1.0 + 0.2 * apart)])
+    v = np.concatenate([-speeds, speeds])
+    coulomb = [each for each in CANDIDATES if each.name == "coulomb and viscous"]
+    if enough:
+        assert fit_friction(runs_of(v, 20.0 * np.sign(v) + v), coulomb)["coulomb"].value == pytest.approx(20.0)
+        return
+    with pytest.raises(NotIdentifiableError, match="not 2 forward and 2 backward"):
+        fit_friction(runs_of(v, 20.0 * np.sign(v) + v), coulomb)
+
+
+def test_a_criterion_that_is_better_by_less_than_two_takes_no_further_parameter() -> None:
+    """The same noise with constant forces of all sizes: without one, with one, and in between."""
+    noise = np.random.default_rng(4).standard_normal(SPEEDS.size)
+    base = 20.0 * np.sign(SPEEDS) + 200.0 * SPEEDS
+    two = [each for each in CANDIDATES if each.name.startswith("coulomb and viscous")]
+    better: dict[float, bool] = {}
+    for pull in np.linspace(0.3, 1.2, 40):
+        found = fit_friction(runs_of(SPEEDS, base + noise + pull), two)
+        by = {each.name: each.criterion for each in found.compared}
+        better[by["coulomb and viscous"] - by["coulomb and viscous, offset"]] = found.model.offset
+    assert all(offset is (gain > 2.0) for gain, offset in better.items())
+    assert any(1.1 < gain < 1.9 for gain in better)
+    assert any(2.1 < gain < 3.9 for gain in better)
+
+
+@pytest.mark.parametrize(("worse", "said"), [(1.5, True), (3.0, False)])
+def test_models_whose_criteria_differ_by_two_are_hardly_distinguished(worse: float, said: bool) -> None:
+    best, other = Compared("one", 10.0, 1.0, 3), Compared("two", 10.0 + worse, 1.0, 4)
+    remarks = _remarks(best, True, [best, other], [best, other], runs_of(SPEEDS, SPEEDS))
+    assert any("hardly distinguish one from two" in remark for remark in remarks) is said
+
+
+@pytest.mark.parametrize(("better", "said"), [(4.0, False), (9.0, True)])
+def test_separate_curves_are_named_from_a_difference_of_six(better: float, said: bool) -> None:
+    best, separate = Compared("one", 10.0, 1.0, 3), Compared("two curves", 10.0 - better, 1.0, 6)
+    remarks = _remarks(best, True, [separate, best], [best], runs_of(SPEEDS, SPEEDS))
+    assert any("a separate curve for each direction" in remark for remark in remarks) is said
+
+
+# a noise with a median of 1 away from its neighbors, whose standard deviation by that median is 1.4826
+PATTERN = np.tile([-1.0, 0.0, 1.0], 100)
+
+
+@pytest.mark.parametrize(("deviations", "rows"), [(6.0, 0), (11.0, 1)])
+def test_a_sample_eight_standard_deviations_off_is_a_stray(deviations: float, rows: int) -> None:
+    values = PATTERN.copy()
+    values[151] = deviations * 1.4826
+    assert np.count_nonzero(strays(values)) == rows
+
+
+@pytest.mark.parametrize(("successive", "rows"), [(3, 3), (4, 0)])
+def test_up_to_three_successive_samples_are_strays(successive: int, rows: int) -> None:
+    values = PATTERN.copy()
+    values[151 : 151 + successive] = 100.0
+    assert np.count_nonzero(strays(values)) == rows

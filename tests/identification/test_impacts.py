@@ -10,7 +10,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import Record
-from feeddrive.identification.excitation.impacts import find_blows
+from feeddrive.identification.excitation.impacts import _needed_damping, find_blows
 from feeddrive.language.errors import LogError
 
 T = 1.0 / 8192.0  # s
@@ -153,3 +153,124 @@ def test_nothing_else_is_taken_for_blows(kind: str) -> None:
     assert find_blows(force) == []
     with pytest.raises(LogError, match="holds no blows of a hammer"):
         estimate_frf(Record(input=force, output=rng.standard_normal(8192), sample_time=T), method="impact")
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def pulses(*each: tuple[int, float], width: int = 16, size: int = 8192) -> np.ndarray:
+    """Pulses that begin at a sample and have a peak."""
+    force = np.zeros(size)
+    for begin, peak in each:
+        force[begin : begin + width] += peak * np.sin(np.pi * (np.arange(width) + 0.5) / width) ** 2
+    return force
+
+
+@pytest.mark.parametrize(("peak", "blows"), [(0.07, 1), (0.14, 2)])
+def test_a_pulse_above_a_tenth_of_the_largest_is_a_blow(peak: float, blows: int) -> None:
+    assert len(find_blows(pulses((500, 1.0), (4000, peak)))) == blows
+
+
+@pytest.mark.parametrize(("width", "blows"), [(150, 1), (300, 0)])
+def test_a_pulse_with_its_ends_is_shorter_than_a_twentieth_of_the_record(width: int, blows: int) -> None:
+    """Half of its length on each side is below the noise and counts: 300 and 600 of 8192 samples."""
+    assert len(find_blows(pulses((4000, 1.0), width=width))) == blows
+
+
+@pytest.mark.parametrize(("share", "blows"), [(0.06, 1), (0.14, 0)])
+def test_blows_hold_nine_tenths_of_the_energy(share: float, blows: int) -> None:
+    force = pulses((500, 1.0))
+    energy = float(np.sum(force**2))
+    # a hum below a tenth of the peak: 0.09² / 2 for each of its samples
+    length = round(share / (1.0 - share) * energy / (0.5 * 0.09**2) / 32) * 32
+    force[4000 : 4000 + length] = 0.09 * np.sin(2.0 * np.pi * np.arange(length) / 32)
+    assert len(find_blows(force)) == blows
+
+
+@pytest.mark.parametrize(("back", "blows"), [(0.07, 1), (0.14, 0)])
+def test_a_blow_goes_back_by_a_tenth_of_its_peak(back: float, blows: int) -> None:
+    assert len(find_blows(pulses((500, 1.0), (516, -back)))) == blows
+
+
+@pytest.mark.parametrize(("deviations", "blows"), [(3.0, 1), (6.0, 0)])
+def test_four_standard_deviations_beside_it_are_noise(deviations: float, blows: int) -> None:
+    """A force at rest that alternates by 1 % of the peak has 1.4826 of it as its deviation by the median."""
+    force = 0.01 * np.where(np.arange(8192) % 2 == 0, 1.0, -1.0)
+    force += pulses((500, 1.0))
+    force[4000] = -0.1 * np.max(force) - deviations * 1.4826 * 0.01
+    assert len(find_blows(force)) == blows
+
+
+@pytest.mark.parametrize(("apart", "touches"), [(280, [2, 1]), (560, [1, 1, 1])])
+def test_a_pulse_within_a_tenth_of_the_time_between_blows_is_a_bounce(apart: int, touches: list[int]) -> None:
+    found = find_blows(pulses((500, 1.0), (500 + apart, 0.8), (4500 + apart, 0.9)))
+    assert [blow.touches for blow in found] == touches
+
+
+@pytest.mark.parametrize(("peak", "used"), [(0.22, 3), (0.42, 4)])
+def test_a_blow_above_0_3_of_the_usual_peak_is_used(peak: float, used: int) -> None:
+    force = pulses((500, 1.0), (2500, 1.0), (4500, peak), (6500, 1.0))
+    answer = sum(lfilter(np.ravel(num), den, force) for num, den in FILTERS)
+    found = estimate_frf(Record(input=force, output=np.asarray(answer), sample_time=T), method="impact")
+    assert found.counts["blows"] == used
+
+
+@pytest.mark.parametrize(("last", "used"), [(700, 3), (1400, 4)])
+def test_a_blow_with_half_of_the_usual_time_after_it_is_used(last: int, used: int) -> None:
+    """The others have 2000 samples until the next one."""
+    force = pulses((500, 1.0), (2500, 1.0), (4500, 1.0), (6500, 1.0), size=6500 + last)
+    answer = sum(lfilter(np.ravel(num), den, force) for num, den in FILTERS)
+    found = estimate_frf(Record(input=force, output=np.asarray(answer), sample_time=T), method="impact")
+    assert found.counts["blows"] == used
+
+
+K = np.arange(4096)
+SLOW, QUICK = np.sin(2.0 * np.pi * 20.0 * K / 1024), np.sin(2.0 * np.pi * 200.0 * K / 1024)  # in octaves of their own
+FIRST, THIRD, LAST = K < 1024, (K >= 2048) & (K < 3072), K >= 3072
+
+
+def left_at_the_end(answer: np.ndarray) -> float:
+    """The share of a response that an exponential window leaves; 1 without a window."""
+    return float(np.exp(-_needed_damping(answer[None], T) * answer.size * T))
+
+
+@pytest.mark.parametrize(("left", "window"), [(0.014, False), (0.03, True)])
+def test_a_response_that_has_fallen_to_2_percent_needs_no_window(left: float, window: bool) -> None:
+    """From its first quarter to its last a decay falls by three quarters of the whole."""
+    rate = -np.log(left) / (0.75 * 4096)
+    assert (left_at_the_end(np.exp(-rate * K) * SLOW) < 1.0) is window
+
+
+@pytest.mark.parametrize(("power", "window"), [(0.7e-4, False), (1.5e-4, True)])
+def test_an_octave_with_less_than_1e_4_of_the_strongest_needs_no_window(power: float, window: bool) -> None:
+    assert (left_at_the_end(FIRST * QUICK + np.sqrt(power) * SLOW) < 1.0) is window
+
+
+@pytest.mark.parametrize(("power", "window"), [(0.6, True), (0.85, False)])
+def test_what_keeps_0_7_of_its_power_from_the_third_quarter_on_is_noise(power: float, window: bool) -> None:
+    answer = (FIRST + 0.1 * THIRD + 0.1 * np.sqrt(power) * LAST) * SLOW
+    assert (left_at_the_end(answer) < 1.0) is window
+
+
+@pytest.mark.parametrize(("size", "window"), [(0.2, False), (0.45, True)])
+def test_what_keeps_0_3_of_its_start_is_no_noise(size: float, window: bool) -> None:
+    assert (left_at_the_end((FIRST + size * ~FIRST) * SLOW) < 1.0) is window
+
+
+def test_the_window_leaves_a_hundredth_of_a_response_that_does_not_decay() -> None:
+    assert left_at_the_end(SLOW) == pytest.approx(0.01, rel=1e-6)
+
+
+def test_a_single_blow_is_judged_by_nine_lines_less_four_unknowns() -> None:
+    assert estimate_frf(struck(8192, [0.1])).freedom[0] == 9 - 4
+
+
+@pytest.mark.parametrize(("least", "said"), [(0.07, True), (0.15, False)])
+def test_a_force_that_falls_to_a_tenth_over_frequency_is_said(least: float, said: bool) -> None:
+    """Three samples (a, 1, a) have the spectrum (1 + 2 a cos ωT)/(1 + 2 a), at Nyquist (1 - 2 a)/(1 + 2 a)."""
+    a = 0.5 * (1.0 - least) / (1.0 + least)
+    force = np.zeros(8192)
+    force[499:502] = a, 1.0, a
+    answer = sum(lfilter(np.ravel(num), den, force) for num, den in FILTERS)
+    found = estimate_frf(Record(input=force, output=np.asarray(answer), sample_time=T), method="impact")
+    assert any("the spectrum of the force falls" in remark for remark in found.remarks) is said

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +18,16 @@ from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.identification.motion.identify import identify_motion, own_viscous
+from feeddrive.identification.motion.identify import (
+    Identified,
+    _by_friction,
+    axis_remarks,
+    identify_motion,
+    own_viscous,
+)
 from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.rigid import identify_rigid
+from feeddrive.identification.regression import Estimate
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
@@ -125,3 +135,42 @@ def test_a_travel_that_no_axis_has_and_a_log_of_another_kind_are_named() -> None
     assert found.recommendation.startswith("Check the units before anything is done with these values")
     with pytest.raises(ParameterError, match="takes a MotionLog"):
         identify_motion({"position": log.position})  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def estimated(mass: float) -> Any:
+    """What the inverse dynamics found, as far as remarks and recommendation look at it."""
+    return {"mass": Estimate("mass", mass, "kg", 1e-3, 1e-3)}
+
+
+@pytest.mark.parametrize(("off", "said"), [(0.035, False), (0.08, True)])
+def test_a_sum_of_masses_that_is_5_percent_off_is_said(off: float, said: bool) -> None:
+    axis = with_axis(plant=TwoMass(mass_motor=60.0, mass_load=40.0, stiffness=5e7, damping=2000.0)).axis
+    (remark,) = axis_remarks(axis, estimated(100.0 * (1.0 + off)))
+    assert ("is off by" in remark) is said
+
+
+@pytest.mark.parametrize(("left", "usable"), [(0.12, True), (0.2, False)])
+def test_values_that_leave_15_percent_of_the_force_are_not_used(left: float, usable: bool) -> None:
+    rigid: Any = SimpleNamespace(left=left, changed=False, friction="symmetric")
+    anything: Any = None
+    found = Identified(anything, rigid, anything, None, None, None, None, ())
+    assert (found.unusable == "") is usable
+
+
+@pytest.mark.parametrize(("times", "kind"), [(1.012, "stribeck"), (1.035, "coulomb")])
+def test_the_friction_of_the_machine_stays_up_to_2_percent_more_of_the_position(
+    monkeypatch: pytest.MonkeyPatch, times: float, kind: str
+) -> None:
+    def fit(left: float) -> Any:
+        return SimpleNamespace(replay=SimpleNamespace(rms=lambda _: left))
+
+    log = logged(loop())
+    start = with_axis(friction_load=STRIBECK)
+    rigid = identify_rigid(log, friction="symmetric")
+    monkeypatch.setattr("feeddrive.identification.motion.identify.refine", lambda *_: fit(times * 1e-6))
+    kept, _ = _by_friction(log, start, rigid, with_axis(friction_load=Coulomb(coulomb=20.0)), fit(1e-6), [])
+    assert kept.axis.friction_load is not None
+    assert kept.axis.friction_load.kind == kind

@@ -13,6 +13,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.identification import MotionLog, identify_motion
+from feeddrive.identification.motion.control_law import Gain, LawCheck, _added
 from sliding_mass import Cascade, Drive, Pid, run, strokes, unknown
 from slow_share import all_but
 
@@ -245,3 +246,45 @@ def test_drawn_laws_are_told_from_wrong_ones(first: int) -> None:
     assert found[True, True] + found[True, False] == 60
     assert found[True, False] <= 1, found
     assert found[False, True] == 0, found
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+@pytest.mark.parametrize(("error", "unseen"), [(0.025, False), (0.045, True)])
+def test_a_gain_is_seen_if_three_errors_are_less_than_a_tenth_of_it(error: float, unseen: bool) -> None:
+    assert Gain("Kp", 1.0, 1.0, error).unseen is unseen
+
+
+@pytest.mark.parametrize(("left", "wrong"), [(0.035, False), (0.07, True)])
+def test_a_law_that_ran_leaves_at_most_5_percent(left: float, wrong: bool) -> None:
+    assert bool(LawCheck("log", left, left, 0.0, (), 0).wrong) is wrong
+
+
+def test_a_sentence_names_three_gains() -> None:
+    gains = tuple(Gain(f"gain_{i}", 1.0, 2.0, 0.01) for i in range(8))
+    assert LawCheck("log", 0.01, 0.01, 0.0, gains, 0).wrong.count("gain_") == 3
+
+
+def added(away: float, excited: float = 1.0) -> float:
+    """The share of rows in which a force of 1 was added to a law that leaves nothing, of the size 1.
+
+    `excited` is the share of the square of its gain's column in the other rows.
+    """
+    rows = 1000
+    other = np.arange(rows) >= away * rows
+    column = np.where(np.arange(rows) % 2 == 0, 1.0, -1.0)
+    column = np.where(other, np.sqrt(excited / (1.0 - away)), np.sqrt((1.0 - excited) / away)) * column
+    integral = np.cos(np.arange(float(rows)))
+    return _added(np.vstack([column, integral]), np.where(other, 0.0, 1.0), 1.0, 0.0)
+
+
+@pytest.mark.parametrize(("away", "found"), [(0.45, 0.45), (0.7, 0.0)])
+def test_an_added_force_acts_in_three_fifths_of_the_rows_at_most(away: float, found: float) -> None:
+    """In half of them the rows without it are still more than those of any other band."""
+    assert added(away, 0.5) == pytest.approx(found)
+
+
+@pytest.mark.parametrize(("excited", "found"), [(0.07, 0.0), (0.14, 0.4)])
+def test_the_other_rows_hold_a_tenth_of_each_column(excited: float, found: float) -> None:
+    assert added(0.4, excited) == pytest.approx(found)

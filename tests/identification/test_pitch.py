@@ -190,3 +190,21 @@ def test_what_cannot_be_learned_is_refused():
         PitchCompensation(forward=np.zeros(2), backward=np.zeros(3), table_start=0.0, spacing=1.0)
     with pytest.raises(ParameterError, match="LinuxCNC reads 256"):
         comp_text(PitchCompensation(forward=np.zeros(300), backward=np.zeros(300), table_start=0.0, spacing=1e-3))
+
+
+def test_a_table_holds_65536_entries():
+    """50,000 pass and lack samples between them, 80,000 are too many."""
+    x = np.concatenate([np.linspace(0.0, 0.5, 100), np.linspace(0.5, 0.0, 100)])
+    way = np.repeat([0.1, -0.1], 100)
+    with pytest.raises(ParameterError, match="no sample between entries"):
+        learned_pitch(x, x, way, spacing=1e-5)
+    with pytest.raises(ParameterError, match="are more than 65536"):
+        learned_pitch(x, x, way, spacing=0.5 / 80_000)
+
+
+@pytest.mark.parametrize(("speed", "samples"), [(0.7e-6, 20), (1.5e-6, 24)])
+def test_slower_than_a_micrometer_per_second_is_standing(speed: float, samples: int):
+    x = np.concatenate([np.linspace(0.0, 0.5, 12), np.linspace(0.5, 0.0, 12)])
+    way = np.repeat([0.1, -0.1], 12)
+    way[[3, 6, 15, 18]] = np.sign(way[[3, 6, 15, 18]]) * speed
+    assert sum(learned_pitch(x, x, way, spacing=0.25).samples) == samples

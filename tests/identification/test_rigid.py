@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from math import erf
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +17,27 @@ from feeddrive.identification.motion.control_law import identify_control
 from feeddrive.identification.motion.identify import identify_motion, with_rigid
 from feeddrive.identification.motion.motion_log import JANOT, MotionLog, central_difference, decimated, kept, zero_phase
 from feeddrive.identification.motion.output_error import refine
-from feeddrive.identification.motion.rigid import RigidFit, find_delay, identify_rigid
-from feeddrive.identification.regression import errors, ols_covariance, robust_covariance
+from feeddrive.identification.motion.rigid import (
+    DelayFit,
+    RigidFit,
+    _check,
+    _check_drift,
+    check_columns,
+    check_mass,
+    check_motion,
+    find_delay,
+    identify_rigid,
+)
+from feeddrive.identification.plausibility import sizes
+from feeddrive.identification.regression import (
+    TABLE,
+    Estimate,
+    cross_validated,
+    errors,
+    ols_covariance,
+    robust_covariance,
+    scores_of,
+)
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from slow_share import all_but
@@ -255,3 +277,120 @@ def test_rows_are_needed() -> None:
     few = set_positions()[500:550]
     with pytest.raises(LogError, match="at least 100"):
         MotionLog(name="short", position=few, force=few + 1.0, sample_time=T)
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+@pytest.mark.parametrize(("back", "enough"), [(0.035, False), (0.08, True)])
+def test_a_twentieth_of_the_motion_goes_back(back: float, enough: bool) -> None:
+    velocity = np.where(np.arange(1000) < 1000 * back, -0.1, 0.1)
+    if enough:
+        check_motion("log", velocity, TABLE)
+        return
+    with pytest.raises(NotIdentifiableError, match="of the motion goes towards"):
+        check_motion("log", velocity, TABLE)
+
+
+@pytest.mark.parametrize(("share", "enough"), [(0.014, False), (0.03, True)])
+def test_a_fiftieth_of_a_column_is_independent_of_the_others(share: float, enough: bool) -> None:
+    wave = 2.0 * np.pi * np.arange(100) / 100.0
+    columns = np.column_stack([np.sin(wave), np.sin(wave) + share * np.cos(wave)])
+    if enough:
+        check_columns("log", columns, ("mass", "viscous"))
+        return
+    with pytest.raises(NotIdentifiableError, match="mass is not identifiable"):
+        check_columns("log", columns, ("mass", "viscous"))
+
+
+@pytest.mark.parametrize(("error", "enough"), [(0.35, True), (0.7, False)])
+def test_a_mass_is_known_to_a_half(error: float, enough: bool) -> None:
+    if enough:
+        check_mass("log", 100.0, 100.0 * error, "kg")
+        return
+    with pytest.raises(NotIdentifiableError, match="mass is not identifiable"):
+        check_mass("log", 100.0, 100.0 * error, "kg")
+
+
+DELAYS = np.arange(-30, 31)
+
+
+def valley(best: int) -> np.ndarray:
+    """Relative residuals with their minimum at a delay, rising to both sides."""
+    return 0.1 + 0.02 * np.abs(DELAYS - best)
+
+
+@pytest.mark.parametrize(
+    ("best", "T", "said"),
+    [
+        (4, 1e-3, ""),
+        (7, 1e-3, "7 samples"),
+        (-4, 2e-4, ""),
+        (-7, 2e-4, "7 samples before"),
+        (20, 1e-4, "20 samples"),
+    ],
+)
+def test_a_force_acts_from_1_ms_before_to_5_ms_after_it_was_logged(best: int, T: float, said: str) -> None:
+    """The last delay that is tried, 20 samples, tells nothing: the minimum may be beyond it."""
+    log: Any = SimpleNamespace(name="log", sample_time=T, set_position=None)
+    if not said:
+        _check(log, best, DELAYS, valley(best))
+        return
+    with pytest.raises(NotIdentifiableError, match=f"not synchronised.*{said}"):
+        _check(log, best, DELAYS, valley(best))
+
+
+@pytest.mark.parametrize(("left", "clear"), [(0.85, True), (0.95, False)])
+def test_a_delay_is_clear_if_it_leaves_a_tenth_less(left: float, clear: bool) -> None:
+    fit = DelayFit("log", 1.0, 0.1, np.array([0, 1]), np.array([1.0, left]), 1e-3)
+    assert fit.clear is clear
+
+
+@pytest.mark.parametrize(("later", "drifts"), [(1, False), (3, True)])
+def test_delays_of_both_halves_that_differ_by_two_samples_drift(later: int, drifts: bool) -> None:
+    """White columns: at any other delay the residual is that of no fit at all."""
+    column = np.random.default_rng(1).standard_normal(2000)
+    delays = np.arange(-5, 6)
+    force = np.concatenate([column[:1000], np.roll(column, -later)[1000:]])
+    forces = np.array([np.roll(force, d) for d in delays])
+    log: Any = SimpleNamespace(name="log", sample_time=1e-3)
+    if not drifts:
+        _check_drift(log, column[:, None], forces, delays)
+        return
+    with pytest.raises(NotIdentifiableError, match="not on one clock"):
+        _check_drift(log, column[:, None], forces, delays)
+
+
+def test_delays_of_20_samples_to_both_sides_are_tried() -> None:
+    delays = find_delay(simulated(seed=1)).delays
+    assert (delays[0], delays[-1]) == (-20, 20)
+
+
+def test_an_interval_holds_95_percent_of_normal_errors() -> None:
+    low, high = Estimate("x", 0.0, "", 1.0, 1.0).interval
+    assert erf(high / np.sqrt(2.0)) == pytest.approx(0.95, abs=1e-9)
+    assert low == -high
+
+
+@pytest.mark.parametrize(("away", "counts"), [(3, False), (8, True)])
+def test_five_rows_beside_a_stretch_are_in_no_fit_of_the_others(away: int, counts: bool) -> None:
+    measured = np.zeros(200)
+    measured[50 + away - 1] = 1.0  # behind the first of four stretches
+    mean = cross_validated(np.ones((200, 1)), measured + 1e-9, 4, "N").values[0, 0]
+    assert (mean > 1e-3) is counts
+
+
+def test_scores_of_more_than_5000_rows_are_summed() -> None:
+    def rows(n: int) -> int:
+        return scores_of(np.ones((1, n, 1)), np.sin(np.arange(float(n)))[None]).shape[0]
+
+    assert rows(4000) == 4000
+    assert rows(8000) == 4000
+
+
+@pytest.mark.parametrize(("seconds", "what", "value"), [(5e-3, "speed", 0.2), (1e-2, "acceleration", 10.0)])
+def test_magnitudes_are_differences_over_5_and_10_ms(seconds: float, what: str, value: float) -> None:
+    """A position that jumps by a millimeter: 1 mm in 5 ms, and 1 mm in (10 ms)²."""
+    position = np.where(np.arange(200) < 100, 0.0, 1e-3)
+    assert value == pytest.approx(1e-3 / seconds ** (1 if what == "speed" else 2))
+    assert sizes(TABLE, 1e-3, position, None)[what] == pytest.approx(value)

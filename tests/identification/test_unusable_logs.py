@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from feeddrive.identification.motion.identify import identify_motion
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import (
+    MotionLog,
+    Preparation,
+    _stretches,
+    count_of,
+    prepare,
+    reach,
+    spread,
+)
 from feeddrive.identification.motion.rigid import find_delay, identify_rigid
-from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
+from feeddrive.language.errors import FeeddriveError, LogError, NotIdentifiableError
 
 ROWS = 10000
 
@@ -73,3 +83,131 @@ def test_a_log_at_20_khz_is_decimated_by_a_filter_that_is_stable() -> None:
     # ripple of 0.05 dB forth and back: 1.2 % at most
     kept = slice(20, -20)
     np.testing.assert_allclose(decimated(wave, 200)[kept], wave[199::200][kept], atol=0.012)
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def motion(position: np.ndarray, force: np.ndarray, T: float = 1e-3, **more: Any) -> MotionLog:
+    return MotionLog(name="log", position=position, force=force, sample_time=T, **more)
+
+
+def ramp(rows: int = 500) -> np.ndarray:
+    return 1e-5 * np.arange(float(rows))
+
+
+def humming(rows: int = 500) -> np.ndarray:
+    """A force of ±1 with a gentle wave, so that no value repeats."""
+    k = np.arange(float(rows))
+    return np.where(k % 20 < 10, 1.0, -1.0) * (1.0 + 1e-3 * np.sin(k))
+
+
+@pytest.mark.parametrize(("rows", "enough"), [(70, False), (140, True)])
+def test_a_log_has_a_hundred_rows(rows: int, enough: bool) -> None:
+    if enough:
+        assert motion(ramp(rows), humming(rows)).position.size == rows
+        return
+    with pytest.raises(LogError, match="at least 100"):
+        motion(ramp(rows), humming(rows))
+
+
+@pytest.mark.parametrize(("size", "fits"), [(0.7e100, True), (1.5e100, False)])
+def test_a_channel_stays_within_1e100(size: float, fits: bool) -> None:
+    """Its square does not overflow."""
+    position = size * ramp() / ramp()[-1]
+    if fits:
+        assert np.isfinite(np.sum(motion(position, humming()).position ** 2))
+        return
+    with pytest.raises(LogError, match="reaches"):
+        motion(position, humming())
+
+
+@pytest.mark.parametrize(("times", "rows", "spike"), [(4.0, 1, False), (7.0, 1, True), (7.0, 3, True), (7.0, 5, False)])
+def test_up_to_three_samples_of_five_times_the_usual_force_are_a_spike(times: float, rows: int, spike: bool) -> None:
+    """Of 2000 rows even five are far fewer than the hundredth that the usual force leaves out."""
+    force = humming(2000)
+    force[1000 : 1000 + rows] = times * (1.0 + 1e-3 * np.arange(rows))
+    if not spike:
+        assert motion(ramp(2000), force).force.size == 2000
+        return
+    with pytest.raises(NotIdentifiableError, match="1 spike"):
+        motion(ramp(2000), force)
+
+
+def test_the_usual_force_is_that_of_99_percent_of_the_rows() -> None:
+    """Pulses of ten times the force at rest in a tenth of the rows are what the axis does, and no spikes."""
+    force = 0.1 * humming(2000)
+    force[::20] *= 10.0
+    force[1::20] *= 10.0
+    assert motion(ramp(2000), force).force.size == 2000
+
+
+@pytest.mark.parametrize(
+    ("rows", "off", "jump"), [(500, 2.0, False), (500, 4.5, True), (5000, 3.7, False), (5000, 8.0, True)]
+)
+def test_a_row_three_steps_or_a_thousandth_of_the_travel_off_is_a_jump(rows: int, off: float, jump: bool) -> None:
+    """Of 500 steps a thousandth is half of one, of 5000 it is five."""
+    position = ramp(rows)
+    position[rows // 2] += off * 1e-5
+    if not jump:
+        assert motion(position, humming(rows)).position.size == rows
+        return
+    with pytest.raises(NotIdentifiableError, match="1 jump"):
+        motion(position, humming(rows))
+
+
+@pytest.mark.parametrize(("times", "fits"), [(1.03, True), (1.08, False)])
+def test_a_force_5_percent_beyond_its_limit_was_not_under_it(times: float, fits: bool) -> None:
+    force = humming()
+    force[250] = times
+    if fits:
+        assert motion(ramp(), force, force_limit=1.0).force_limit == 1.0
+        return
+    with pytest.raises(NotIdentifiableError, match="beyond the limit of"):
+        motion(ramp(), force, force_limit=1.0)
+
+
+@pytest.mark.parametrize(("rows", "fits"), [(15, True), (31, False)])
+def test_a_force_at_its_limit_in_1_percent_of_the_rows_is_saturated(rows: int, fits: bool) -> None:
+    force = 0.9 * humming(2000)
+    force[500 : 500 + rows] = 1.0
+    if fits:
+        assert motion(ramp(2000), force).force.size == 2000
+        return
+    with pytest.raises(NotIdentifiableError, match="of the rows"):
+        motion(ramp(2000), force)
+
+
+@pytest.mark.parametrize(("off", "counted"), [(0.035, True), (0.08, False)])
+def test_readings_within_a_twentieth_of_a_count_stand_on_it(off: float, counted: bool) -> None:
+    levels = np.arange(101.0)
+    levels[50] += off
+    assert count_of(levels) == (1.0 if counted else 0.0)
+
+
+def test_the_spread_of_runs_is_averaged_over_51_rows() -> None:
+    runs = np.zeros((4, 2, 201))
+    runs[:, :, 100] = np.arange(4.0)[:, None]
+    assert np.count_nonzero(spread(runs)[0] > 1e-12) == 51
+
+
+@pytest.mark.parametrize(("rows", "enough"), [(450, False), (700, True)])
+def test_forty_rows_of_ten_milliseconds_are_left_after_the_ends_are_cut(rows: int, enough: bool) -> None:
+    """Fifty samples are cut at each end, and a row has ten."""
+    log = motion(np.cumsum(ramp(rows)), humming(rows))
+    if enough:
+        assert prepare(log, Preparation()).force.size >= 40
+        return
+    with pytest.raises(LogError, match="400 are needed"):
+        prepare(log, Preparation())
+
+
+@pytest.mark.parametrize(("speed", "pieces"), [(3.5e-3, 2), (8e-3, 1)])
+def test_an_axis_slower_than_half_a_percent_of_its_top_speed_rests(speed: float, pieces: int) -> None:
+    velocity = np.repeat([1.0, speed, 1.0], 200)
+    assert len(_stretches(velocity, slice(0, 600), 12)) == pieces
+
+
+def test_the_low_pass_of_the_position_shows_a_stop_for_12_ms() -> None:
+    """At 100 Hz and samples of a millisecond, until a hundredth of it is left."""
+    assert reach(0.1) == 12
