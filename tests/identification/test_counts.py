@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 import feeddrive as fd
 from drive_logs import disturbance
@@ -11,7 +15,8 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.identification.motion.motion_log import MotionLog, at_rest, count_of
-from feeddrive.identification.motion.output_error import refine
+from feeddrive.identification.motion.output_error import _Fit, _Weighed, _with_counts, refine
+from feeddrive.identification.regression import long_run
 from feeddrive.language import tree
 from feeddrive.loop.simulate import simulate
 
@@ -118,3 +123,103 @@ def test_an_axis_rests_when_its_setpoint_has_stood() -> None:
     assert np.all(stands[rest])
     assert not np.any(rest[:30])
     assert np.all(rest[60:200])
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+MODULE = "feeddrive.identification.motion.output_error"
+ANY: Any = None
+
+
+@pytest.mark.parametrize(("improves", "delays"), [(False, [0, 1]), (True, list(range(11)))])
+def test_delays_of_0_and_1_samples_are_tried_and_up_to_10_as_long_as_they_are_better(
+    monkeypatch: pytest.MonkeyPatch, improves: bool, delays: list[int]
+) -> None:
+    left = iter(np.arange(100.0)[::-1] if improves else np.arange(100.0))
+    monkeypatch.setattr(f"{MODULE}._fitted", lambda loop, *_: _Fit(loop, float(next(left)), (), 1))
+    monkeypatch.setattr(f"{MODULE}.replay", lambda *_, **__: ANY)
+    log = with_dwells(1, 1e-6, reset=False, force=0.0)
+    assert list(refine(axis_loop(1e-6, False), log, ()).by_delay) == delays
+
+
+def weighed(monkeypatch: pytest.MonkeyPatch, scatter: float, moving: int) -> np.ndarray:
+    """The scale of position and force in a fit of one parameter, whose residual is 1, with runs of such a variance."""
+    runs = np.sqrt(scatter) * np.array([1.0, -1.0, 1.0, -1.0])[:, None, None] * np.sqrt(0.75) * np.ones((4, 2, 400))
+    rest = np.arange(400) >= moving
+    monkeypatch.setattr(f"{MODULE}.drawn", lambda *_: runs)
+    monkeypatch.setattr(f"{MODULE}.at_rest", lambda *_: rest)
+    monkeypatch.setattr(f"{MODULE}._signals", lambda *_: np.zeros((2, 400)))
+    monkeypatch.setattr(f"{MODULE}._columns", lambda *_: np.ones((2, 400, 1)))
+    log: Any = SimpleNamespace(position=np.ones(400), force=np.ones(400))
+    return _Weighed.of(ANY, log, ("mass",), 0, 1e-6).scale
+
+
+@pytest.mark.parametrize(("scatter", "variance"), [(0.3, 1.0), (0.8, 0.5 + 0.8)])
+def test_half_of_the_residual_at_least_is_not_that_of_counts(
+    monkeypatch: pytest.MonkeyPatch, scatter: float, variance: float
+) -> None:
+    """What counts make is taken off the residual of 1 and added where it is, row by row."""
+    assert weighed(monkeypatch, scatter, 400)[0, 100] ** 2 == pytest.approx(variance)
+
+
+@pytest.mark.parametrize(("moving", "rest_counts"), [(7, True), (14, False)])
+def test_rows_at_rest_count_if_fewer_than_ten_move_for_a_parameter(
+    monkeypatch: pytest.MonkeyPatch, moving: int, rest_counts: bool
+) -> None:
+    assert bool(np.isfinite(weighed(monkeypatch, 0.1, moving)[0, -1])) is rest_counts
+
+
+def corrected(
+    monkeypatch: pytest.MonkeyPatch, moves: float, left: np.ndarray | None = None, others: float = 0.0
+) -> _Fit | None:
+    """A fit of a mass to runs with counts that move it by some of its errors, with a weighted residual."""
+    rows = 4000 if left is None else left.size
+    residual = np.zeros(rows) if left is None else left
+    both = np.array([residual, 0.0 * residual])
+    columns = np.stack([np.ones((rows, 1)), np.zeros((rows, 1))])
+    runs = {0: np.zeros((4, 2, rows)), 2: others * np.tile([1.0, -1.0], 8)[:, None, None] * np.ones((16, 2, rows))}
+    monkeypatch.setattr(f"{MODULE}.count_of", lambda *_: 1e-6)
+    monkeypatch.setattr(f"{MODULE}._signals", lambda *_: np.zeros((2, rows)))
+    monkeypatch.setattr(f"{MODULE}.drawn", lambda *_, seed=2: runs[seed] + moves)
+    monkeypatch.setattr(
+        f"{MODULE}._Weighed.of", lambda *_: _Weighed(both, np.ones((2, rows)), columns, both, np.zeros(rows))
+    )
+    log: Any = SimpleNamespace(name="log", position=np.ones(rows), force=np.ones(rows))
+    plain = axis_loop(1e-6, False)
+    return _with_counts(plain, log, (f"{plain.place_of('axis')}.plant.mass",), 0, columns, np.ones(1))
+
+
+@pytest.mark.parametrize(("moves", "matters"), [(0.07, False), (0.14, True)])
+def test_counts_that_move_a_value_by_a_tenth_of_its_error_matter(
+    monkeypatch: pytest.MonkeyPatch, moves: float, matters: bool
+) -> None:
+    """A run that is off by a constant moves the parameter whose column is 1 by it."""
+    assert (corrected(monkeypatch, moves) is not None) is matters
+
+
+def test_counts_are_corrected_three_times_and_sixteen_runs_widen_an_interval_by_student(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fit = corrected(monkeypatch, 1.0, others=2.0)
+    assert fit is not None
+    assert fit.steps == 3
+    student = float(stdtrit(15, 0.975)) / 1.96
+    # of sixteen runs that move the value by ±2, without any other residual
+    assert fit.estimates[0].error == pytest.approx(student * np.sqrt(16 * 4.0 / 15), rel=1e-3)
+
+
+def test_scores_are_summed_over_16_rows_to_see_how_long_they_hang_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slow wave under noise that cancels over 16 rows is seen, under noise that cancels over 32 it is hidden."""
+    rows = np.arange(4096)
+    slow = np.sin(2.0 * np.pi * rows / 600)
+    seen: list[int] = []
+
+    def recorded(scores: np.ndarray, lags: int) -> np.ndarray:
+        seen.append(lags)
+        return long_run(scores, lags)
+
+    monkeypatch.setattr("feeddrive.identification.regression.long_run", recorded)
+    for period in (16, 32):
+        size = 20.0 * np.random.default_rng(1).standard_normal(4096 // period)[rows // period]
+        corrected(monkeypatch, 1.0, slow + size * np.where(rows % period < period // 2, 1.0, -1.0))
+    assert seen[0] > 2 * seen[1]

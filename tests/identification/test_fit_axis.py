@@ -14,10 +14,35 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.machine import read_machine
 from feeddrive.identification.regression import Estimate
-from feeddrive.identification.response.agreement import Agreement, _lines_above_noise, blind, entangled
-from feeddrive.identification.response.modal_fit import _simplest, fit_modes
-from feeddrive.identification.response.plant_fit import AxisFits, PlantFit, fit_axis, fit_two_mass, with_derived
-from feeddrive.identification.response.refine import Refined, ResponseUnits, taken
+from feeddrive.identification.response.agreement import (
+    Agreement,
+    _lines_above_noise,
+    blind,
+    entangled,
+    predicted,
+)
+from feeddrive.identification.response.modal_fit import _best_start, _simplest, fit_modes
+from feeddrive.identification.response.plant_fit import (
+    AxisFits,
+    PlantFit,
+    SensorLines,
+    Task,
+    TracedPlant,
+    _aliases,
+    _of_grid,
+    finished,
+    fit_axis,
+    fit_two_mass,
+    with_derived,
+)
+from feeddrive.identification.response.refine import (
+    Refined,
+    ResponseUnits,
+    Unknown,
+    _determined,
+    refine,
+    taken,
+)
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
@@ -168,3 +193,135 @@ def test_a_value_with_an_error_of_a_half_is_not_identifiable(error: float, known
         Rigid(mass=10.0), Actuator(), (mass,), np.array([[(10.0 * error) ** 2]]), (), {}, agreeing(LINES), units, ()
     )
     assert ("total" not in with_derived(fit, [("total", "kg", lambda plant: plant.mass)]).not_identifiable) is known
+
+
+def test_unused_lines_are_every_fifth(monkeypatch: pytest.MonkeyPatch) -> None:
+    left_out: list[np.ndarray] = []
+
+    def refined(*_: Any, use: list[np.ndarray], **__: Any) -> Any:
+        left_out.append(np.flatnonzero(~use[0]))
+        return SimpleNamespace(values=np.ones(1))
+
+    monkeypatch.setattr("feeddrive.identification.response.agreement.refine", refined)
+    model: Any = lambda _: [(FLAT.response, np.ones((40, 1)))]  # noqa: E731
+    start: Any = SimpleNamespace(values=np.ones(1), model_error=0.0)
+    predicted(model, (), (FLAT,), start)
+    assert [lines.tolist() for lines in left_out] == [list(range(fold, 40, 5)) for fold in range(5)]
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, *errors: float) -> int:
+    """The number of modes that is taken when each further mode has such an error."""
+    module = "feeddrive.identification.response.modal_fit"
+    many = FRF(np.geomspace(1.0, 100.0, 400), np.ones(400) + 0j, unit="m/N")
+    start: Any = SimpleNamespace(values=None)
+    monkeypatch.setattr(f"{module}._best_start", lambda model, *_: (errors[model.modes], [], start))
+    monkeypatch.setattr(f"{module}.refine", lambda *_, **__: None)
+    monkeypatch.setattr(f"{module}._result", lambda model, *_: model.modes)
+    modes: Any = fit_modes(many)
+    return modes
+
+
+def test_eight_modes_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert counted(monkeypatch, *(0.5**k for k in range(20))) == 8
+
+
+@pytest.mark.parametrize(("at", "modes"), [(2, 2), (3, 3), (4, 0)])
+def test_three_modes_beyond_the_best_are_tried(monkeypatch: pytest.MonkeyPatch, at: int, modes: int) -> None:
+    errors = [0.05, 0.049, 0.049, 0.049, 0.049, *([0.049] * 10)]
+    errors[at:] = [1e-3] * (len(errors) - at)
+    assert counted(monkeypatch, *errors) == modes
+
+
+@pytest.mark.parametrize(("error", "modes"), [(0.07, 0), (0.15, 5)])
+def test_a_fit_that_is_wrong_by_a_tenth_is_tried_with_more_modes(
+    monkeypatch: pytest.MonkeyPatch, error: float, modes: int
+) -> None:
+    assert counted(monkeypatch, *[error] * 5, *[1e-3] * 5) == modes
+
+
+@pytest.mark.parametrize(("best", "followed"), [(2, True), (3, False)])
+def test_three_starts_are_followed(monkeypatch: pytest.MonkeyPatch, best: int, followed: bool) -> None:
+    """Of six starts, ranked by their error, one would end in a far better minimum than the others."""
+    module = "feeddrive.identification.response.modal_fit"
+    ranks = iter(range(6))
+    monkeypatch.setattr(f"{module}.initial", lambda *_: (rank := next(ranks), np.array([rank])))
+    monkeypatch.setattr(f"{module}.unknowns", lambda *call: [SimpleNamespace(rank=call[1][0])])
+    monkeypatch.setattr(f"{module}._settled", lambda parameter, *_: parameter)
+    monkeypatch.setattr(
+        f"{module}.refine", lambda _, sought, *__, **___: SimpleNamespace(
+            residuals=[np.array([0.1 if sought[0].rank == best else 0.9])]
+        )
+    )  # fmt: skip
+    model: Any = SimpleNamespace(modes=1)
+    poles: Any = SimpleNamespace(most=lambda *_: np.ones(1))
+    found = _best_start(model, [FLAT], ("",), ResponseUnits("m", "N", 0), None, poles)
+    assert found is not None
+    assert bool(found[0] < 0.5) is followed
+
+
+@pytest.mark.parametrize(("times", "ideal"), [(14.0, False), (28.0, True)])
+def test_a_current_loop_twenty_times_beyond_the_lines_is_ideal(
+    monkeypatch: pytest.MonkeyPatch, times: float, ideal: bool
+) -> None:
+    module = "feeddrive.identification.response.plant_fit"
+    empty = np.zeros((0, 0))
+
+    def refined(names: list[str]) -> Refined:
+        n = len(names)
+        return Refined(np.ones(n), empty, empty, np.zeros((40, n)), (), 1.0, 0.0, np.zeros(n, bool), True)
+
+    monkeypatch.setattr(f"{module}.solve", lambda task, names, **_: (task, refined(names)))
+    monkeypatch.setattr(f"{module}._covariance", lambda *call: (1e6 * np.eye(len(call[1])),) * 2)
+    monkeypatch.setattr(f"{module}.agreement", lambda *_: agreeing(np.ones(40)))
+    task = Task(Rigid(mass=10.0), Actuator(current_loop=times * 100.0), {}, {"motor": FLAT}, ResponseUnits("m", "N", 0))
+    assert (finished(task, ["current_loop"]).actuator.current_loop is None) is ideal
+
+
+def test_a_resonance_is_sought_up_to_four_times_beyond_the_lines() -> None:
+    def highest(times: float) -> float:
+        """Of the best starts for lines that end at a part of the resonance."""
+        frequency = np.geomspace(10.0, 100.0, 40)
+        plant = tree.vary(SCREW, {"damping": 0.0})
+        scale = (times * 100.0 * 2.0 * np.pi) ** 2 / (1.0 / plant.mass_motor + 1.0 / plant.mass_load)
+        plant = tree.vary(plant, {"stiffness": scale})
+        lines = [SensorLines(frequency, "motor")]
+        response = FRF(frequency, TracedPlant(plant, (), lines, {}).responses({})[0])
+        starts = _of_grid({"motor": response}, ResponseUnits("m", "N", 0))
+        return max(
+            float(np.sqrt(p.stiffness * (1.0 / p.mass_motor + 1.0 / p.mass_load))) / (2.0 * np.pi) for p in starts
+        )
+
+    assert highest(3.5) > 250.0
+    assert highest(8.0) == pytest.approx(400.0)
+
+
+def test_aliases_below_3e_5_are_left_out() -> None:
+    """The next alias m of a held mass is (f/(m f_s - f))³ of the line."""
+    for share in np.linspace(0.005, 0.2, 79):
+        most = _aliases(np.array([share]), 1.0)
+        if most < 4:
+            assert (share / (most + 1.0 - share)) ** 3 < 3e-5
+        if most > 1:
+            assert (share / (most - share)) ** 3 >= 3e-5
+
+
+@pytest.mark.parametrize(("error", "determined"), [(0.7, True), (1.4, False)])
+def test_a_logarithm_with_an_error_of_less_than_1_is_determined(error: float, determined: bool) -> None:
+    directions = _determined(np.array([[1.0 / error**2]]), np.array([True]), 1.0)
+    assert bool(directions.shape[1]) is determined
+
+
+def test_lines_two_standard_deviations_off_are_bounded() -> None:
+    """The mean of ±1 and of one line at 30: Σ r/√(1 + (r/2s)²) is 0, s the deviation by the median of all parts."""
+    frequency = np.arange(1.0, 42.0)
+    data = 10.0 + np.where(np.arange(41) % 2 == 0, 1.0, -1.0) * (1.0 + 1.0j)
+    data[20] = 40.0 + 1.0j
+    model: Any = lambda values: [(values[0] + np.zeros(41, complex), np.ones((41, 1), complex))]  # noqa: E731
+    found = refine(model, [Unknown("level", "", 9.0)], [FRF(frequency, data, variance=4.0 * np.ones(41))])
+    apart = data - found.values[0]
+    spread = 1.4826 * float(np.median(np.abs(np.concatenate([apart.real, apart.imag]))))
+
+    def pull(far: float) -> float:
+        return float(np.sum(apart.real / np.sqrt(1.0 + (apart.real / far) ** 2)))
+
+    assert abs(pull(2.0 * spread)) < 0.05 * min(abs(pull(spread)), abs(pull(4.0 * spread)))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.identification.friction_curve import LearnedStops, learned_stops, stretches
+from feeddrive.blocks.feedforward.friction_stops import FrictionStops
+from feeddrive.identification.friction_curve import LearnedStops, _with_bells, learned_stops, stretches
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 
@@ -88,3 +89,51 @@ def test_what_a_log_does_not_show_is_refused() -> None:
     against = log(x, -friction(x))  # the sign of the force is wrong
     with pytest.raises(NotIdentifiableError, match="it does not show presliding"):
         learned_stops(against, mass=0.0)
+
+
+# ---------------------------------------------------------------- what decides: a case on either side of each bound
+
+
+def borne(monkeypatch: pytest.MonkeyPatch, level: float, strange: float = 0.0) -> LearnedStops:
+    """Stops of a level, where nine tenths of a force of ±10 N are 1 N; another force at 0.75 of the log."""
+    x = 1e-3 * np.sin(2.0 * np.pi * np.arange(3000) / 500)
+    force = np.where(np.arange(3000) % 500 < 225, 10.0, 1.0) * np.sign(np.cos(2.0 * np.pi * np.arange(3000) / 500))
+    force *= 1.0 + 1e-3 * np.sin(np.arange(3000.0))  # no force is held, as a limit would be
+    force[2250] += strange
+
+    def solved(columns: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, float]:
+        solution = np.zeros(columns.shape[1])
+        elongation = stretches(x, 1e-5)
+        solution[0] = level / 1e-5 * np.sqrt(np.mean(elongation**2))
+        return solution, 0.0
+
+    monkeypatch.setattr("scipy.optimize.nnls", solved)
+    log = MotionLog(name="log", position=x, force=force, sample_time=T)
+    return learned_stops(log, mass=0.0, widths=(1e-5, 4e-5), how=EXACT)
+
+
+@pytest.mark.parametrize(("level", "shown"), [(25.0, True), (40.0, False)])
+def test_stops_bear_three_times_the_largest_force_of_all_but_a_thousandth(
+    monkeypatch: pytest.MonkeyPatch, level: float, shown: bool
+) -> None:
+    if shown:
+        assert borne(monkeypatch, level, 30.0)["level"].value == pytest.approx(level, rel=1e-3)
+        return
+    with pytest.raises(NotIdentifiableError, match="it does not show presliding"):
+        borne(monkeypatch, level, 30.0)
+
+
+def test_the_last_third_tests_what_the_others_gave(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, strange = borne(monkeypatch, 25.0), borne(monkeypatch, 25.0, 30.0)
+    assert strange.left[0] == pytest.approx(plain.left[0])
+    assert strange.left[1] > 1.001 * plain.left[1]
+
+
+def test_bells_have_a_prior_a_thousand_times_as_wide_as_the_noise_of_a_row() -> None:
+    """Two bells at speeds of ±1 with values q = e^-½ at each other, and a residual of ±1: h = (1-q)/((1-q)² + 2 ρ)."""
+    v = np.repeat([-1.0, 1.0], 500)
+    stops = FrictionStops(width=np.array([1e-5, 4e-5]), stiffness=np.array([1.0, 1.0]))
+    found = _with_bells(stops, 0.5 * v, v, slice(0, 1000), 2)
+    q = np.exp(-0.5)
+    expected = (1.0 - q) / ((1.0 - q) ** 2 + 2e-3)
+    assert np.asarray(found.residual_force) == pytest.approx([-expected, expected], rel=1e-3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -24,6 +24,7 @@ from feeddrive.identification.motion.identify import (
     axis_remarks,
     identify_motion,
     own_viscous,
+    with_counts,
 )
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import identify_rigid
@@ -174,3 +175,18 @@ def test_the_friction_of_the_machine_stays_up_to_2_percent_more_of_the_position(
     kept, _ = _by_friction(log, start, rigid, with_axis(friction_load=Coulomb(coulomb=20.0)), fit(1e-6), [])
     assert kept.axis.friction_load is not None
     assert kept.axis.friction_load.kind == kind
+
+
+def test_one_log_in_17_leaves_more_than_the_worst_of_its_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def drawn(loop: Any, log: Any, skip: int, count: float, runs: int, seed: int) -> list[Any]:
+        asked.append(runs)
+        return [(log.position, log.force)]
+
+    monkeypatch.setattr("feeddrive.identification.motion.identify.drawn", drawn)
+    monkeypatch.setattr("feeddrive.identification.motion.identify.count_of", lambda _: 1e-6)
+    log, fit = logged(loop()), SimpleNamespace(loop=None)
+    nothing: Any = None
+    with_counts(log, identify_rigid(log, friction="symmetric"), cast(Any, fit), nothing)
+    assert [1.0 / (runs + 1) for runs in asked] == [pytest.approx(1.0 / 17.0)]

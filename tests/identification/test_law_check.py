@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,16 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.identification import MotionLog, identify_motion
-from feeddrive.identification.motion.control_law import Gain, LawCheck, _added
+from feeddrive.identification.motion.control_law import (
+    Gain,
+    LawCheck,
+    _added,
+    _by_counts,
+    _readings,
+    _Rows,
+    check_law,
+    identify_control,
+)
 from sliding_mass import Cascade, Drive, Pid, run, strokes, unknown
 from slow_share import all_but
 
@@ -267,24 +277,114 @@ def test_a_sentence_names_three_gains() -> None:
 
 
 def added(away: float, excited: float = 1.0) -> float:
-    """The share of rows in which a force of 1 was added to a law that leaves nothing, of the size 1.
+    """The share of rows in which forces were added to a law that leaves nothing, of the size 1.
 
-    `excited` is the share of the square of its gain's column in the other rows.
+    They are spread from 1 to 3, so that no band of 0.1 holds as many rows as that of the law.  `excited` is the share
+    of the square of its gain's column in the other rows.
     """
     rows = 1000
     other = np.arange(rows) >= away * rows
     column = np.where(np.arange(rows) % 2 == 0, 1.0, -1.0)
     column = np.where(other, np.sqrt(excited / (1.0 - away)), np.sqrt((1.0 - excited) / away)) * column
     integral = np.cos(np.arange(float(rows)))
-    return _added(np.vstack([column, integral]), np.where(other, 0.0, 1.0), 1.0, 0.0)
+    return _added(np.vstack([column, integral]), np.where(other, 0.0, np.linspace(1.0, 3.0, rows)), 1.0, 0.0)
 
 
 @pytest.mark.parametrize(("away", "found"), [(0.45, 0.45), (0.7, 0.0)])
 def test_an_added_force_acts_in_three_fifths_of_the_rows_at_most(away: float, found: float) -> None:
-    """In half of them the rows without it are still more than those of any other band."""
     assert added(away, 0.5) == pytest.approx(found)
 
 
 @pytest.mark.parametrize(("excited", "found"), [(0.07, 0.0), (0.14, 0.4)])
 def test_the_other_rows_hold_a_tenth_of_each_column(excited: float, found: float) -> None:
     assert added(0.4, excited) == pytest.approx(found)
+
+
+def smooth(rows: int, seed: int) -> np.ndarray:
+    """A motion of a millimeter, without counts."""
+    return 1e-3 * np.cumsum(np.random.default_rng(seed).standard_normal(rows)) / np.sqrt(rows)
+
+
+def commanded_log(strange: int) -> MotionLog:
+    """What a cascade commands for two random motions, with one wrong force."""
+    x, wanted, step = smooth(400, 1), smooth(400, 2), 1e-3
+    velocity = np.gradient(x)
+    velocity[1:] = np.diff(x) / step
+    force = 500.0 * (30.0 * (wanted - x) - velocity)
+    force[strange] *= 0.9
+    return MotionLog(name="log", position=x, force=force, set_position=wanted, sample_time=step)
+
+
+@pytest.mark.parametrize(("strange", "counts"), [(15, False), (30, True)])
+def test_a_law_is_identified_from_its_20th_sample_on_over_8_samples_and_3_delays(strange: int, counts: bool) -> None:
+    found = identify_control(commanded_log(strange))
+    assert bool(found.residual > 1e-9) is counts
+    assert set(found.tried) == {(n, d) for n in range(1, 9) for d in range(4)}
+
+
+def test_rows_of_the_check_are_10_ms_long_after_50_ms() -> None:
+    rows = _Rows(commanded_log(30), None)
+    assert rows.cut(np.zeros(400)).size == 400 - 50
+    assert rows.reduced(np.zeros(400)).size == 35
+
+
+def test_four_sets_of_readings_are_drawn_within_their_counts() -> None:
+    x = 1e-6 * np.round(1e6 * smooth(400, 1))
+    log = replace(commanded_log(30), position=x)
+    drawn = list(_readings(log))
+    assert len(drawn) == 4
+    assert max(float(np.max(np.abs(reading - x))) for reading in drawn) <= 0.5e-6
+
+
+@pytest.mark.parametrize(("share", "held"), [(0.007, False), (0.014, True)])
+def test_a_log_with_a_hundredth_of_what_counts_could_make_holds_them(
+    monkeypatch: pytest.MonkeyPatch, share: float, held: bool
+) -> None:
+    """Readings that alternate by their counts, and a force that does so by a share of their effect."""
+    waves = np.where(np.arange(400) % 2 == 0, 1.0, -1.0)
+    log: Any = SimpleNamespace(force=share * waves)
+    rows: Any = SimpleNamespace(
+        log=log,
+        reduced=lambda values, *_: values,
+        cut=lambda values, *_: values,
+        answers=lambda *call: call[1],
+        columns=lambda *_: np.cos(np.arange(400.0))[None],
+    )
+    monkeypatch.setattr("feeddrive.identification.motion.control_law._readings", lambda _: [waves])
+    law = fd.Control(law=B.CascadePPI(Kv=1.0, Kp=1.0))
+    fit: Any = SimpleNamespace(control=law, plain=np.zeros(400), delay=0, errors=np.zeros(1))
+    counts, _ = _by_counts(rows, fit, ("law.Kp",))
+    assert counts == pytest.approx(share if held else 0.0)
+
+
+def check_of(monkeypatch: pytest.MonkeyPatch, force: np.ndarray, column: np.ndarray, weak: np.ndarray) -> LawCheck:
+    """The check of a law that commands Kp times a column and Kv times another one."""
+
+    def commanded(control: fd.Control, *_: Any) -> np.ndarray:
+        law: Any = control.law
+        return float(law.Kp) * column + float(law.Kv) * weak
+
+    monkeypatch.setattr("feeddrive.identification.motion.control_law.commanded", commanded)
+    x = smooth(column.size, 3)
+    log = MotionLog(name="log", position=x, force=force, set_position=smooth(column.size, 4), sample_time=0.01)
+    return check_law(fd.Control(law=B.CascadePPI(Kv=1.0, Kp=1.0)), log)
+
+
+@pytest.mark.parametrize(("share", "gains"), [(0.7e-3, 1), (1.5e-3, 2)])
+def test_a_parameter_acts_if_it_makes_a_thousandth_of_the_force(
+    monkeypatch: pytest.MonkeyPatch, share: float, gains: int
+) -> None:
+    column, weak = np.random.default_rng(1).standard_normal((2, 1000))
+    assert len(check_of(monkeypatch, column, column, share * weak / np.std(weak)).gains) == gains
+
+
+@pytest.mark.parametrize(("excited", "found"), [(0.16, False), (0.36, True)])
+def test_a_force_was_added_if_other_gains_leave_half_of_it(
+    monkeypatch: pytest.MonkeyPatch, excited: float, found: bool
+) -> None:
+    """A force like the law's own in 0.4 of the rows, whose column holds 1 - e of the square there: √e of it is left."""
+    rows, random = 4000, np.random.default_rng(1)
+    away = np.arange(rows) < 0.4 * rows
+    column = random.standard_normal(rows) * np.where(away, np.sqrt((1.0 - excited) / 0.4), np.sqrt(excited / 0.6))
+    check = check_of(monkeypatch, np.where(away, 2.0, 1.0) * column, column, 0.0 * column)
+    assert bool(check.added > 0.0) is found

@@ -22,9 +22,11 @@ from feeddrive.identification.motion.rigid import (
     RigidFit,
     _check,
     _check_drift,
+    _with_counts,
     check_columns,
     check_mass,
     check_motion,
+    covariance_of,
     find_delay,
     identify_rigid,
 )
@@ -32,6 +34,7 @@ from feeddrive.identification.plausibility import sizes
 from feeddrive.identification.regression import (
     TABLE,
     Estimate,
+    Residuals,
     cross_validated,
     errors,
     ols_covariance,
@@ -377,7 +380,7 @@ def test_five_rows_beside_a_stretch_are_in_no_fit_of_the_others(away: int, count
     measured = np.zeros(200)
     measured[50 + away - 1] = 1.0  # behind the first of four stretches
     mean = cross_validated(np.ones((200, 1)), measured + 1e-9, 4, "N").values[0, 0]
-    assert (mean > 1e-3) is counts
+    assert bool(mean > 1e-3) is counts
 
 
 def test_scores_of_more_than_5000_rows_are_summed() -> None:
@@ -394,3 +397,34 @@ def test_magnitudes_are_differences_over_5_and_10_ms(seconds: float, what: str, 
     position = np.where(np.arange(200) < 100, 0.0, 1e-3)
     assert value == pytest.approx(1e-3 / seconds ** (1 if what == "speed" else 2))
     assert sizes(TABLE, 1e-3, position, None)[what] == pytest.approx(value)
+
+
+def test_a_residual_names_five_lags() -> None:
+    table = Residuals(np.sin(np.arange(100.0)), np.ones(100), 1.0, "N").table()
+    lags = [str(row[0]) for row in table.rows if "lag" in str(row[0])]
+    assert lags == [f"autocorrelation at lag {lag}" for lag in (1, 2, 5, 10, 20)]
+
+
+def test_a_residual_that_hardly_changes_widens_no_error_without_end() -> None:
+    """A correlation of 1 - 5e-6 from row to row: taken out as it is, the error would grow by n/π."""
+    n = 2000
+    slow = np.sin(2.0 * np.pi * np.arange(n) / n + 0.3)
+    columns = np.ones((n, 1))
+    wider = np.sqrt(covariance_of(columns, slow)[0, 0] / robust_covariance(columns, slow)[0, 0])
+    assert wider < 3.0
+
+
+def test_counts_are_drawn_four_times() -> None:
+    drawn: list[float] = []
+
+    def errors_of(readings: np.ndarray) -> np.ndarray:
+        drawn.append(float(np.max(np.abs(readings))))
+        return np.zeros((2, 100))
+
+    wave = np.arange(100.0)
+    columns = np.column_stack([np.sin(wave), np.cos(wave), np.sin(2.0 * wave), np.cos(2.0 * wave)])
+    log: Any = SimpleNamespace(position=1e-6 * np.arange(100.0))
+    rows: Any = SimpleNamespace(velocity=np.ones(100), errors=errors_of, force=np.ones(100))
+    _with_counts(log, rows, columns, np.ones(4), "symmetric")
+    assert len(drawn) == 4
+    assert max(drawn) <= 0.5e-6
