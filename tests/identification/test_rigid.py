@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from drive_logs import TRUTH, T, changed, loop, set_positions, simulated
 from feeddrive.blocks.force.gravity import Gravity
@@ -428,3 +429,15 @@ def test_counts_are_drawn_four_times() -> None:
     _with_counts(log, rows, columns, np.ones(4), "symmetric")
     assert len(drawn) == 4
     assert max(drawn) <= 0.5e-6
+
+
+def test_errors_are_not_smaller_than_those_of_the_process_that_made_the_residual() -> None:
+    """A first-order process of memory r and steps s: the mean of n rows has the variance s²/(n (1 - r)²)."""
+    shares = []
+    for seed in range(15):
+        residual = lfilter([1.0], [1.0, -0.9], np.random.default_rng(seed).standard_normal(1500))[500:]
+        memory = float(residual[1:] @ residual[:-1] / (residual @ residual))
+        steps = residual[1:] - memory * residual[:-1]
+        variance = float(steps @ steps) / (1000.0 * (1.0 - memory)) ** 2
+        shares.append(covariance_of(np.ones((1000, 1)), residual)[0, 0] / variance)
+    assert min(shares) > 0.97
