@@ -21,6 +21,7 @@ from feeddrive.figures.slopes import (
 from feeddrive.files.run_files import figure_key
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Units
+from feeddrive.language.units import in_key, turning
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import reported
 from feeddrive.tuning.criteria import Limits
@@ -81,6 +82,34 @@ def test_a_figure_names_its_unit_in_files() -> None:
         Figure("a_m", "a", "m", MODEL)
     assert figure_key("force_peak_N", Units(rotary=True)) == "force_peak_N_m"
     assert figure_key("integral_gain_N_per_m_s", Units(rotary=True)) == "integral_gain_N_m_per_rad_s"
+
+
+@pytest.mark.parametrize("figure", catalogue.figures().values(), ids=list(catalogue.figures()))
+def test_the_key_of_a_figure_turns_with_its_unit(figure: Figure) -> None:
+    stem = figure.key.removesuffix(in_key(figure.unit))
+    assert figure_key(figure.key, Units(rotary=True)) == stem + in_key(turning(figure.unit))
+    assert figure_key(figure.key, Units()) == figure.key
+
+
+@pytest.mark.parametrize(
+    ("unit", "turned"),
+    [
+        ("m/(s N)", "rad_per_s_N_m"),
+        ("m/s2", "rad_per_s2"),
+        ("N s/m", "N_m_s_per_rad"),
+        ("kg", "kg_m2"),
+        ("N m", "N_m"),
+        ("Hz", "Hz"),
+    ],
+)
+def test_a_unit_that_no_shipped_figure_has_turns_too(unit: str, turned: str) -> None:
+    figure = Figure(f"own_{in_key(unit)}", "of a package", unit, MODEL, len)
+    assert figure_key(figure.key, Units(rotary=True)) == f"own_{turned}"
+
+
+def test_a_key_without_a_unit_does_not_turn() -> None:
+    for key in ("m", "operations", "delay_margin_samples", "yield_of_machines"):
+        assert figure_key(key, Units(rotary=True)) == key
 
 
 def test_limits_are_data() -> None:

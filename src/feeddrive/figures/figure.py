@@ -18,6 +18,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import USUAL, Quantity, number
 from feeddrive.language.table import Column
 from feeddrive.language.text import Text
+from feeddrive.language.units import in_key
 
 if TYPE_CHECKING:
     from feeddrive.figures.slopes import JudgedLoop, Place, Slope, SlopedLoop
@@ -123,8 +124,8 @@ class Figure:
             if value not in allowed:
                 raise ParameterError(f"figure '{self.key}': {name} = {value!r} must be one of {', '.join(allowed)}")
         # a file holds the key and a bare number: without the unit in the key the number could not be read
-        if self.unit and not self.key.endswith(f"_{_suffix(self.unit)}"):
-            raise ParameterError(f"figure '{self.key}' must end with its unit: ..._{_suffix(self.unit)}")
+        if self.unit and not self.key.endswith(f"_{in_key(self.unit)}"):
+            raise ParameterError(f"figure '{self.key}' must end with its unit: ..._{in_key(self.unit)}")
         if self.of is None and self.needs != DUTY:
             raise ParameterError(f"figure '{self.key}' needs `of`, which computes it")
 
@@ -173,12 +174,6 @@ class Figure:
     def scale(self) -> float:
         """The factor from SI to the usual unit of the figure."""
         return USUAL.of(self.unit)[1]
-
-
-def _suffix(unit: str) -> str:
-    # a root of seconds has no spelling in a key: such a key names its root itself (rope_snap_ISE_root_m_per_N)
-    plain = unit.replace(" √s", "").replace("(", "").replace(")", "")
-    return plain.replace("/", "_per_").replace(" ", "_")
 
 
 @dataclass(frozen=True)

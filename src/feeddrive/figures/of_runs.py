@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.figures.figure import DUTY, LOWER, NEUTRAL, RUN, STATISTICS, Figure, Statistics
+from feeddrive.language.units import in_key
 from feeddrive.loop.simulate import Run
 
 
@@ -26,7 +27,7 @@ class Of:
 def _of_signal(signal: str, unit: str, title: str, meaning: str, better: str = LOWER) -> Iterator[Figure]:
     for what, name, statistic in (("rms", "RMS", "root mean square"), ("peak", "peak", "largest absolute value")):
         yield Figure(
-            f"{signal}_{what}_{unit.replace('/', '_per_')}",
+            f"{signal}_{what}_{in_key(unit)}",
             f"{title} {name}",
             unit,
             STATISTICS,

@@ -23,19 +23,12 @@ from feeddrive.files.columns import Columns, arrow_numbers, check_size, check_un
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Units
 from feeddrive.language.text import resolve
+from feeddrive.language.units import turning_key
 from feeddrive.version import __version__
 
 _KEY = b"feeddrive"
 _GROUP = 65536  # rows of a row group
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-
-
-def _as_key(unit: str) -> str:
-    return unit.replace("(", "").replace(")", "").replace("/", "_per_").replace(" ", "_")
-
-
-# the units with which keys of figures end, in the spelling of a key: `force_peak_N`, `stiffness_N_per_m`
-_KEY_UNITS = {_as_key(unit): unit for unit in ("m/s", "m/N", "N/m", "N/s", "N/(m s)", "m", "N")}
 
 
 def summary_text(figures: Mapping[str, Any], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
@@ -61,10 +54,7 @@ def _in_units(value: Any, units: Units, quoted: frozenset[str]) -> Any:
 
 def figure_key(key: str, units: Units) -> str:
     """Return the key of a figure with its SI unit as suffix: force_peak_N becomes force_peak_N_m on a rotary axis."""
-    suffix = next((suffix for suffix in _KEY_UNITS if key.endswith(f"_{suffix}")), None)
-    if suffix is None:
-        return key
-    return f"{key.removesuffix(suffix)}{_as_key(units.name(_KEY_UNITS[suffix], 'SI'))}"
+    return turning_key(key) if units.rotary else key
 
 
 def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:

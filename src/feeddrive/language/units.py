@@ -188,6 +188,29 @@ def _torque(unit: str) -> str:
     return f"{unit} m2" if unit == "kg" else f"{unit} m"
 
 
+def in_key(unit: str) -> str:
+    """Return a unit as it stands at the end of a key: `N_per_m_s` for N/(m s)."""
+    # a root of seconds has no spelling in a key: such a key names its root itself (rope_snap_ISE_root_m_per_N)
+    plain = unit.replace(" √s", "").replace("(", "").replace(")", "")
+    return plain.replace("/", "_per_").replace(" ", "_")
+
+
+def turning_key(key: str) -> str:
+    """Return the key of the rotary counterpart: force_peak_N becomes force_peak_N_m; a key without a unit stays.
+
+    The unit is the longest end of the key that is one, so that a unit nobody listed turns too.
+    """
+    words = key.split("_")
+    for start in range(1, len(words)):
+        unit = "_".join(words[start:])
+        try:
+            measure(unit)
+        except ParameterError:
+            continue
+        return "_".join([*words[:start], in_key(turning(unit.replace("_per_", "/").replace("_", " ")))])
+    return key
+
+
 def turning_docstring(text: str) -> str:
     """Return the docstring of a state or prepared value with the units of a rotary axis, for an export.
 

@@ -24,6 +24,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import USUAL, Quantity, unit_name
 from feeddrive.language.table import Cell, Column, Result, Table, chart_of
 from feeddrive.language.text import Text
+from feeddrive.language.units import in_key
 from feeddrive.plot import style
 from feeddrive.plot.chart import (
     ALERT,
@@ -82,7 +83,7 @@ def value_cell(figure: Figure, value: float) -> Quantity | str:
 
 def name_of(figure: Figure) -> str:
     """Return the name of a figure without its trailing unit: following error RMS."""
-    end = figure.unit.replace("/", "_per_")
+    end = in_key(figure.unit)
     return (figure.key.removesuffix(f"_{end}") if end else figure.key).replace("_", " ").replace(" rms", " RMS")
 
 
