@@ -5,14 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.figures import catalogue
+from feeddrive.comparison.figures import LINEAR
+from feeddrive.figures import catalogue, of_loops
 from feeddrive.figures.figure import HIGHER, MODEL, Figure, Goal, Limit
-from feeddrive.figures.of_loops import COMPLIANCE_PEAK, OF_LOOPS, PHASE_MARGIN, SENSITIVITY_PEAK, LinearLoop
+from feeddrive.figures.of_loops import (
+    COMPLIANCE_PEAK,
+    OF_LOOPS,
+    PHASE_MARGIN,
+    SENSITIVITY_PEAK,
+    STIFFNESS_LEAST,
+    LinearLoop,
+)
 from feeddrive.figures.slopes import (
     _near,
     _tilts,
@@ -20,7 +30,7 @@ from feeddrive.figures.slopes import (
 )
 from feeddrive.files.run_files import figure_key
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Units
+from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.units import in_key, turning
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import reported
@@ -178,3 +188,26 @@ def test_the_tilt_of_a_loop_gain_is_that_of_its_lines_within_eight_percent(kink:
     level = -x - 3.0 * np.maximum(x - kink, 0.0)
     tilt, _ = _tilts(x, level, np.zeros(x.size - 1), 50)
     assert (tilt == pytest.approx(-1.0)) is straight
+
+
+def test_one_entry_in_the_module_is_enough() -> None:
+    assert of_loops.__file__ is not None
+    source = Path(of_loops.__file__).read_text(encoding="utf-8")
+    above, head, below = source.partition("\nOF_LOOPS = ")
+    entry = 'MOBILITY = Figure("mobility_m_per_s_N", "mobility", "m/(s N)", MODEL, len, judges_laws=True)\n'
+    module: dict[str, Any] = {"__name__": of_loops.__name__}
+    exec(compile(f"{above}\n{entry}{head}{below}", of_loops.__file__, "exec"), module)
+    assert [figure.key for figure in module["OF_LOOPS"]] == [*(figure.key for figure in OF_LOOPS), "mobility_m_per_s_N"]
+
+
+def test_a_comparison_judges_laws_by_what_the_figures_say() -> None:
+    assert [figure.key for figure in LINEAR if not figure.judges_laws] == []
+    assert STIFFNESS_LEAST in LINEAR
+    assert COMPLIANCE_PEAK not in LINEAR
+
+
+def test_a_length_per_force_is_shown_in_micrometres() -> None:
+    assert str(Quantity(1.052e-4, "m/(s N)")) == "105.2 um/(s N)"
+    assert Units(rotary=True).text(Quantity(1.052e-4, "m/(s N)")) == "105.2 urad/(s N m)"
+    assert str(Quantity(2e-9, "m/N")) == "0.002 um/N"
+    assert str(Quantity(0.5, "m s/kg")) == "0.5 m s/kg"

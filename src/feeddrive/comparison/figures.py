@@ -38,18 +38,7 @@ CRITERIA = (
     of_loops.EFFORT,
 )
 """The figures by which laws are ranked."""
-LINEAR = (
-    of_loops.SENSITIVITY_PEAK,
-    of_loops.DELAY_MARGIN,
-    of_loops.PHASE_MARGIN,
-    of_loops.CROSSOVER,
-    of_loops.ROPE_SNAP,
-    of_loops.FORCE_NOISE,
-    of_loops.NOISE_GAIN,
-    *of_loops.STIFFNESS_OVER,
-    *of_loops.STIFFNESS_AT,
-    of_loops.STIFFNESS_LEAST,
-)
+LINEAR = tuple(figure for figure in of_loops.OF_LOOPS if figure.judges_laws)
 """The figures of a law that come from its linear model."""
 
 

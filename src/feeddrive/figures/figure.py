@@ -98,6 +98,7 @@ class Figure:
     signals  the signals whose statistics are gathered, by their names on a single axis
     tuned    True if a tuning reports it
     compared  True if a tuning also reports where it gets worse
+    judges_laws  True if a comparison and the benchmark judge every law by it, from its linear model
     goal     how a tuning optimizes it
     limit    how a tuning keeps it within a limit
     """
@@ -116,6 +117,7 @@ class Figure:
     signals: tuple[str, ...] = ()
     tuned: bool = False
     compared: bool = False
+    judges_laws: bool = False
     goal: Goal | None = None
     limit: Limitable | None = None
 

@@ -1,7 +1,8 @@
 """The figures of a loop, from its linear model or its measured response.
 
-A new goal or limit is one entry here: it automatically becomes an option of `tune`, a field of the studio's Goal, and a
-figure for `compare` and studies.
+A new goal or limit is one entry here: it automatically becomes an option of `tune`, a field of the studio's Goal, a
+figure of studies and, with `judges_laws`, of `compare` and the benchmark. Its derivatives stand above it, made of the
+tools in `slopes.py`.
 """
 
 from __future__ import annotations
@@ -274,6 +275,7 @@ def stiffness_at(frequency: float) -> Figure:
         short=Text(where),
         tuned=frequency == AT[0],
         compared=frequency == AT[0],
+        judges_laws=True,
     )
 
 
@@ -288,6 +290,7 @@ def _over(low: float, high: float) -> Figure:
         StiffnessOver(low, high),
         HIGHER,
         Text(f"mean dynamic stiffness from {ends}"),
+        judges_laws=True,
     )
 
 
@@ -299,6 +302,7 @@ SENSITIVITY_PEAK = Figure(
     attrgetter("margins.sensitivity_peak"),
     meaning="largest sensitivity Ms",
     tuned=True,
+    judges_laws=True,
     limit=Limitable(
         "max_ms",
         "largest sensitivity peak Ms",
@@ -319,6 +323,117 @@ CROSSOVER = Figure(
     HIGHER,
     "first frequency at which the loop gain is 1",
     tuned=True,
+    judges_laws=True,
+)
+GAIN_MARGIN = Figure(
+    "gain_margin_dB",
+    "gain margin",
+    "dB",
+    MODEL,
+    attrgetter("margins.gain_increase_dB"),
+    HIGHER,
+    "by how much the gain may rise",
+    label="gain may rise by",
+    absent=math.inf,
+    tuned=True,
+    compared=True,
+    limit=Limitable("gain_margin", "least gain margin", slopes.gain_margin_places, _nearest_gain, order=4),
+)
+PHASE_MARGIN = Figure(
+    "phase_margin_deg",
+    "phase margin",
+    "deg",
+    MODEL,
+    attrgetter("margins.phase_margin_deg"),
+    HIGHER,
+    absent=math.inf,
+    tuned=True,
+    compared=True,
+    judges_laws=True,
+    limit=Limitable(
+        "phase_margin", "least phase margin", slopes.phase_margin_places, _nearest_phase, order=3, below=180.0
+    ),
+)
+DELAY_MARGIN = Figure(
+    "delay_margin_samples",
+    "delay margin",
+    "samples",
+    MODEL,
+    attrgetter("margins.delay_margin_samples"),
+    HIGHER,
+    "dead time that may be added, in samples",
+    absent=math.inf,
+    tuned=True,
+    compared=True,
+    judges_laws=True,
+    limit=Limitable("delay_margin", "least delay margin", slopes.delay_margin_places, _nearest_delay, order=3),
+)
+SMALL_GAIN = Figure(
+    "small_gain_samples",
+    "small-gain delay",
+    "samples",
+    MODEL,
+    _small_gain,
+    HIGHER,
+    "extra dead time in samples that the small-gain theorem admits",
+    absent=math.inf,
+    limit=Limitable(
+        "small_gain_delay",
+        "least dead time that the small-gain theorem admits",
+        slopes.small_gain_places,
+        _nowhere,
+        order=1,
+    ),
+)
+ROPE_SNAP = Figure(
+    "rope_snap_ISE_root_m_per_N",
+    "rope snap ISE^½",
+    "m √s/N",
+    MODEL,
+    attrgetter("rope_snap"),
+    LOWER,
+    "root of the integral of the squared error after a force of 1 N ends",
+    "snap ISE^½",
+    "rope-snap error",
+    tuned=True,
+    compared=True,
+    judges_laws=True,
+    goal=Goal("rope-snap", "rope-snap error", _rope_snap, slopes.rope_snap_slope, returns=True),
+)
+STIFFNESS_MEAN = Figure(
+    "stiffness_mean_N_per_m",
+    "dynamic stiffness",
+    "N/m",
+    MODEL,
+    _mean_stiffness,
+    HIGHER,
+    "inverse of the compliance, its root mean square over all frequencies",
+    goal=Goal("stiffness", "dynamic stiffness", _mean_compliance, slopes.mean_compliance_slope, banded=True),
+)
+STIFFNESS_LEAST = Figure(
+    "stiffness_least_N_per_m",
+    "least stiffness",
+    "N/m",
+    MODEL,
+    attrgetter("stiffness.minimum"),
+    HIGHER,
+    "least dynamic stiffness from 1 Hz on",
+    tuned=True,
+    compared=True,
+    judges_laws=True,
+    goal=Goal("least-stiffness", "least stiffness", _largest_compliance, slopes.compliance_peak_slope, banded=True),
+)
+STIFFNESS_AT = tuple(map(stiffness_at, AT))
+STIFFNESS_OVER = tuple(_over(*band) for band in BANDS)
+INTEGRAL_GAIN = Figure(
+    "integral_gain_N_per_m_s",
+    "integral gain",
+    "N/(m s)",
+    MODEL,
+    _integral_gain,
+    HIGHER,
+    "least dynamic stiffness times the angular frequency",
+    goal=Goal("integral-gain", "integral gain", _largest_integral, slopes.integral_slope, banded=True),
 )
 BANDWIDTH = Figure(
     "bandwidth_Hz",
@@ -339,96 +454,6 @@ BANDWIDTH = Figure(
         on_table=False,
     ),
 )
-PHASE_MARGIN = Figure(
-    "phase_margin_deg",
-    "phase margin",
-    "deg",
-    MODEL,
-    attrgetter("margins.phase_margin_deg"),
-    HIGHER,
-    absent=math.inf,
-    tuned=True,
-    compared=True,
-    limit=Limitable(
-        "phase_margin", "least phase margin", slopes.phase_margin_places, _nearest_phase, order=3, below=180.0
-    ),
-)
-GAIN_MARGIN = Figure(
-    "gain_margin_dB",
-    "gain margin",
-    "dB",
-    MODEL,
-    attrgetter("margins.gain_increase_dB"),
-    HIGHER,
-    "by how much the gain may rise",
-    label="gain may rise by",
-    absent=math.inf,
-    tuned=True,
-    compared=True,
-    limit=Limitable("gain_margin", "least gain margin", slopes.gain_margin_places, _nearest_gain, order=4),
-)
-DELAY_MARGIN = Figure(
-    "delay_margin_samples",
-    "delay margin",
-    "samples",
-    MODEL,
-    attrgetter("margins.delay_margin_samples"),
-    HIGHER,
-    "dead time that may be added, in samples",
-    absent=math.inf,
-    tuned=True,
-    compared=True,
-    limit=Limitable("delay_margin", "least delay margin", slopes.delay_margin_places, _nearest_delay, order=3),
-)
-SMALL_GAIN = Figure(
-    "small_gain_samples",
-    "small-gain delay",
-    "samples",
-    MODEL,
-    _small_gain,
-    HIGHER,
-    "extra dead time in samples that the small-gain theorem admits",
-    absent=math.inf,
-    limit=Limitable(
-        "small_gain_delay",
-        "least dead time that the small-gain theorem admits",
-        slopes.small_gain_places,
-        _nowhere,
-        order=1,
-    ),
-)
-STIFFNESS_LEAST = Figure(
-    "stiffness_least_N_per_m",
-    "least stiffness",
-    "N/m",
-    MODEL,
-    attrgetter("stiffness.minimum"),
-    HIGHER,
-    "least dynamic stiffness from 1 Hz on",
-    tuned=True,
-    compared=True,
-    goal=Goal("least-stiffness", "least stiffness", _largest_compliance, slopes.compliance_peak_slope, banded=True),
-)
-STIFFNESS_MEAN = Figure(
-    "stiffness_mean_N_per_m",
-    "dynamic stiffness",
-    "N/m",
-    MODEL,
-    _mean_stiffness,
-    HIGHER,
-    "inverse of the compliance, its root mean square over all frequencies",
-    goal=Goal("stiffness", "dynamic stiffness", _mean_compliance, slopes.mean_compliance_slope, banded=True),
-)
-INTEGRAL_GAIN = Figure(
-    "integral_gain_N_per_m_s",
-    "integral gain",
-    "N/(m s)",
-    MODEL,
-    _integral_gain,
-    HIGHER,
-    "least dynamic stiffness times the angular frequency",
-    goal=Goal("integral-gain", "integral gain", _largest_integral, slopes.integral_slope, banded=True),
-)
 COMPLIANCE_PEAK = Figure(
     "compliance_peak_m_per_N",
     "peak compliance",
@@ -446,20 +471,6 @@ COMPLIANCE_PEAK = Figure(
         entered="um/N",
     ),
 )
-ROPE_SNAP = Figure(
-    "rope_snap_ISE_root_m_per_N",
-    "rope snap ISE^½",
-    "m √s/N",
-    MODEL,
-    attrgetter("rope_snap"),
-    LOWER,
-    "root of the integral of the squared error after a force of 1 N ends",
-    "snap ISE^½",
-    "rope-snap error",
-    tuned=True,
-    compared=True,
-    goal=Goal("rope-snap", "rope-snap error", _rope_snap, slopes.rope_snap_slope, returns=True),
-)
 FORCE_NOISE = Figure(
     "force_noise_N",
     "force noise",
@@ -471,6 +482,7 @@ FORCE_NOISE = Figure(
     "noise",
     tuned=True,
     compared=True,
+    judges_laws=True,
     limit=Limitable(
         "max_noise", "largest noise in the force, RMS", slopes.force_noise_places, _nowhere, order=5, noise=True
     ),
@@ -485,6 +497,7 @@ NOISE_GAIN = Figure(
     "RMS of the force for white noise of 1 m RMS in readings",
     "noise",
     form="3 N/nm",
+    judges_laws=True,
 )
 EFFORT = Figure(
     "operations",
@@ -497,27 +510,13 @@ EFFORT = Figure(
     "operations",
 )
 
-STIFFNESS_AT = tuple(map(stiffness_at, AT))
-STIFFNESS_OVER = tuple(_over(*band) for band in BANDS)
-OF_LOOPS = (
-    SENSITIVITY_PEAK,
-    CROSSOVER,
-    GAIN_MARGIN,
-    PHASE_MARGIN,
-    DELAY_MARGIN,
-    SMALL_GAIN,
-    ROPE_SNAP,
-    STIFFNESS_MEAN,
-    STIFFNESS_LEAST,
-    *STIFFNESS_AT,
-    *STIFFNESS_OVER,
-    INTEGRAL_GAIN,
-    BANDWIDTH,
-    COMPLIANCE_PEAK,
-    FORCE_NOISE,
-    NOISE_GAIN,
-    EFFORT,
+OF_LOOPS = tuple(
+    declared
+    for value in tuple(globals().values())
+    for declared in (value if isinstance(value, tuple) else (value,))
+    if isinstance(declared, Figure)
 )
+"""All figures above, in their order, which is that of options, tables and limits."""
 
 
 def at_frequency(key: str) -> Figure | None:

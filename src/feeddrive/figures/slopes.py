@@ -185,12 +185,12 @@ def mean_compliance_slope(loop: SlopedLoop, band: Band) -> Slope:
 
 def compliance_peak_slope(loop: SlopedLoop, band: Band) -> Slope:
     """Return the logarithm of the largest compliance in a band with its derivatives."""
-    return _largest(loop, band, 1.0)
+    return largest(loop, band)
 
 
 def integral_slope(loop: SlopedLoop, band: Band) -> Slope:
     """Return the logarithm of the largest ratio of compliance to angular frequency in a band with its derivatives."""
-    return _largest(loop, band, 1.0 / (2.0 * np.pi * loop.frequency))
+    return largest(loop, band, 1.0 / (2.0 * np.pi * loop.frequency))
 
 
 def bandwidth_slope(loop: SlopedLoop, _: Band) -> Slope:
@@ -215,7 +215,8 @@ def _inside(frequency: np.ndarray, band: Band) -> np.ndarray:
     return (frequency >= band[0]) & (frequency <= band[1])
 
 
-def _largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float) -> Slope:
+def largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float = 1.0) -> Slope:
+    """Return the logarithm of the largest compliance in a band with its derivatives; the lines may have weights."""
     size = np.where(_inside(loop.frequency, band), weight * np.abs(loop.compliance), 0.0)
     k = int(np.argmax(size))
     slope = (loop.compliance_slope[k] / loop.compliance[k]).real
@@ -261,9 +262,14 @@ def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
 
 def compliance_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
     """Yield the lines at which the compliance is near its limit."""
+    return places_below(loop, limit)
+
+
+def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.0) -> Iterator[Place]:
+    """Yield the lines at which the compliance, with weights if given, is near a limit from below."""
     f = loop.frequency
     size = np.abs(loop.compliance)
-    slack = _at_vertex(np.log(f), np.log(limit / size))
+    slack = _at_vertex(np.log(f), np.log(limit / (weight * size)))
     deviation = np.sqrt(0.5 * loop.compliance_variance) / size
     for k in _near(slack, loop.gain_slope):
         slope = -(loop.compliance_slope[k] / loop.compliance[k]).real

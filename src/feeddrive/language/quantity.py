@@ -37,6 +37,8 @@ _USUAL = {
 # a recorded angle or torque of a rotary axis has the same prefixes as the length or force of a linear one
 _OF_SIGNALS = _USUAL | {turning(unit): turning(name) for unit, name in _USUAL.items()}
 _SHARES = {"%": 100.0, "ppm": 1e6, "": 1.0}
+# a length per force is small in every machine, whatever else the unit holds: m/(s N)
+_COMPLIANT = re.compile(r"m(?= |/)[^/]*/.*(?<!\w)N(?!\w)")
 _DIGITS = 4
 _READABLE = 7  # digits before the decimal point up to which a number is written without an exponent
 
@@ -49,6 +51,11 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "gain": (DECIBEL, ABSOLUTE),
 }
 _LENGTH_WORD = re.compile(r"(?<!\w)[num]?m(?!\w)")
+
+
+def _usual(unit: str) -> str:
+    """Return the unit in which a quantity is shown if none is stated."""
+    return _USUAL.get(unit) or (f"u{unit}" if _COMPLIANT.match(unit) else unit)
 
 
 def number(value: float | None, digits: int = _DIGITS) -> str:
@@ -116,7 +123,7 @@ class Units:
         shown  the unit customary in the field for this quantity; empty: the usual one for its SI unit
         stays  True if the unit is the same for a rotary axis, because the quantity does not belong to the axis
         """
-        wanted = unit if shown == "SI" else self._chosen(unit, shown or _USUAL.get(unit, unit))
+        wanted = unit if shown == "SI" else self._chosen(unit, shown or _usual(unit))
         size = _factor(unit, wanted)
         if self.rotary and not stays:
             wanted = turning(wanted)
