@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -25,8 +26,10 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.export import linuxcnc_pid
 from feeddrive.export.design import Design, read_design
-from feeddrive.export.drive_quantities import CONSEQUENCES, DriveTrain, drive_train, items, lost, read_cascade
+from feeddrive.export.drive_quantities import CONSEQUENCES, Cascade, DriveTrain, drive_train, items, lost, read_cascade
 from feeddrive.export.parameters import MAKERS, SINUMERIK, lines_of, write_parameters
+from feeddrive.language import tree
+from feeddrive.language.block import declarations
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
@@ -355,6 +358,33 @@ def test_every_item_of_a_design_is_held_or_stands_in_the_table(target: str) -> N
         assert len(rows) == sum(item.kind not in held for item in there)
         assert all(row.path and row.why and row.consequence for row in rows)
     assert kinds == set(CONSEQUENCES) - {"feedforward", "compensation"}
+
+
+# every field that does nothing by default does something here
+GUARD = Guard(following_error_limit=1e-3, velocity_limit=0.5, travel_least=-0.2, travel_most=0.3, safe_force=90.0)
+OTHER = {name: 2 * value for name, value in tree.leaves(GUARD)} | {"travel_least": -0.1}
+
+
+def entered(target: str, cascade: Cascade) -> object:
+    """The numbers that a target takes from a design."""
+    if target == "linuxcnc":
+        return linuxcnc_pid.ini_fragment(cascade, linuxcnc_pid.stock_law(cascade), 0, ())
+    return [line.text for line in lines_of(MAKERS[target], cascade, drive_train(cascade.loop))[0]]
+
+
+@pytest.mark.parametrize("target", [*MAKERS, "linuxcnc"])
+@pytest.mark.parametrize("field", declarations(Guard))
+def test_every_field_of_a_guard_is_converted_or_lost(written: tuple[Design, Path], field: str, target: str) -> None:
+    loop = written[0].loop
+    designs = [
+        read_cascade(replace(loop, control=replace(loop.control, guard=guard)))
+        for guard in (GUARD, replace(GUARD, **{field: OTHER.get(field, False)}))
+    ]
+    whole = linuxcnc_pid if target == "linuxcnc" else MAKERS[target]
+    held, outside = (whole.HELD, whole.OUTSIDE) if isinstance(whole, ModuleType) else (whole.held, whole.outside)
+    listed = [(row.path, row.value) for design in designs for row in lost(design, held, outside)]
+    converted = entered(target, designs[0]) != entered(target, designs[1])
+    assert converted or any(path == f"control.guard.{field}" for path, _ in listed)
 
 
 def test_a_fifth_filter_and_a_first_order_one_are_listed() -> None:

@@ -17,6 +17,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.language import tree
+from feeddrive.language.block import declarations
 from feeddrive.studio.bench import bench_of
 from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
@@ -193,6 +194,7 @@ def test_a_guard_is_added_on_the_page_and_by_the_commands(bare: Path, tmp_path: 
     folder.mkdir()
     session = Session(folder, bench_of(bare))
     fields = {each["name"]: each for each in session.rooms["take"].show().words["bounds"]}
+    assert list(fields) == [name for name in declarations(fd.Guard) if not getattr(fd.Guard(), name)]
     assert (fields["following_error_limit"]["unit"], fields["velocity_limit"]["unit"]) == ("mm", "m/s")
     assert b"a guard needs a bound" in session.answer({"number": 1, "do": "take.guard", "safe_force": 3.0})
     done(session, "tune.move", name="law.Kv", value=55.0)

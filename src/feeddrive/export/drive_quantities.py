@@ -15,9 +15,10 @@ from feeddrive.blocks.feedforward.inverse_dynamics import InverseDynamics
 from feeddrive.blocks.plant.transmission import radians_per_metre
 from feeddrive.blocks.plant.two_bodies import two_bodies
 from feeddrive.language import tree, units
-from feeddrive.language.block import Block
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
+from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 
 
@@ -51,6 +52,9 @@ QUANTITIES: Mapping[str, DriveQuantity] = {
     "lead": DriveQuantity("m", "m", 0, "axis.actuator.motor.lead"),
     "gear": DriveQuantity("", "", 0, "axis.actuator.motor.gear"),
 }
+
+
+_GUARD = "control.guard."
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,11 @@ def read_cascade(loop: Loop) -> Cascade:
         )
     mass, viscous = _fed(loop)
     guard = loop.control.guard
-    speed = None if guard is None else guard.velocity_limit
+    guarded = {
+        name: None if guard is None else getattr(guard, quantity.path.removeprefix(_GUARD))
+        for name, quantity in QUANTITIES.items()
+        if quantity.path.startswith(_GUARD)
+    }
     return Cascade(
         loop,
         law,
@@ -105,12 +113,8 @@ def read_cascade(loop: Loop) -> Cascade:
             "mass": mass or None,
             "viscous": viscous or None,
             "force_limit": loop.control.force_limit,
-            "following_error_limit": None if guard is None else guard.following_error_limit,
-            "velocity_limit": speed,
-            "table_velocity_limit": speed,
-            "travel_least": None if guard is None else guard.travel_least,
-            "travel_most": None if guard is None else guard.travel_most,
-            "weight": None if guard is None else guard.safe_force or None,
+            **guarded,
+            "weight": guarded["weight"] or None,
         },
     )
 
@@ -231,8 +235,11 @@ CONSEQUENCES: Mapping[str, str] = {
     "travel": "the axis does not stop at the ends of its travel",
     "broken_readings": "a reading that is not a number is not replaced: check the reaction of the target to an "
     "encoder fault",
+    "hold_samples": "a broken reading is not bridged by the last command: see how the target reacts to it",
+    "checks_setpoint": "a setpoint that is no number is not refused: check the sender of the setpoints",
     "safe_force": "a hanging axis sinks until its brake holds",
     "alignment": "the offset between two encoders acts at enable",
+    "starts_moving": "enable an axis at standstill only: on a moving one the force steps",
 }
 UNKNOWN = "the target has no such element"
 
@@ -297,24 +304,36 @@ def _fed_items(block: Block) -> Iterator[str]:
         yield "feedforward"
 
 
+# kinds of the fields of a guard that share one or have another name; any other field is a kind of its own, so that a
+# new one is reported as lost until a target converts it
+_GUARD_KINDS = {
+    "travel_least": "travel",
+    "travel_most": "travel",
+    "reading_limit": "broken_readings",
+    "holds": "hold_samples",
+    "aligns": "alignment",
+}
+
+
 def _guarded(cascade: Cascade) -> Iterator[Item]:
     guard = cascade.loop.control.guard
-    if guard is None:
-        return
-    if guard.following_error_limit is not None:
-        value = _read(guard.following_error_limit, "m", "mm")
-        yield Item("following_error_limit", "control.guard.following_error_limit", value)
-    if guard.velocity_limit is not None:
-        yield Item("velocity_limit", "control.guard.velocity_limit", _read(guard.velocity_limit, "m/s"))
-    for name in ("travel_least", "travel_most"):
-        end = getattr(guard, name)
-        if end is not None:
-            yield Item("travel", f"control.guard.{name}", _read(end, "m", "mm"))
-    yield Item("broken_readings", "control.guard.reading_limit", _read(guard.reading_limit, "m"))
-    if guard.safe_force:
-        yield Item("safe_force", "control.guard.safe_force", _read(guard.safe_force, "N"))
-    if cascade.loop.axis.encoders() == 2:
-        yield Item("alignment", "control.guard", "aligns motor and load encoder at enable")
+    for name, declared in () if guard is None else declarations(Guard).items():
+        value = getattr(guard, name)
+        if guard is not None and _acts(cascade.loop, guard, name):
+            kind = _GUARD_KINDS.get(name, name)
+            shown = "mm" if declared.unit == "m" and kind != "broken_readings" else "SI"
+            text = "true" if value is True else _read(value, declared.unit, shown)
+            yield Item(kind, f"{_GUARD}{name}", text)
+
+
+def _acts(loop: Loop, guard: Guard, name: str) -> bool:
+    """Return True if a field of the guard changes what the loop does."""
+    if name == "aligns":
+        return guard.aligns and loop.axis.encoders() == 2
+    if name in ("holds", "hold_samples"):
+        return guard.holds and guard.hold_samples > 0
+    value = getattr(guard, name)
+    return value is not None and value is not False and not (name == "safe_force" and value == 0)
 
 
 def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str, str]]) -> tuple[LostPart, ...]:

@@ -16,7 +16,7 @@ from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import quoted
 from feeddrive.language import units
-from feeddrive.language.block import declarations
+from feeddrive.language.block import declarations, defaults
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.guard import Guard
@@ -26,6 +26,11 @@ from feeddrive.studio.works import Shown, exported, packed, reported
 from feeddrive.tuning.filters import difference
 from feeddrive.workflow.adjust import AdjustRequest
 from feeddrive.workflow.export import ExportRequest, VerifyRequest
+
+# the numbers of a guard that do nothing unless a person enters them: bounds that are absent, and a force of 0
+_BOUNDS = tuple(
+    name for name, declared in declarations(Guard).items() if declared.role == "parameter" and not defaults(Guard)[name]
+)
 
 
 @dataclass(frozen=True)
@@ -94,9 +99,6 @@ def whole(machine: str | Path) -> str:
     """Return a machine reference that is valid in a job anywhere: a bundled name, or an absolute path."""
     path = Path(machine)
     return str(path.resolve()) if path.exists() else str(machine)
-
-
-_BOUNDS = ("following_error_limit", "velocity_limit", "travel_least", "travel_most", "safe_force")
 
 
 class Take(Room):
