@@ -23,7 +23,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
-from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, advice, compare_laws
+from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, _wanted, advice, compare_laws, name_of
 from feeddrive.comparison.figures import CRITERIA, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
 from feeddrive.evaluation.duty import duty_of
@@ -157,6 +157,18 @@ def test_unstable_gains_are_a_first_row_that_says_so(tmp_path: Path) -> None:
 def test_a_law_that_nobody_knows_is_refused() -> None:
     with pytest.raises(ParameterError, match="law 'PID' is not known here; there are: P-PI"):
         compare_laws(read_machine("linear_motor"), laws=["PID"])
+
+
+def test_a_law_is_named_by_its_kind_too() -> None:
+    loop = read_machine("linear_motor").loop(None)
+    rows, refused = _wanted(loop, ["active_disturbance_rejection", "pole_placement"])
+    assert {row.name for row in rows} == {PLAIN, *(f"GPI, {n} Taylor state{'s' * (n > 1)}" for n in (5, 3, 1))}
+    assert [row.name for row in refused] == ["pole placement"]
+    assert name_of("cascade_ppi", loop) == name_of(PLAIN, loop) == PLAIN
+    with pytest.raises(ParameterError, match="'pole placement' cannot control this axis: pole placement needs"):
+        name_of("pole_placement", loop)
+    with pytest.raises(ParameterError, match="linuxcnc_pid has no start values"):
+        name_of("linuxcnc_pid", loop)
 
 
 def test_processes_side_by_side_give_the_same(found: Comparison) -> None:

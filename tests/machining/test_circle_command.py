@@ -113,6 +113,7 @@ def test_what_does_not_fit_is_named(tmp_path: Path) -> None:
         ((short,), named | {"x": "A:mm"}, "'A'"),
         ((xy_table,), {"x": "u"}, "no axis 'u'; it has x, y"),
         ((xy_table,), {"radius": 0.5}, "axis 'x' travels 350 mm"),
+        ((xy_table,), {"radius": 2e-3, "feed": (0.1,)}, "at 6000 mm/min the axes settle too late: give a lower --feed"),
         ((xy_table, short), {}, "give it alone"),
         ((tmp_path / "missing.csv",), named, r"missing\.csv"),
     ):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from feeddrive.blocks.catalogue import members
 from feeddrive.blocks.families import Law, Reference
 from feeddrive.comparison.figures import CRITERIA, beats, frame_of_figures, keys_of, ranks
 from feeddrive.comparison.judge import AtWork, Competitor
@@ -20,7 +21,7 @@ from feeddrive.figures.figure import Figure
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
-from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.errors import ParameterError, UnstableError, nearest
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
@@ -151,7 +152,8 @@ def compare_laws(
 ) -> Comparison:
     """Tune and compare all laws on one axis of a machine.
 
-    laws               names of the laws to compare, or user-defined classes; P-PI is always included; default: all
+    laws               names or kinds of the laws to compare, or user-defined classes; P-PI is always included;
+                       default: all
     reference, force   the move, and the force in N of rope snap and force step; default: from the machine's limits
                        (`Duty`)
     sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one limits the gain
@@ -210,18 +212,47 @@ def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[C
     possible, refused = candidates(loop, own)
     if laws is None:
         return possible, refused
-    names = [law.name for law in (*possible, *refused)]
-    mine = {law.name for law in possible if type(law.loop.control.law) in own and "+" not in law.name}
-    mine |= {law.title or law.kind.replace("_", " ") for law in own}
-    wanted = {*(law for law in laws if isinstance(law, str)), *mine.intersection(names)}
-    for law in laws:
-        if isinstance(law, str) and law not in names:
-            raise ParameterError(f"law '{law}' is not known here; there are: {', '.join(names)}")
+    wanted = {name for law in laws for name in _names(law, possible, refused)}
     wanted |= {PLAIN, *(candidate.like for candidate in possible if candidate.name in wanted)}
     return (
         tuple(candidate for candidate in possible if candidate.name in wanted),
         tuple(refusal for refusal in refused if refusal.name in wanted),
     )
+
+
+def _names(law: str | type[Law], possible: Sequence[Candidate], refused: Sequence[Refusal]) -> list[str]:
+    """Return the names of the rows for a law: its name, its kind or its class, which stand for its forms alone.
+
+    Raises ParameterError for an unknown law, suggesting similar names.
+    """
+    names = [row.name for row in (*possible, *refused)]
+    if law in names:
+        return [str(law)]
+    kinds = members(Law)
+    kind = kinds.get(law) if isinstance(law, str) else law
+    if kind is None:
+        raise ParameterError(f"law '{law}' is not known here{nearest(str(law), [*names, *kinds])}")
+    forms = [row.name for row in possible if type(row.loop.control.law) is kind]
+    chosen = [name for name in forms if " + " not in name] or forms
+    chosen += {kind.title or kind.kind.replace("_", " ")}.intersection(row.name for row in refused)
+    if not chosen:
+        raise ParameterError(
+            f"the law {kind.kind} has no start values for its tuning: put it with its parameters into the machine "
+            f"file, where it is the row '{TODAY}'"
+        )
+    return chosen
+
+
+def name_of(law: str, loop: Loop, own: Sequence[type[Law]] = ()) -> str:
+    """Return the name of the first row for a law, by name or kind. Raises ParameterError for an unknown or refused
+    law.
+    """
+    possible, refused = candidates(loop, own)
+    name = _names(law, possible, refused)[0]
+    reason = next((row.reason for row in refused if row.name == name), "")
+    if reason:
+        raise ParameterError(f"'{name}' cannot control this axis: {reason}")
+    return name
 
 
 def _outside(rows: tuple[Competitor, ...]) -> list[str]:

@@ -29,6 +29,7 @@ _OVER = np.radians(2.0)  # over which the rate is taken
 _OPEN = 0.1  # of G: the gap between begin and end of a turn that is no closed circle
 _SMALL = 1e-6  # m: of such a gap, which is always allowed
 _SAME_FEED = 0.02
+_MORE_TURNS = "command 1.5 turns or more"
 _ROUND = 1e-4  # m: a nominal radius that nobody stated is a multiple of it
 
 DIRECTIONS = {1: "CCW", -1: "CW"}
@@ -178,6 +179,7 @@ def circle_path(
     source: str = "tool",
     points: int = POINTS,
     name: str = "circle",
+    remedy: str = _MORE_TURNS,
 ) -> CirclePath:
     """Return the last full turn at constant feed of a motion, resampled evenly in angle about its least-squares center.
 
@@ -185,6 +187,7 @@ def circle_path(
     sample_time  s; or the time of each row, s
     radius       nominal, m; default: that of the fit, rounded to 0.1 mm
     center       of the set-up, m, if it is known
+    remedy       how to obtain a longer motion at constant feed, for the error message
 
     Raises LogError for less than a full turn at constant feed and for a turn that does not close, ParameterError for
     rows that do not match.
@@ -210,7 +213,7 @@ def circle_path(
     if turned[-1] - turned[0] < 2.0 * np.pi:
         raise LogError(
             f"{name}: only {Quantity(turned[-1] - turned[0], 'rad'):deg} are at constant feed: a full circle is "
-            "needed, 360 deg without run-in and run-out; command 1.5 turns or more"
+            f"needed, 360 deg without run-in and run-out; {remedy}"
         )
     r = np.hypot(x[begin:end] - middle[0], y[begin:end] - middle[1])
     first = int(np.searchsorted(turned, turned[-1] - 2.0 * np.pi, side="right")) - 1
@@ -293,6 +296,7 @@ def circle_of_run(
     center: tuple[float, float] | None = None,
     signal: str = "tool",
     points: int = POINTS,
+    remedy: str = _MORE_TURNS,
 ) -> CirclePath:
     """Return the circle of a simulated run; `signal` as in `contour_error`. Readings have the source "encoder"."""
     position = tool_columns(run, axes, signal)
@@ -306,6 +310,7 @@ def circle_of_run(
         source="encoder" if signal.startswith("reading") else "tool",
         points=points,
         name=run.name,
+        remedy=remedy,
     )
 
 

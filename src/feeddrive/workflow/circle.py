@@ -204,7 +204,10 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
             }
             ends = next(iter(motion.values())).duration
             run = simulate(machine, {**motion, **still}, duration=ends, name=file.name)
-            circles.append(circle_of_run(run, axes, radius=radius, center=(center[0], center[1]), signal=signal))
+            slower = f"at {Quantity(feed, 'm/s'):mm/min} the axes settle too late: give a lower --feed"
+            circles.append(
+                circle_of_run(run, axes, radius=radius, center=(center[0], center[1]), signal=signal, remedy=slower)
+            )
     return circles
 
 

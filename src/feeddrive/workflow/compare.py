@@ -9,7 +9,7 @@ from pathlib import Path
 
 from feeddrive.blocks.catalogue import imported
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.compare import TODAY, Comparison, advice, compare_laws
+from feeddrive.comparison.compare import TODAY, Comparison, advice, compare_laws, name_of
 from feeddrive.comparison.report import comparison_report, write_comparison
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
@@ -32,8 +32,8 @@ class CompareRequest(EvaluationRequest):
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("The axis, if the machine has several", default=None)
     law: tuple[str, ...] = option(
-        "A law that is wanted: by name, or PACKAGE.MODULE:CLASS of your own, whose code is then run; may be repeated; "
-        "default: all",
+        "A law that is wanted: by name, by kind, as cascade_ppi, or PACKAGE.MODULE:CLASS of your own, whose code is "
+        "then run; may be repeated; default: all",
         default=(),
     )
     starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
@@ -58,9 +58,12 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     """
     machine = read_machine(request.machine)
     laws = [imported(Law, law) if ":" in law else law for law in request.law] or None
-    if request.take is not None:
-        _check_take(request, machine.loop(request.axis), [law for law in laws or () if not isinstance(law, str)])
-        laws = None if laws is None else [*laws, *([] if request.take in laws else [request.take])]
+    take = request.take
+    if take is not None:
+        if request.out is None:
+            raise ParameterError(f"take = '{take}' needs a directory for its machine file: out")
+        take = name_of(take, machine.loop(request.axis), [law for law in laws or () if not isinstance(law, str)])
+        laws = None if laws is None else [*laws, *([] if take in laws else [take])]
     files: dict[str, Path] = {}
     with engine_of(request, request.keep, request.out) as engine:
         comparison = compare_laws(
@@ -68,10 +71,10 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
         )
         if request.out is not None:
             progress.step("report")
-            if request.take is None:
+            if take is None:
                 files["Report"] = write_comparison(comparison, request.out)
             else:
-                text = taken(comparison.machine, comparison.axis, comparison[request.take].loop.control)
+                text = taken(comparison.machine, comparison.axis, comparison[take].loop.control)
                 files["Report"] = write_comparison(comparison, request.out, {TAKEN: text})
                 files["Machine"] = request.out / TAKEN
     refused = [f"'{refusal.name}' cannot control this axis: {refusal.reason}" for refusal in comparison.refusals]
@@ -86,13 +89,6 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
         judgment=judgment,
         page=partial(comparison_report, comparison),
     )
-
-
-def _check_take(request: CompareRequest, loop: Loop, own: list[type[Law]]) -> None:
-    if request.out is None:
-        raise ParameterError(f"take = '{request.take}' needs a directory for its machine file: out")
-    if request.take not in (known := names(loop, own)):
-        raise ParameterError(f"take = '{request.take}' must be one of {', '.join(known)}")
 
 
 def names(loop: Loop, own: Sequence[type[Law]] = ()) -> list[str]:
