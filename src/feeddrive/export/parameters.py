@@ -662,7 +662,7 @@ def write_parameters(
             parts.append(Part(maker.title, f"{wanted_maker}.txt", warning, lines, missing))
         elif wanted_maker == "linuxcnc":
             lines, missing = halcmd_lines(cascade)
-            lines, missing = _in_paths(cascade.loop, lines), _in_paths(cascade.loop, missing)
+            lines = _in_paths(cascade.loop, lines)  # `left_out` names what is missing by its path already
             title = "LinuxCNC's pid, as lines of halcmd"
             warning = _warning(stock_loop(cascade, stock_law(cascade, units=STOCK_UNITS)), cascade.loop)
             head = [title, *warning, *_head(design, cascade, None)]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from feeddrive.analysis.stability import require_stable
 from feeddrive.export.c_code import rules
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 
 _HERE = __name__.rpartition(".")[0]
+_NUMBERS = {"int | None": int, "float | None": float}
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ class Proof:
 class Target:
     """A target: the function that writes it, its capabilities, and the proof of its export.
 
+    options     those in `OPTIONS` that its function takes
     precisions  supported precisions, default first
     together    true if it can contain the controls of several axes as one
     linear      true if it supports linear axes only: it uses mm, or the units of a motor with its lead
@@ -78,6 +80,34 @@ class Target:
     proof: Proof | None = None
     unproven: str = ""
 
+
+class TargetOption(NamedTuple):
+    """An option of some targets, which the command `export` takes too.
+
+    kind   its type in the request of the command
+    unit   SI
+    asked  its name in that request, if it has another one
+    """
+
+    kind: str
+    meaning: str
+    unit: str = ""
+    asked: str = ""
+
+
+OPTIONS: Mapping[str, TargetOption] = {
+    "single_header": TargetOption("bool", "a single header", asked="header_only"),
+    "joint": TargetOption("int | None", "number of the joint"),
+    "route": TargetOption("str | None", "one or two pids"),
+    "units": TargetOption("float | None", "machine units in a meter, 1000 for mm"),
+    "core": TargetOption("str | None", "m4f, m7, or m7dp"),
+    "makers": TargetOption(
+        "tuple[str, ...]", "sinumerik, twincat, odrive, linuxcnc or csv; may be repeated; default: all", asked="maker"
+    ),
+    "lead": TargetOption("float | None", "lead of the screw, if the file has none", "m"),
+    "gear": TargetOption("float | None", "turns of the motor in one of the screw"),
+}
+"""The options of targets by name; a target lists those that it has."""
 
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
@@ -153,7 +183,7 @@ def write_export(
     out        directory, written atomically; default: results/export_MACHINE_AXIS_TARGET
     name       prefix of all names on the target; default: `axis_x`, or `plant_x`
     precision  "double" or "float", if the target supports both
-    options    target options: `single_header`, `joint`, `route`, `units`, `core`, `makers`, `lead`, `gear`
+    options    options of the target, by name in `OPTIONS`
 
     Raises ParameterError for an unknown target or an option of another target, UnstableError for a loop that is
     unstable with the axis of its machine file, and the errors of `read_design` and of the target's function.
@@ -236,9 +266,9 @@ def _planned(
     for option in chosen_options:
         if option not in chosen.options:
             raise ParameterError(f"{_flag(option)} means nothing for the target {target}{_instead(option)}")
-    for option, kind in (("joint", int), ("units", float), ("lead", float), ("gear", float)):
-        value = chosen_options.get(option)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | kind)):
+    for option, declared in OPTIONS.items():
+        value, kind = chosen_options.get(option), _NUMBERS.get(declared.kind)
+        if kind is not None and value is not None and (isinstance(value, bool) or not isinstance(value, int | kind)):
             wanted = "a whole number" if kind is int else "a number"
             raise ParameterError(f"{_flag(option)} = {value!r} must be {wanted}")
     if plant and not chosen.plants:
@@ -281,8 +311,8 @@ def _chosen(target: str) -> Target:
 
 def _flag(option: str) -> str:
     """Return an option in command-line syntax."""
-    flags = {"single_header": "--header-only", "makers": "--maker"}
-    return flags.get(option, f"--{option}")
+    asked = OPTIONS[option].asked if option in OPTIONS else ""
+    return f"--{(asked or option).replace('_', '-')}"
 
 
 def _instead(option: str) -> str:

@@ -36,17 +36,7 @@ from feeddrive.files.mapping import ChannelsSection, LogSection, Mapping
 from feeddrive.files.readers import mdf
 from feeddrive.files.readers.arrays import START as _NPY
 from feeddrive.files.readers.arrays import read_mat, read_mat73, read_npy
-from feeddrive.files.readers.text_files import (
-    is_epos,
-    is_halsampler,
-    is_halscope,
-    is_twincat,
-    read_csv,
-    read_epos,
-    read_halsampler,
-    read_halscope,
-    read_twincat,
-)
+from feeddrive.files.readers.text_files import RECORDERS, read_csv
 from feeddrive.files.readers.uff import STARTS as _UFF
 from feeddrive.files.readers.uff import read_uff
 from feeddrive.files.run_files import read_parquet
@@ -64,14 +54,6 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MOST_TOML = 4_000_000  # bytes; no TOML file of ours is larger
 _PAIR = re.compile(rb"(?:\s*#[^\n]*\n|\s)*(?:\[[^,\n]*\]|[\w.\"'-]+[ \t]*=)")  # how a TOML file begins
 _READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, MDF4, also packed by gzip"
-
-# text formats that have a header of their own
-_TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
-    (is_epos, read_epos),
-    (is_twincat, read_twincat),
-    (is_halscope, read_halscope),
-    (is_halsampler, read_halsampler),
-)
 
 # first bytes of files of other kinds, what they are, and what to do
 _OTHERS = (
@@ -169,7 +151,7 @@ def reader_of(name: str, content: bytes) -> Reader:
 
 def _text_reader(content: bytes) -> Reader:
     """Return the reader of a text: that of the recorder whose header it has, else that of CSV."""
-    for fits, reader in _TEXTS:
+    for fits, reader in RECORDERS:
         if fits(content):
             return reader
     return read_csv

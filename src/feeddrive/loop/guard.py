@@ -207,14 +207,15 @@ class Guard(Block):
             latched.append((ops.both(ran, state.mode <= self.hold_samples), state.mode + 1.0))
         mode = cases((usual, 1.0), (enabled, cases(*latched, otherwise=-TRIP_READING)), otherwise=0.0)
         moved = load - state.position_load
-        mode, usual = self._within_bounds(prepared, setpoint, load, moved, mode, usual)
+        after = state._replace(mode=mode, position_motor=motor, position_load=load, set_position=setpoint.position)
+        after, usual = self._within_bounds(prepared, setpoint, moved, after, usual)
         offset = state.offset
         if self.aligns and not one:
             offset = cases((usual, offset), (ran, offset), otherwise=motor - load)
         travel = moved
         if self.starts_moving:
             travel = cases((usual, moved), (ran, moved), otherwise=state.travel + SMOOTHING * (moved - state.travel))
-        after = self.State(mode, motor, load, offset, travel, setpoint.position)
+        after = after._replace(offset=offset, travel=travel)
         aligned, before, before_load, velocity = load, state.position_load, state.position_load, ops.zero(load)
         if not one:
             aligned = motor - offset if self.aligns else motor
@@ -238,27 +239,32 @@ class Guard(Block):
         return state.set_position + state.travel, state.travel / prepared.T, 0.0, 0.0, 0.0
 
     def _within_bounds(
-        self, prepared: Prepared, setpoint: Setpoint, load: Number, moved: Number, mode: Number, usual: object
-    ) -> tuple[Number, object]:
-        """Return mode and `usual` after checking all given bounds; each uses its own local names, also in exports."""
+        self, prepared: Prepared, setpoint: Setpoint, moved: Number, state: State, usual: object
+    ) -> tuple[State, object]:
+        """Return the state of this sample and `usual` after checking all given bounds.
+
+        A condition with a memory of its own keeps it in the state: `state._replace(mode=..., memory=...)`. Each one has
+        local names of its own, which are those in exports.
+        """
+        load = state.position_load
         if self.following_error_limit is not None:
             following_error = setpoint.position - load
             lags = ops.absolute(following_error) > self.following_error_limit
-            mode_at_lag, usual_at_lag = _tripped(TRIP_FOLLOWING_ERROR, lags, mode, usual)
-            mode, usual = mode_at_lag, usual_at_lag
+            mode_at_lag, usual_at_lag = _tripped(TRIP_FOLLOWING_ERROR, lags, state.mode, usual)
+            state, usual = state._replace(mode=mode_at_lag), usual_at_lag
         if prepared.fastest:
             too_fast = ops.absolute(moved) > prepared.fastest[0]
-            mode_at_speed, usual_at_speed = _tripped(TRIP_VELOCITY, too_fast, mode, usual)
-            mode, usual = mode_at_speed, usual_at_speed
+            mode_at_speed, usual_at_speed = _tripped(TRIP_VELOCITY, too_fast, state.mode, usual)
+            state, usual = state._replace(mode=mode_at_speed), usual_at_speed
         if self.travel_least is not None:
             below = load < self.travel_least
-            mode_above_least, usual_above_least = _tripped(TRIP_TRAVEL, below, mode, usual)
-            mode, usual = mode_above_least, usual_above_least
+            mode_above_least, usual_above_least = _tripped(TRIP_TRAVEL, below, state.mode, usual)
+            state, usual = state._replace(mode=mode_above_least), usual_above_least
         if self.travel_most is not None:
             above = load > self.travel_most
-            mode_below_most, usual_below_most = _tripped(TRIP_TRAVEL, above, mode, usual)
-            mode, usual = mode_below_most, usual_below_most
-        return mode, usual
+            mode_below_most, usual_below_most = _tripped(TRIP_TRAVEL, above, state.mode, usual)
+            state, usual = state._replace(mode=mode_below_most), usual_below_most
+        return state, usual
 
     def live(self, verdict: Verdict, memory: Memory, fresh: Memory) -> Memory:
         """Return the state with which the law continues: a new one if the loop did not run."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from feeddrive.export.design import Design
-from feeddrive.export.targets import edits_kept, write_all
+from feeddrive.export.targets import OPTIONS, TARGETS, Target, edits_kept, write_all
 from feeddrive.export.verify import MOST, Verified, verify_export
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineLike
@@ -15,27 +17,40 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
 
 
-class ExportRequest(Request):
+def _those(has: Callable[[Target], Any]) -> str:
+    """Return the names of the targets for which `has` returns true, as the beginning of a help text."""
+    return ", ".join(name for name, target in TARGETS.items() if has(target))
+
+
+def _target_options() -> dict[str, tuple[str, Any]]:
+    """Return the options of the targets, by the name of their field."""
+    defaults = {"bool": False, "tuple[str, ...]": ()}
+    return {
+        declared.asked or name: (
+            declared.kind,
+            option(
+                f"{_those(lambda target, name=name: name in target.options)}: {declared.meaning}",
+                unit=declared.unit,
+                default=defaults.get(declared.kind),
+            ),
+        )
+        for name, declared in OPTIONS.items()
+    }
+
+
+class ExportRequest(Request, more=_target_options(), after="together"):
     """The axis, or all axes, and the target."""
 
     source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
-    target: str = option("c, linuxcnc, linuxcnc-pid, fmu2, fmu3, cortex-m, st, or parameters", short="-t")
+    target: str = option(f"{', '.join([*TARGETS][:-1])}, or {[*TARGETS][-1]}", short="-t")
     axis: str | None = option("its axis; default: all", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
     name: str | None = option("prefix of all names; default: axis_x", default=None)
     precision: str | None = option("double or float; default: double, cortex-m float", default=None)
-    plant: bool = option("c, fmu2, fmu3: the axis, to stand in for the machine", default=False)
-    together: bool = option("c, cortex-m: the controls of all axes as one", default=False)
-    header_only: bool = option("c: a single header", default=False)
-    joint: int | None = option("linuxcnc, linuxcnc-pid: number of the joint", default=None)
-    route: str | None = option("linuxcnc-pid: one or two pids", default=None)
-    units: float | None = option("linuxcnc-pid: machine units in a meter, 1000 for mm", default=None)
-    core: str | None = option("cortex-m: m4f, m7, or m7dp", default=None)
-    maker: tuple[str, ...] = option(
-        "parameters: sinumerik, twincat, odrive, linuxcnc or csv; may be repeated; default: all", default=()
+    plant: bool = option(
+        f"{_those(lambda target: target.plants)}: the axis, to stand in for the machine", default=False
     )
-    lead: float | None = option("parameters: lead of the screw, if the file has none", unit="m", default=None)
-    gear: float | None = option("parameters: turns of the motor in one of the screw", default=None)
+    together: bool = option(f"{_those(lambda target: target.together)}: the controls of all axes as one", default=False)
 
 
 @command(ExportRequest)
@@ -55,14 +70,7 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
         precision=request.precision,
         plant=request.plant,
         together=request.together,
-        single_header=request.header_only,
-        joint=request.joint,
-        route=request.route,
-        units=request.units,
-        core=request.core,
-        makers=request.maker,
-        lead=request.lead,
-        gear=request.gear,
+        **{name: getattr(request, declared.asked or name) for name, declared in OPTIONS.items()},
     )
     designs = tuple(design for design, _ in written)
     titles = [f"{design.title}; for the target {request.target}, every {design.period}" for design in designs]

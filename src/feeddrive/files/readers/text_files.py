@@ -57,12 +57,21 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from feeddrive.files.columns import COUNTS, Columns, arrow_numbers, check_size, free_name, is_wanted, unit_of
+from feeddrive.files.columns import (
+    COUNTS,
+    Columns,
+    Reader,
+    arrow_numbers,
+    check_size,
+    free_name,
+    is_wanted,
+    unit_of,
+)
 from feeddrive.language.errors import LogError
 from feeddrive.language.quantity import Quantity
 
@@ -715,3 +724,12 @@ def _is_float(cell: str, decimal: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+RECORDERS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
+    (is_epos, read_epos),
+    (is_twincat, read_twincat),
+    (is_halscope, read_halscope),
+    (is_halsampler, read_halsampler),
+)
+"""The formats in this file: whether the first bytes are of one, and its reader; the first that fits reads the file."""
