@@ -4,8 +4,6 @@ This namespace holds the names that most programs need. All others are in the su
 and the blocks are in `feeddrive.blocks`. Names are loaded on first use, so that `import feeddrive` is fast.
 """
 
-from __future__ import annotations
-
 from difflib import get_close_matches
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Contouring by several axes: how well their dynamics match, and the largest stable gain of cross-coupled control."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

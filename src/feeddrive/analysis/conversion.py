@@ -1,7 +1,5 @@
 """Conversion to an FRF from numpy arrays and python-control objects. The inverse is `FRF.to_control`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

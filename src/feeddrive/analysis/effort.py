@@ -1,7 +1,5 @@
 """Computational cost of a loop: operations per sample, and the number of substeps required by its axis."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Friction versus velocity from a recorded motion, and the position error at its reversals."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The linear loop, opened at the actuator and closed: the common model for poles, responses and robustness."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A control on a measured axis response: margins and responses without a plant model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -5,8 +5,6 @@ scope.feed(source)                  # a `LiveSource`; call it repeatedly
 shown = scope.shown()               # the last captured window, or None
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

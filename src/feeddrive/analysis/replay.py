@@ -1,7 +1,5 @@
 """Replay of a measured log through a control, a loop or an observer."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast

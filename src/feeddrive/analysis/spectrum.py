@@ -1,7 +1,5 @@
 """The amplitude spectrum of a signal, and its cumulative RMS over frequency."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stability of a loop by the poles of its model, or by the Nyquist criterion on its loop gain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The response to a step of the set position: overshoot, rise time and settling time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

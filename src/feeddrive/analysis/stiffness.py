@@ -1,7 +1,5 @@
 """Disturbance response and robustness of the closed loop: dynamic stiffness, ISE of a force step, noise, rope snap."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ so that 1 is P-PI and more is better; over the n plants on which both are ranked
 neither summed nor weighted: stiffness, tracking and computing effort are separate columns.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace

@@ -1,7 +1,5 @@
 """Stored designs, with exact tunables and figures per law and plant, and the searches for them."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

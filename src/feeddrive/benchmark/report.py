@@ -1,7 +1,5 @@
 """The benchmark results for readers: report page, CSV, JSON, and Markdown and LaTeX tables for papers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace

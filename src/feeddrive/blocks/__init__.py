@@ -3,8 +3,6 @@
 A block is found by the name of its file, `SmithLaw` in `controller/smith_law.py`: no list names it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from functools import cache

@@ -1,7 +1,5 @@
 """The axis model given to every law for its start values: masses, delay, encoders, friction."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass

@@ -9,8 +9,6 @@ A block belongs to the family that `families.py` declares for it. A concrete blo
 actuator, is its own family.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import os

@@ -1,7 +1,5 @@
 """The families of blocks that act on several axes of a machine: couplings between them, and milling tools."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple

@@ -1,7 +1,5 @@
 """Common checks of references and loads, which are sampled before the run, not traced, and have no variants."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.language.block import Block, declarations

@@ -1,7 +1,5 @@
 """CANopen transport by the canopen package: process data on every SYNC, on a CAN bus such as `socketcan:can0`."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import time

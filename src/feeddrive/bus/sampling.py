@@ -6,8 +6,6 @@ SYNC) or OP (EtherCAT) and left as the transport leaves it.  Like `play` and `li
 another master.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import signal
 import time as clock

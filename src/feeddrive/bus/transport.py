@@ -1,7 +1,5 @@
 """The transport interface to a drive on a bus, and the timing of its cycle."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import os

@@ -1,7 +1,5 @@
 """The firmware of a virtual drive: CiA 402 around the simulated loop of a machine file, and its process data."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable, Mapping

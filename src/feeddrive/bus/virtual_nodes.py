@@ -10,8 +10,6 @@ information are refused with an abort code; masters work without them.
 On a CAN bus the canopen package serves SDO and NMT; process data are exchanged on every SYNC.
 """
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import struct

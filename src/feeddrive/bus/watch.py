@@ -75,8 +75,6 @@ Not detectable: a wrong force (0x6077) or second encoder (0x60E4); a dead encode
 following error exceeds its limit; a dead drive whose target does not move (csp, csv) or stays below B (cst).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Certification of a control for a list of plants, and the reasons for a refusal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -29,8 +29,6 @@ An interval that is too wide for its bound is bisected.  The bound also implies 
 for the matrices before and after rounding and everywhere between them; so both have the same number of poles outside.
 """
 
-from __future__ import annotations
-
 import bisect
 import cmath
 import hashlib

@@ -4,8 +4,6 @@ Each stored number of the control is rounded to the arithmetic of the controller
 specified, with its measured frequency lines.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

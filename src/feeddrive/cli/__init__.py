@@ -5,8 +5,6 @@ Every user error is reported as one line on the error stream, with the exit code
 a closed terminal.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -3,8 +3,6 @@
 A command's module is imported when it is called or its `--help` is shown; `feeddrive --help` needs only the names.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import sys

@@ -1,7 +1,5 @@
 """The figures by which laws are ranked: computation from the linear model, and output as text and data frame."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

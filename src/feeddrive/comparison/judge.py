@@ -1,7 +1,5 @@
 """The evaluation of one law on one axis: final adaptation to the task, and its figures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -1,7 +1,5 @@
 """The report of a comparison, and its result directory."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -15,8 +15,6 @@ class Peak(Case[float]):
 Engine(workers=4).evaluate([Peak(loop, gain) for gain in gains])
 """
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 from abc import ABC, abstractmethod

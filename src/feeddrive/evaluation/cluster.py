@@ -9,8 +9,6 @@ A case whose worker was killed is computed again by another worker.  A case that
 workers is submitted again a few times; then an error names the case.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import math

@@ -6,8 +6,6 @@ A file is valid only for a case with the same digest.  Other numbers, another ru
 feeddrive give another digest, and the case is computed again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re

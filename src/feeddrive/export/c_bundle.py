@@ -1,7 +1,5 @@
 """The target `c`: sources, a self-test, build files for make and CMake, a README, and the execution of an export."""
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 import subprocess

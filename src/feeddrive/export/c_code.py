@@ -4,8 +4,6 @@ The header declares structs with units and meanings; one source contains `step` 
 run outside the interrupt.  `header_only` combines all of it in one header.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 import re

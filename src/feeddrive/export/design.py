@@ -1,7 +1,5 @@
 """A design to export: the control or plant of a machine file with all checks, and test inputs for its controller."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass

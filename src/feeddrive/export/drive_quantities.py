@@ -1,7 +1,5 @@
 """A P-PI design in the quantities used by drive manufacturers, and the elements that a target does not support."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, SupportsFloat

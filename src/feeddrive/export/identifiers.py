@@ -1,7 +1,5 @@
 """Names and texts valid on every target: identifiers, reserved words of the languages, ASCII."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 

@@ -1,7 +1,5 @@
 """The memory layout of a routine on a target: what `configure` computes and stores, and what each step computes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

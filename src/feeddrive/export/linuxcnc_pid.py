@@ -1,7 +1,5 @@
 """The target `linuxcnc-pid`: a P-PI design as LinuxCNC's stock pid components, with the remaining differences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -5,8 +5,6 @@ killed real-time process leaves a residue.  A session therefore has separate IPC
 A running LinuxCNC and its installation are not affected.  Unprivileged use requires a kernel with user namespaces.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """The target `parameters`: a design in the parameter names and units of drive manufacturers, and its files."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """The target `st`: a control as Structured Text, import files for PLC tools, a test block, and a README."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import textwrap

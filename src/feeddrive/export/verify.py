@@ -1,7 +1,5 @@
 """Verification of an export: its code runs on this computer and is compared with the simulator bit for bit."""
 
-from __future__ import annotations
-
 import platform
 import re
 import tempfile

@@ -5,8 +5,6 @@ point of the group `feeddrive.figures`, and `--allow MODULE` adds those of a mod
 A study file itself never triggers an import.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any

@@ -5,8 +5,6 @@ figure of studies and, with `judges_laws`, of `compare` and the benchmark. Its d
 tools in `slopes.py`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

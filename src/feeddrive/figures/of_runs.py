@@ -1,7 +1,5 @@
 """The figures of runs, from statistics gathered during a batch, from whole runs, or from the duty in a comparison."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Slacks are logarithms or relative differences: 0.01 is about one percent. A limit is kept while its slack is >= 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 

@@ -6,8 +6,6 @@ the old one unchanged.  (A killed process or a power cut may leave the hidden te
 result under the final name.)
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -1,7 +1,5 @@
 """The drive that recorded a log: force per unit of its command or current, and table travel per motor angle."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -7,8 +7,6 @@
 A unit may be given in brackets or as a suffix of the name; a response has output over input (`re_rad_per_A`).
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence

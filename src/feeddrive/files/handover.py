@@ -6,8 +6,6 @@
 All numbers are in SI and are preserved bit for bit.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from pathlib import Path

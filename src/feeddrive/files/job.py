@@ -20,8 +20,6 @@ name = "twice the gain"
 set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control], [law.axis.y.control]
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

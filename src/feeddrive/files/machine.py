@@ -18,8 +18,6 @@ axis = "x"
 squareness_xy_urad = 20
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

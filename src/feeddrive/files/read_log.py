@@ -3,8 +3,6 @@
 The stamps must have one sample time, no gap and no backward step. Every error states its place and the remedy.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import tomllib

@@ -4,8 +4,6 @@ Both preserve every bit of the numbers, and the same run gives the same bytes.  
 of numbers can be read too.  Pages carry checksums, which are verified.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io

@@ -5,8 +5,6 @@ checks between parameters of a block, bounds of a number in another unit than th
 parameter must not be given twice in two units.  `workflow/schemas.py` lists the kinds of files and writes the schemas.
 """
 
-from __future__ import annotations
-
 import typing
 from collections.abc import Mapping
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """Pitch errors and backlash of an axis from positions measured over its travel."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

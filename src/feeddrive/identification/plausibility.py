@@ -4,8 +4,6 @@ A log with a unit wrong by a factor of 1000 can be fitted as well as a correct o
 error. The bounds are wide: a log outside of them has a wrong unit or is not from a feed drive.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

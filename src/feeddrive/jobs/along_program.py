@@ -1,7 +1,5 @@
 """Results that a part program adds to a row of a job: figures along the program, observers, cuts and chatter."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The log of a job: its columns as signals of the loop, its injected forces, and its unused columns."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Execution of a job: every law is simulated with the same motion and loads, and analyzed for margins and stiffness."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass

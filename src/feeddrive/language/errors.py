@@ -1,7 +1,5 @@
 """The errors that a user can cause, and helpers for their messages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any, ClassVar

@@ -5,8 +5,6 @@ and type checkers from them.  A module often has the same name as its function (
 refers to the function, even after the module has been imported.
 """
 
-from __future__ import annotations
-
 import pkgutil
 import sys
 from collections.abc import Callable, Iterator, Mapping

@@ -9,8 +9,6 @@ For the accuracy against 50-digit arithmetic see docs/accuracy.md.  The function
 return NaN beyond 1e9 rad.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

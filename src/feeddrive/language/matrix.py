@@ -3,8 +3,6 @@
 They are intended for `prepare`, which runs once per variant, and for at most about a dozen rows.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias

@@ -4,8 +4,6 @@ Both branches of `where` are always evaluated: guard the arguments (`sqrt(maximu
 A NaN in a signal passes through `minimum`, `maximum` and `clip`; only the loop's guard catches it.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.language import mathematics

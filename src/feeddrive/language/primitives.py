@@ -3,8 +3,6 @@
 `mathematics.py` builds the elementary functions from them; `ops.py` contains all that a law may use.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

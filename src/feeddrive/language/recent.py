@@ -1,7 +1,5 @@
 """A bounded cache: the least recently used entries are dropped."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from threading import Lock

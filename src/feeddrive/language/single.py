@@ -14,8 +14,6 @@ processor, bit for bit except for the payload of NaN.  Processors differ in one 
 below 2⁻¹²⁶ that rounds up to 2⁻¹²⁶ is 0 on ARM and here, and 2⁻¹²⁶ on x86.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -6,8 +6,6 @@ under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML
 a loop, the path of a parameter of a single block is its name by fields.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache

@@ -6,8 +6,6 @@ the same dimension by a suffix on the key: `stiffness_N_per_um`, `Kv_m_per_min_p
 Angle is treated as a separate dimension, so that Hz (= 2π rad/s) and 1/s can never be confused.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from functools import cache, lru_cache

@@ -1,7 +1,5 @@
 """Iterative feedforward: the error model, and the parameters corrected after each repetition of a motion."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Tuning of the lead of a repetitive controller, from the response of the loop to a shift of its set position."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

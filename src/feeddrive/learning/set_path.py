@@ -1,7 +1,5 @@
 """Set paths through the inverse of a loop: its lifted response, filtered splines, and zero phase."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

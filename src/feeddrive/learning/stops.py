@@ -1,7 +1,5 @@
 """Friction feedforward by stops, learned from slow swings of the loop."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

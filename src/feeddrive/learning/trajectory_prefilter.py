@@ -1,7 +1,5 @@
 """A prefilter of the setpoint that cancels the tracking error of a loop, by least squares from one run or log."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

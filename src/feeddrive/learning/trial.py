@@ -1,7 +1,5 @@
 """A trial: setpoint, tracking error and force of one repetition, simulated or measured."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Iterative learning over trials: feedforward parameters or a force signal of one loop, or all axes of a machine."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

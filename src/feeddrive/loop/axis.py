@@ -1,7 +1,5 @@
 """The physics of one axis: linear mechanics, friction, other forces, actuator with dead time, and encoders."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The guard of a loop: enable, disable, trips, and handling of NaN. It is simulated and exported like the law."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple, TypeVar
 

@@ -1,7 +1,5 @@
 """Exact discretization: state transition of the linear mechanics over a substep with forces held constant."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

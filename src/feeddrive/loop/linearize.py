@@ -3,8 +3,6 @@
 A multirate loop, whose law is periodic over several samples, is lifted; frequency responses exist for every loop.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

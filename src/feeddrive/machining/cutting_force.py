@@ -3,8 +3,6 @@
 The surface of an end mill is the envelope of its edges under the actual motion of the axes, with feed marks.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, cast
 

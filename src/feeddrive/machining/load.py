@@ -1,7 +1,5 @@
 """Load of motors and spindle due to a motion: RMS and peak force, heat, losses, energy and power."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -14,8 +14,6 @@ A point of that wall belongs to the part if
 A cut along an edge encloses nothing and counts completely, since the end of its part is not known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise

@@ -4,8 +4,6 @@
 monodromy matrix of the cut, by collocation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

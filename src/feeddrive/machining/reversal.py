@@ -1,7 +1,5 @@
 """Quadrant glitches: the contour errors due to dry friction at each reversal of an axis."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ The output is one page per paper, an index of all claims, and the figures as JSO
 Random set motions and readings compare a block with an independent evaluation of its paper's equations.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import multiprocessing

@@ -12,8 +12,6 @@ travel_most_mm = 600
 velocity_rpm = 60                  # deg_per_s, rad_per_s ... are equivalent
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping

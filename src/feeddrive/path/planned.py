@@ -1,7 +1,5 @@
 """The result of a plan: cycle time, largest use of each limit, stops, and a reduced record of the motion for plots."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

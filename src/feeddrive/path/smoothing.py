@@ -10,8 +10,6 @@ times that.
 Do not use it to hide that a planner exceeds its limits; it lowers the peaks of its steps by spreading them over 4 n h.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 _AVERAGES = 4

@@ -1,7 +1,5 @@
 """A matplotlib figure that displays itself in notebooks without pyplot; imported only where a figure is drawn."""
 
-from __future__ import annotations
-
 from io import BytesIO
 
 from matplotlib.figure import Figure

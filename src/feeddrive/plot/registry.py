@@ -3,8 +3,6 @@
 The first `chart()` or `plot()` of a type imports only the module of its chart.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from feeddrive.language.table import chart_of, frame_of

@@ -1,7 +1,5 @@
 """The contents of a report that compares laws on the same task: an entry for each law, common facts, and sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

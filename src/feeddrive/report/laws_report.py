@@ -1,7 +1,5 @@
 """The report on laws compared on the same task: its pictures with captions, and its tables."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any

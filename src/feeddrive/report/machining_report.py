@@ -1,7 +1,5 @@
 """The reports of machining results: a circular test, a planned part program, and a part program that was run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np

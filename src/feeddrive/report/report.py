@@ -10,8 +10,6 @@
 `page.html` writes it as HTML, and `Report.record` returns it for JSON.  Numbers are not formatted before that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """The live sources of the room Scope, and the thread that follows one for a page."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

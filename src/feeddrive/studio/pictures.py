@@ -1,7 +1,5 @@
 """The pictures of the page: the loop under today's, the current and stored controls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ token     in an address, opens the page once and is exchanged for a cookie that 
 headers   a policy without external content and inline scripts; framing, caching and MIME sniffing are disabled
 """
 
-from __future__ import annotations
-
 import asyncio
 import getpass
 import hmac

@@ -12,8 +12,6 @@ the strata of each coordinate in the order of a random-access permutation of 0 .
 position within the stratum.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, Protocol

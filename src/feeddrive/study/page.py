@@ -5,8 +5,6 @@ summary.json                       every answer in SI
 worst/variant_00000012.toml        a job:  feeddrive run worst/variant_00000012.toml
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path

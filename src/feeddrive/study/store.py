@@ -14,8 +14,6 @@ Two sweeps of one study into the same store write the same bytes, and no row is 
     store.table()                                    # all rows as one pyarrow table
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

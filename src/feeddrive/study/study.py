@@ -17,8 +17,6 @@ tolerance_percent = 10
 A base is the starting point of variants: one job per combination of choices, with its nominal numbers.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math

@@ -8,8 +8,6 @@ Whenever a sweep ends early, the chunks written so far stay, and `resume` comput
 uninterrupted sweep.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from contextlib import closing

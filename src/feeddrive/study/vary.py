@@ -32,8 +32,6 @@ choice = "row"                           # a law of the job, or a key of job or 
 values = ["today", "twice the gain"]
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping

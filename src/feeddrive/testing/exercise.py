@@ -13,8 +13,6 @@ An operation that is used once is written inside the expression that uses it; al
 only `fabs`, `floor` and `sqrt` are called, which IEEE 754 fixes to the bit, unless the plan asks for "libm".
 """
 
-from __future__ import annotations
-
 import ctypes
 import re
 import shutil

@@ -3,8 +3,6 @@
 Each strategy is built once, since Hypothesis takes longer to analyze a new strategy than to draw from it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,7 +1,5 @@
 """Manual tuning: the adjustable parameters of a control, and its loop at all operating points."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The laws are those of the catalogue. Each law computes its own start values (`La
 declares with which laws it can be combined (`goes_beside`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Closed-loop responses of a control at an operating point, with their derivatives and measurement variances."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, cached_property
 from operator import attrgetter

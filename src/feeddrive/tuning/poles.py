@@ -1,7 +1,5 @@
 """Poles: gains by pole placement, the poles that a law places by its parameters, and the poles that gains can move."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Verification of a tuned control by methods independent of the search, including a simulation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Classical tuning rules for the P-PI cascade, on a measured or modelled axis and with the filters of the control."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Scaling of controls by one factor: the whole loop faster or slower, and the largest gains versus dead time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The optimizer: sequential quadratic programming with a trust region, in the logarithms of the tunables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ The module contains, in this order, the tunables and their ranges, the steps of 
 recommendation in words (`Tuned`), and the functions for users (`tune_control`, `assess`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

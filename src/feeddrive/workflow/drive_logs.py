@@ -1,7 +1,5 @@
 """Functions and options shared by commands that read several logs of one drive: columns, drive data, output."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 

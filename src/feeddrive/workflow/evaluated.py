@@ -1,7 +1,5 @@
 """The options of commands that evaluate many cases: the workers or cluster, and how to resume a stopped call."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path

@@ -3,8 +3,6 @@
 The analysis packages do not know of reports; a command adds facts that only it knows, such as the source of a log.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from feeddrive.language.table import report_of

@@ -10,8 +10,6 @@ created, with the same error message as a block parameter.  `entered` is the uni
 the request itself holds SI values.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import shlex

@@ -3,8 +3,6 @@
 python -m feeddrive.workflow.schemas docs/schema
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping

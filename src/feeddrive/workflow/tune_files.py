@@ -1,7 +1,5 @@
 """The output files of `feeddrive tune`: the report, the summary, and the machine file with the tuned control."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """The inputs of a tuning: machine files, and measured responses by role, in m/N, checked for common mistakes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

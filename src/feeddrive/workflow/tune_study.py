@@ -6,8 +6,6 @@ machine.toml   the study's machine file with the new control, if it holds and is
 control.toml   the new control alone
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """The actuator: current loop and dead time between the commanded and the acting force."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Motor
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, parameter, part

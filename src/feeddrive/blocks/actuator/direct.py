@@ -1,7 +1,5 @@
 """An actuator with a single force constant: a linear motor, or a complete drive train measured as one."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from feeddrive.blocks.families import Motor

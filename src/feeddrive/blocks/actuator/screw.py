@@ -1,7 +1,5 @@
 """An actuator with a rotary motor on a screw, given by its data sheet."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from feeddrive.blocks.families import Motor

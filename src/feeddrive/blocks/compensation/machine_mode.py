@@ -1,7 +1,5 @@
 """One low-frequency mode of a machine, as it appears at the tool."""
 
-from __future__ import annotations
-
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, choice, parameter
 from feeddrive.language.errors import ParameterError

@@ -1,7 +1,5 @@
 """Two options of the P-PI cascade that have memory: a slower position loop and a reference model."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from feeddrive.language import ops

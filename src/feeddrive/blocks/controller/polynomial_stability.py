@@ -1,7 +1,5 @@
 """Stability of a polynomial, for rules evaluated on numbers or in a trace."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

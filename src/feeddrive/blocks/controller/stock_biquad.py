@@ -1,7 +1,5 @@
 """The `biquad` component of LinuxCNC, with the arithmetic of its source."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from feeddrive.language.block import Block, Number, parameter

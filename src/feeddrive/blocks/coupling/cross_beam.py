@@ -1,7 +1,5 @@
 """The beam between the two drives of a gantry axis."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.machine_families import Coupling, SharedSpring
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import StructureError

@@ -1,7 +1,5 @@
 """Cross-coupled control: a contour controller between the controllers of the axes that trace a contour."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Cutting conditions that change from section to section of a program."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """A force recorded with a dynamometer, added at the tables of several axes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

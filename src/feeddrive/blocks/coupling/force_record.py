@@ -1,7 +1,5 @@
 """One component of a recorded force."""
 
-from __future__ import annotations
-
 from feeddrive.language.block import Block, Number, choice, table
 
 

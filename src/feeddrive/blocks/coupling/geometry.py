@@ -1,7 +1,5 @@
 """The geometric errors of a machine: the tool point as a function of the axis positions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from feeddrive.blocks.coupling.straightness import Straightness

@@ -1,7 +1,5 @@
 """The force of a milling tool, with the chip from the actual relative motion of tool and workpiece."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 

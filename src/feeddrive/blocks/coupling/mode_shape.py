@@ -1,7 +1,5 @@
 """The mode shape of a structure mode at one axis."""
 
-from __future__ import annotations
-
 from feeddrive.language.block import Block, Number, choice, parameter
 
 

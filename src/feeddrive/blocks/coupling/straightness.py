@@ -1,7 +1,5 @@
 """The straightness of a guideway."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.language import ops

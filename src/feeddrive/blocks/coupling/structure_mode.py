@@ -1,7 +1,5 @@
 """A structure mode of the machine shared by several axes."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.coupling.mode_shape import ModeShape
 from feeddrive.blocks.machine_families import Coupling, SharedMode
 from feeddrive.language import ops

@@ -1,7 +1,5 @@
 """An end mill with cutting and edge force coefficients and run-out."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

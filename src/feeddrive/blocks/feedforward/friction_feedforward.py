@@ -1,7 +1,5 @@
 """Friction feedforward from the set velocity."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Acceleration and velocity feedforward of a rigid axis."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Feedforward

@@ -1,7 +1,5 @@
 """Inverse dynamics of screw and table: the force needed for the set motion, with the spring between them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Feedforward, Plant

@@ -1,7 +1,5 @@
 """Second-order sections (biquads): Tustin with prewarping, steps in direct form II transposed, and their family."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """A second-order low-pass filter."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.filter.biquad import SecondOrderSection, Section, low_pass_section
 from feeddrive.language.block import Number, parameter
 

@@ -1,7 +1,5 @@
 """A notch filter for one resonance."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.filter.biquad import SecondOrderSection, Section, notch_section
 from feeddrive.language.block import Number, parameter
 

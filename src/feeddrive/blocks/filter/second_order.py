@@ -1,7 +1,5 @@
 """The general second-order filter of a drive's current setpoint path."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.filter.biquad import SecondOrderSection, Section, prewarped, section, tustin
 from feeddrive.language.block import Number, parameter
 

@@ -1,7 +1,5 @@
 """Backlash between screw and table."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Force, Plant

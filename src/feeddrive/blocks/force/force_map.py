@@ -1,7 +1,5 @@
 """A force as a function of position and time."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Force, Plant

@@ -1,7 +1,5 @@
 """A constant force on the load: weight of a vertical axis, or the offset of an identified model."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Force, Plant

@@ -1,7 +1,5 @@
 """One harmonic of a force that is periodic along the travel."""
 
-from __future__ import annotations
-
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, choice, parameter
 

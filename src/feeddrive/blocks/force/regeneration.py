@@ -1,7 +1,5 @@
 """A regenerative cutting force, which depends on the surface left by the previous cut."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

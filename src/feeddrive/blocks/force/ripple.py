@@ -1,7 +1,5 @@
 """Force ripple of a motor."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Force, Plant

@@ -1,7 +1,5 @@
 """The lead error of a screw in a drive with an axial spring."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Force, Plant

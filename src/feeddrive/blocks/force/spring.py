@@ -1,7 +1,5 @@
 """The check for a spring between motor and load body that a force block can modify."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Plant
 from feeddrive.language.errors import StructureError
 

@@ -1,7 +1,5 @@
 """Coulomb friction with exact standstill."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Friction, Nothing

@@ -1,7 +1,5 @@
 """The Stribeck curve shared by the friction laws."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from feeddrive.language import ops

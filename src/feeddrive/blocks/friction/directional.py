@@ -1,7 +1,5 @@
 """Viscous and Coulomb friction with different values for the two directions."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Friction, Nothing

@@ -1,7 +1,5 @@
 """Stribeck friction with different values for the two directions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Generalized Maxwell slip: friction as parallel springs, each of which sticks or slips independently."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

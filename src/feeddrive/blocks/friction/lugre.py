@@ -1,7 +1,5 @@
 """The LuGre model: friction from the deflection of bristles, with presliding and hysteresis."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

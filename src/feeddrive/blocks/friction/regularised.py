@@ -1,7 +1,5 @@
 """Friction with a smooth sign function, for gradients and for comparison with work that used it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

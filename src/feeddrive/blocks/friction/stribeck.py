@@ -1,7 +1,5 @@
 """Stribeck friction: a breakaway level that falls to the Coulomb level as the axis starts to move."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

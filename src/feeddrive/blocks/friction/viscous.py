@@ -1,7 +1,5 @@
 """Viscous friction alone."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.blocks.families import Friction, Nothing

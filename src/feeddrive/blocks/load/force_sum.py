@@ -1,7 +1,5 @@
 """The sum of several forces."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.families import Load

@@ -1,7 +1,5 @@
 """The cutting force of a milling tool on one axis."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A recorded force over time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.families import Load

@@ -1,7 +1,5 @@
 """Mass, damping and stiffness matrices of a chain of masses with springs between neighbors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from feeddrive.blocks.families import Mechanics

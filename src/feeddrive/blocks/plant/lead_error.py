@@ -1,7 +1,5 @@
 """The lead error of a screw along its travel."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feeddrive.language import ops

@@ -1,7 +1,5 @@
 """An axis of a small milling machine in the parameters of control papers: carriage on a screw, torque as input."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.blocks.plant.transmission import radians_per_metre, reflected
 from feeddrive.language.block import Number, parameter

@@ -1,7 +1,5 @@
 """A rigid axis with structural modes in parallel."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.language import matrix

@@ -1,7 +1,5 @@
 """One structural mode."""
 
-from __future__ import annotations
-
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, parameter
 

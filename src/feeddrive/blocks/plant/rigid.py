@@ -1,7 +1,5 @@
 """A rigid axis: one moving mass."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.language.block import Number, parameter
 

@@ -1,7 +1,5 @@
 """A rigid axis with a screw, in data-sheet parameters: inertias in kg m², lead, gear."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.blocks.plant.transmission import radians_per_metre, reflected
 from feeddrive.language.block import Number, parameter

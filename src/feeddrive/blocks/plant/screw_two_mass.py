@@ -1,7 +1,5 @@
 """A ball screw with one axial mode, in data-sheet parameters: inertias in kg m², lead, gear."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.blocks.plant.chain import chain
 from feeddrive.blocks.plant.transmission import radians_per_metre, reflected

@@ -1,7 +1,5 @@
 """A ball screw with its torsional and its axial mode: motor, screw and table in a row."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.blocks.plant.chain import chain
 from feeddrive.language.block import Number, parameter

@@ -1,7 +1,5 @@
 """Conversion from the motor's shaft to the table: angle, torque and inertia through gear and screw."""
 
-from __future__ import annotations
-
 from feeddrive.language import ops
 from feeddrive.language.block import Number
 

@@ -6,8 +6,6 @@ All equations are those of Gordon & Erkorkmaz 2013, eq. (2):
     [m12 m22] [x2''] + [c12 c22] [x2'] + k [-1  1] [x2] = [0]
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Plant

@@ -1,7 +1,5 @@
 """A ball screw with one axial mode: driven mass and table mass, with the screw between them as a spring."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from feeddrive.blocks.families import Mechanics, Plant

@@ -1,7 +1,5 @@
 """A setpoint prefilter that cancels the remaining tracking error of a loop."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.families import Law, Nothing, Prefilter
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, parameter

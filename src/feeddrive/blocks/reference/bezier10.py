@@ -1,7 +1,5 @@
 """A move along a Bezier polynomial of degree ten."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.reference.derivatives import Derivatives, stretched

@@ -1,7 +1,5 @@
 """The durations of the boxcars of a limited move, and the limits that a short distance does not reach."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

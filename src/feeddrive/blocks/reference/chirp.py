@@ -1,7 +1,5 @@
 """A sine sweep through a frequency band."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.families import Reference

@@ -1,7 +1,5 @@
 """The motion of one axis along a circle."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.families import Reference

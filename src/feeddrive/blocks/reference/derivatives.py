@@ -1,7 +1,5 @@
 """Functions of time with their first four derivatives, and rules for combining them."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

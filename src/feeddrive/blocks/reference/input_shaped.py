@@ -1,7 +1,5 @@
 """A reference filtered by an input shaper."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.families import Reference

@@ -1,7 +1,5 @@
 """A move within limits of velocity, acceleration and jerk."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.reference.limited_move import LimitedMove
 from feeddrive.language.block import Number, parameter
 

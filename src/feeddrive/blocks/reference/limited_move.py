@@ -1,7 +1,5 @@
 """The common part of all limited moves: a leg built of boxcars."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from functools import cached_property
 

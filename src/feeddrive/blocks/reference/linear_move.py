@@ -1,7 +1,5 @@
 """A move at constant velocity, as a linear interpolator commands it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.reference.derivatives import Derivatives

@@ -1,7 +1,5 @@
 """The common part of all moves: rest to rest, one way or there and back, with dwells."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 

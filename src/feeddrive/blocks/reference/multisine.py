@@ -1,7 +1,5 @@
 """A periodic sum of sines: the excitation for frequency responses."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A move along a polynomial of degree seven."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.reference.derivatives import Derivatives, stretched

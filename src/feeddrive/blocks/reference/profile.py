@@ -1,7 +1,5 @@
 """A rest-to-rest motion with piecewise constant snap, jerk or acceleration: convolved boxcars in closed form."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

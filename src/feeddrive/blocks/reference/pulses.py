@@ -1,7 +1,5 @@
 """The impulse sequences of input shapers: a command convolved with them does not excite a mode."""
 
-from __future__ import annotations
-
 import math
 
 SHAPERS = ("zv", "zvd", "ei")

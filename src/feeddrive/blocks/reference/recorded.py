@@ -1,7 +1,5 @@
 """A recorded reference: the set positions of a log, replayed sample by sample."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

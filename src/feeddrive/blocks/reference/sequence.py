@@ -1,7 +1,5 @@
 """A sequence of references, one after another."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from itertools import accumulate
 

@@ -1,7 +1,5 @@
 """A sine motion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.families import Reference

@@ -1,7 +1,5 @@
 """Polynomials that rise from 0 to 1 with zero slope at both ends; windows and run-ups composed of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from feeddrive.blocks.reference.derivatives import Derivatives

@@ -1,7 +1,5 @@
 """A motion as stretches, each a polynomial of time, in arithmetic that numpy can sample and a trace can record."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, cast
 
 from feeddrive.blocks.reference.derivatives import Derivatives

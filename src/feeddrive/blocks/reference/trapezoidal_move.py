@@ -1,7 +1,5 @@
 """A move within limits of velocity and acceleration."""
 
-from __future__ import annotations
-
 from feeddrive.blocks.reference.limited_move import LimitedMove
 from feeddrive.language.block import Number, parameter
 

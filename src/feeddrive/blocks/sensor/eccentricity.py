@@ -1,7 +1,5 @@
 """Eccentricity of a graduated disc on its shaft."""
 
-from __future__ import annotations
-
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, parameter
 

@@ -1,7 +1,5 @@
 """A linear or rotary encoder with its errors."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Nothing, Sensor

@@ -1,7 +1,5 @@
 """Interpolation error of an encoder's sine signals."""
 
-from __future__ import annotations
-
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, parameter
 

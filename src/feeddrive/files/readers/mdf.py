@@ -5,8 +5,6 @@ executed.  Every header, link and length is checked before it is used: asammdf c
 tests/files/test_files_reasons.py.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib

@@ -51,8 +51,6 @@ the wanted channels; the others are left out with their sample time.  A FILETIME
 stated sample time compensates.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -5,8 +5,6 @@ Requires pyuff (the extra `uff`).  Units are those of the axis labels, else the 
 50 MB.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path

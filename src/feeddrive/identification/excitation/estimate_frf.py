@@ -1,7 +1,5 @@
 """Estimation of frequency responses from records of a multisine or of any other excitation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Design of a multisine excitation for a drive, with the simulated response of the axis."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Frequency responses from impact tests: force window, exponential window with correction, average over blows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Frequency responses for arbitrary excitation: averaged spectra, and the local polynomial method."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

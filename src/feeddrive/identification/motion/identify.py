@@ -1,7 +1,5 @@
 """Complete identification of one log: inverse dynamics, dead time, control law, output error, recommendation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 Quantities are input and output of a response, its order of differentiation, and the resulting units.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

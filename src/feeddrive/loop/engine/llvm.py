@@ -14,8 +14,6 @@ number to number, so that each input may be a row of its own; outputs as rows of
 Values that do not change from sample to sample are computed before the loop.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable, Sequence
 

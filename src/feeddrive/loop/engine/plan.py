@@ -7,8 +7,6 @@ where an expensive branch is rarely taken, such as the exponential of Stribeck f
 speed.  Cheap branches are always computed: a mispredicted branch costs about twenty operations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

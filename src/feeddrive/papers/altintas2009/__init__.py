@@ -1,7 +1,5 @@
 """Altintas & Okwudire 2009: DADSC with disturbance recovery on a linear motor, claim by claim."""
 
-from __future__ import annotations
-
 from feeddrive.language.progress import Progress
 from feeddrive.papers.altintas2009 import recovery, shipped
 from feeddrive.papers.altintas2009.equations import equations

@@ -1,7 +1,5 @@
 """Rows 1.a to 1.c: the equations of the paper, in the ideal loop."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

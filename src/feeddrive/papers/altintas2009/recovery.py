@@ -5,8 +5,6 @@ Rows 1.m to 1.q: stiffness versus frequency, bandwidths, and simultaneous cuttin
 motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Rows 1.j to 1.l: the shipped blocks, compared with an independent evaluation of their equations."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ force acts after the reading.  The ideal loop uses the law's own step, which is 
 evaluations solve a sample.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

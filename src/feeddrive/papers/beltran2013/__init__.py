@@ -1,7 +1,5 @@
 """Beltrán-Carbajal et al. 2013: active disturbance rejection on the three axes of a small mill."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from functools import partial

@@ -2,8 +2,6 @@
 observer.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from collections.abc import Callable

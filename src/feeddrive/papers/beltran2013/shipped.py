@@ -1,7 +1,5 @@
 """Rows 3.zc to 3.zh: the shipped law, observer, cutter and reference, compared with an independent evaluation."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Gordon & Erkorkmaz 2013: pole placement with active damping, and a trajectory prefilter, on a ball screw."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace

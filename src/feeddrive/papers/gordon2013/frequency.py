@@ -4,8 +4,6 @@ each contribution.
 The effect of a contribution is shown by the tracking response of the table with it and without it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

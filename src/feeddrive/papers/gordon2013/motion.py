@@ -3,8 +3,6 @@
 An imperfect machine has a wrong table mass and sampling jitter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The axis, the two laws and the motions of the experiments, and the figures of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Wu, Han, Xiong & Ding 2017: iterative tuning of feedforward and disturbance compensator, claim by claim."""
 
-from __future__ import annotations
-
 from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Experiment
 from feeddrive.papers.wu2017 import shipped

@@ -5,8 +5,6 @@ Rows 4.a to 4.f: three sets of basis functions, with constant and changing refer
 Row 4.n: learned parameters versus a learned signal, with a repeated and with a changing task.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import NamedTuple
 

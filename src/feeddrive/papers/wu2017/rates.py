@@ -1,7 +1,5 @@
 """Rows 4.g to 4.j: the error model against the simulated loop, rates of convergence, noise and condition."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The x-y table of the experiments: its axes with either friction model, moves, noise, and the plots of the paper."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from functools import lru_cache

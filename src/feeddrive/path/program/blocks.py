@@ -5,8 +5,6 @@ Parameters are numbered (`#31`), named (`#<depth>`), or reflect the interpreter'
 evaluated from left to right.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE

@@ -3,8 +3,6 @@
 machine = R(rotation) (program + axis_offset) + origin + tool_offset          rotation in the XY plane
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace

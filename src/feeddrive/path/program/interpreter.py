@@ -7,8 +7,6 @@ The program is never held in memory: a loop returns to the position of its line 
 subroutine.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field

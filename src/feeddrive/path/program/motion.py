@@ -4,8 +4,6 @@ The cycles G73, G74, G81 to G86 and G89 traverse to the hole, traverse to R, fee
 described for the XY plane; in G18 and G19 the axis normal to the plane replaces Z.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

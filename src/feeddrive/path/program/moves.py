@@ -7,8 +7,6 @@ Moves are in machine coordinates (m, rad, s), with the geometry of the arcs G2 a
 for the axes X Y Z A B C U V W.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

@@ -5,8 +5,6 @@ It supports cutter compensation and the rest of the language, but prints only fo
 in mm, 2.5 um in inches), and neither U, V nor W.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -5,8 +5,6 @@ machine = R(rotation) (program + axis_offset) + origin + tool_offset          ro
 G10, G43, G49, G52, G54 to G59.3 and G92 shift coordinates without motion; G28 and G30 move to a stored position.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence

@@ -6,8 +6,6 @@ simultaneously (`spline`).  The result, in time intervals of constant snap, is u
 otherwise the original plan is kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ With an override the motion becomes final node by node, and on plateaus at most 
 points the feed factor is read: if it has changed, the motion brakes as soon as the limits allow, or is replanned.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The rooms of the page, in the order of the workflow."""
 
-from __future__ import annotations
-
 from feeddrive.studio.desk import Room
 from feeddrive.studio.rooms.bring import Bring
 from feeddrive.studio.rooms.compare import Compare
