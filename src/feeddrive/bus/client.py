@@ -8,25 +8,8 @@ from collections.abc import Generator, Sequence
 from types import TracebackType
 from typing import NamedTuple
 
-from feeddrive.bus.cia402 import (
-    CSP,
-    CST,
-    DEVICE_NAME,
-    DISABLE_VOLTAGE,
-    ERRORS,
-    FAULT_RESET,
-    MODES,
-    NEEDED,
-    OBJECTS,
-    QUICK_STOP,
-    SENT,
-    TOLD,
-    TOWARDS_ENABLED,
-    VIRTUAL,
-    Layout,
-    PowerState,
-    state_of,
-)
+from feeddrive.bus import cia402
+from feeddrive.bus.cia402 import Layout, PowerState
 from feeddrive.bus.drive_file import BusDrive, DriveScaling, interpolation_time
 from feeddrive.bus.ethercat import EtherCAT, Segment
 from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
@@ -50,13 +33,13 @@ def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
         if has_object(transport, name)
     }
     try:
-        text = transport.read(*DEVICE_NAME)
+        text = transport.read(*cia402.DEVICE_NAME)
     except RefusedError:
         text = b""
     identity["name"] = text.decode("latin-1").strip("\x00 ")
     if has_object(transport, "supported_modes"):
         supported = read_object(transport, "supported_modes")
-        can = [name for name, mode in MODES.items() if supported >> (mode - 1) & 1]
+        can = [name for name, mode in cia402.MODES.items() if supported >> (mode - 1) & 1]
         if drive.mode not in can:
             raise BusError(
                 f'{transport.where}: does not support mode = "{drive.mode}"; it supports '
@@ -83,7 +66,7 @@ def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
             pairs.append(("counts_per_turn", turns * scaling.counts_per_turn, "encoder_increments", 1.0 / turns))
     remarks: list[str] = []
     for key, wanted, name, factor in pairs:
-        place = OBJECTS[name].place
+        place = cia402.OBJECTS[name].place
         if not has_object(transport, name):
             remarks.append(f"The drive has no object {place}: scaling.{key} could not be checked.")
             continue
@@ -148,13 +131,13 @@ def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
             wanted[name] = scaling.increments(metres)
     remarks: list[str] = []
     for name, value in wanted.items():
-        least, most = OBJECTS[name].bounds()
+        least, most = cia402.OBJECTS[name].bounds()
         try:
             write_object(transport, name, max(least, min(most, value)))
         except RefusedError:
             remarks.append(
-                f"The drive does not take {OBJECTS[name].place} ({name.replace('_', ' ')}): set this limit with its "
-                "maker's tool."
+                f"The drive does not take {cia402.OBJECTS[name].place} ({name.replace('_', ' ')}): set this limit "
+                "with its maker's tool."
             )
     return remarks
 
@@ -164,7 +147,7 @@ def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
 _PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
 _FIRST = 20  # cycles at the start within which the drive must answer
 _ASKED, _SILENCE = 10, 0.3  # cycles, and s, without any answer, after which the drive is given up
-_TARGETS = {CSP: "target_position", CST: "target_torque"}
+_TARGETS = {cia402.CSP: "target_position", cia402.CST: "target_torque"}
 
 
 class ActualValues(NamedTuple):
@@ -195,9 +178,9 @@ class DriveClient:
         self.identity: dict[str, int | str] = {}
         self.lost = self.lost_in_row = 0
         self.told: ActualValues | None = None
-        self.mode = MODES[drive.mode]
-        self._values = dict.fromkeys([name for group in SENT for name in group], 0)
-        self._sent, self._back = Layout(SENT), Layout(TOLD)
+        self.mode = cia402.MODES[drive.mode]
+        self._values = dict.fromkeys([name for group in cia402.SENT for name in group], 0)
+        self._sent, self._back = Layout(cia402.SENT), Layout(cia402.TOLD)
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
         self._heard = 0.0  # time of the last answer, on the monotonic clock
@@ -231,7 +214,7 @@ class DriveClient:
     @property
     def is_virtual(self) -> bool:
         """True for the drive of `feeddrive virtual-drive`, so that no real axis moves."""
-        return self.identity.get("name") == VIRTUAL
+        return self.identity.get("name") == cia402.VIRTUAL
 
     @property
     def reports_velocity(self) -> bool:
@@ -241,7 +224,7 @@ class DriveClient:
     @property
     def state(self) -> PowerState | None:
         """The power state decoded from the last statusword."""
-        return None if self.told is None else state_of(self.told.status)
+        return None if self.told is None else cia402.state_of(self.told.status)
 
     def open(self) -> None:
         """Find and check the drive, write limits and mapping, and start the exchange; it stays switched off."""
@@ -262,11 +245,11 @@ class DriveClient:
         write_object(transport, "mode", self.mode)
         write_cycle_time(transport, self.drive)
         self.remarks += write_limits(transport, self.drive)
-        there = {name for group in (*SENT, *TOLD) for name in group if has_object(transport, name)}
+        there = {name for group in (*cia402.SENT, *cia402.TOLD) for name in group if has_object(transport, name)}
         target = _TARGETS.get(self.mode, "target_velocity")
-        missing = [name for name in (*NEEDED, target) if name not in there]
+        missing = [name for name in (*cia402.NEEDED, target) if name not in there]
         if missing:
-            places = ", ".join(f"{OBJECTS[name].place} ({name})" for name in missing)
+            places = ", ".join(f"{cia402.OBJECTS[name].place} ({name})" for name in missing)
             raise BusError(f"{transport.where}: has no object {places}, without which it cannot be driven")
         self._sent, self._back = (layout.keeping(sorted(there)) for layout in (self._sent, self._back))
 
@@ -345,10 +328,11 @@ class DriveClient:
     def excites(self, unit: str) -> None:
         """Raise BusError if the drive has no object for a force excitation in N, a torque offset in `csp` and `csv`."""
         name = "torque_offset"
-        if unit == "N" and self.mode != CST and name not in self._sent.names:
+        if unit == "N" and self.mode != cia402.CST and name not in self._sent.names:
             raise BusError(
-                f"{self.transport.where}: has no object {OBJECTS[name].place} ({name}), by which a force is added in "
-                f'mode {self.drive.mode}: use mode = "cst", or excite the setpoint (feeddrive excite --where setpoint)'
+                f"{self.transport.where}: has no object {cia402.OBJECTS[name].place} ({name}), by which a force "
+                f'is added in mode {self.drive.mode}: use mode = "cst", or excite the setpoint '
+                "(feeddrive excite --where setpoint)"
             )
 
     def command(self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0) -> float:
@@ -363,21 +347,21 @@ class DriveClient:
         values, scaling = self._values, self.scaling
         torque, speed = scaling.per_mille(force), scaling.increments(velocity)
         wanted = {"torque_offset": torque, "velocity_offset": speed}
-        if self.mode == CSP:
+        if self.mode == cia402.CSP:
             wanted["target_position"] = self._here if position is None else scaling.increments(position)
-        elif self.mode == CST:
+        elif self.mode == cia402.CST:
             wanted = {"target_torque": torque}
         else:
             wanted = {"target_velocity": speed, "torque_offset": torque}
         for name, value in wanted.items():
-            least, most = OBJECTS[name].bounds()
+            least, most = cia402.OBJECTS[name].bounds()
             if not least <= value <= most:
                 raise BusError(
-                    f"{self.transport.where}: {value} does not fit into {OBJECTS[name].place} ({name}), {least} .. "
-                    f"{most}: look at [scaling] of the drive file"
+                    f"{self.transport.where}: {value} does not fit into {cia402.OBJECTS[name].place} ({name}), {least} "
+                    f".. {most}: look at [scaling] of the drive file"
                 )
             values[name] = value
-        if self.mode == CSP:
+        if self.mode == cia402.CSP:
             return wanted["target_position"] * scaling.metre
         return self._here * scaling.metre if position is None else position
 
@@ -394,7 +378,7 @@ class DriveClient:
         """Switch the drive to operation enabled, holding the present position."""
         if self.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             raise BusError(f"{self._fault()}; look for its cause, then reset it (--reset-fault)")
-        self._until(PowerState.ENABLED, TOWARDS_ENABLED)
+        self._until(PowerState.ENABLED, cia402.TOWARDS_ENABLED)
         for _ in range(self.drive.lag + 1):
             self._follow()
         if self._mode != self.mode:
@@ -403,21 +387,21 @@ class DriveClient:
     def reset_fault(self) -> None:
         """Reset a fault, if there is one."""
         if self.state is PowerState.FAULT_REACTION:
-            self._until(PowerState.FAULT, {PowerState.FAULT_REACTION: DISABLE_VOLTAGE})
+            self._until(PowerState.FAULT, {PowerState.FAULT_REACTION: cia402.DISABLE_VOLTAGE})
         if self.state is not PowerState.FAULT:
             return
-        self._follow(DISABLE_VOLTAGE)  # the edge counts, not the bit
-        self._follow(FAULT_RESET)
-        self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: FAULT_RESET})
+        self._follow(cia402.DISABLE_VOLTAGE)  # the edge counts, not the bit
+        self._follow(cia402.FAULT_RESET)
+        self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: cia402.FAULT_RESET})
 
     def prepare_stop(self) -> None:
         """Request a quick stop with the next cycle; `stop` completes it."""
         if self.state is PowerState.ENABLED:
-            self._values["controlword"] = QUICK_STOP
+            self._values["controlword"] = cia402.QUICK_STOP
 
     def stop(self) -> None:
         """Perform a quick stop, wait until the drive has switched off, and always disable voltage afterwards."""
-        stopping = {PowerState.ENABLED: QUICK_STOP, PowerState.QUICK_STOP: QUICK_STOP}
+        stopping = {PowerState.ENABLED: cia402.QUICK_STOP, PowerState.QUICK_STOP: cia402.QUICK_STOP}
         try:
             self._until(PowerState.SWITCH_ON_DISABLED, stopping, ending=(PowerState.FAULT, PowerState.READY))
         except BusError:
@@ -432,7 +416,7 @@ class DriveClient:
 
     def _switch_off(self) -> None:
         for _ in range(self.drive.lag + 2):
-            self._follow(DISABLE_VOLTAGE)
+            self._follow(cia402.DISABLE_VOLTAGE)
 
     def _until(self, wanted: PowerState, sending: dict[PowerState, int], ending: tuple[PowerState, ...] = ()) -> None:
         """Run cycles, sending the controlword for each state, until the wanted state or one of `ending` is reached."""
@@ -462,7 +446,7 @@ class DriveClient:
 
     def _fault(self) -> str:
         code = 0 if self.told is None else self.told.error_code
-        meaning = ERRORS.get(code) if self.is_virtual else None
+        meaning = cia402.ERRORS.get(code) if self.is_virtual else None
         return f"{self.transport.where}: fault 0x{code:04X}" + (f", {meaning}" if meaning else "")
 
     def trouble(self) -> str:

@@ -13,20 +13,8 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.bus.cia402 import (
-    AT,
-    CSP,
-    CST,
-    CSV,
-    DEVICE_NAME,
-    OBJECTS,
-    SENT,
-    TOLD,
-    VIRTUAL,
-    Layout,
-    PowerState,
-    answer,
-)
+from feeddrive.bus import cia402
+from feeddrive.bus.cia402 import Layout, PowerState
 from feeddrive.bus.drive_file import DriveScaling, interpolation_time
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
@@ -301,7 +289,7 @@ class Firmware:
         scaling, guard = self.scaling, self.axis.loop.control.guard
         velocity = self.axis.has_velocity_loop
         cycle_value, cycle_exponent = interpolation_time(self.cycle_time)
-        values = dict.fromkeys(OBJECTS, 0)
+        values = dict.fromkeys(cia402.OBJECTS, 0)
         window = None if guard is None or guard.following_error_limit is None else guard.following_error_limit
         values |= {
             "device_type": 0x00020192,
@@ -317,7 +305,9 @@ class Firmware:
             "position_least": -(1 << 31),
             "position_most": (1 << 31) - 1,
             "quick_stop_deceleration": min(scaling.increments(5.0), _NO_WINDOW),
-            "supported_modes": 1 << (CSP - 1) | 1 << (CST - 1) | (1 << (CSV - 1) if velocity else 0),
+            "supported_modes": 1 << (cia402.CSP - 1)
+            | 1 << (cia402.CST - 1)
+            | (1 << (cia402.CSV - 1) if velocity else 0),
             "cycle_value": cycle_value,
             "cycle_exponent": cycle_exponent,
         }
@@ -333,16 +323,16 @@ class Firmware:
         """Return True if the drive has the object."""
         if name == "second_position":
             return self.axis.encoders == 2
-        if OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
+        if cia402.OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
             return self.scaling.turns
-        return name in OBJECTS
+        return name in cia402.OBJECTS
 
     def read(self, index: int, subindex: int) -> bytes:
         """Return the content of an object. Raises SdoAbortError."""
-        if (index, subindex) == DEVICE_NAME:
-            return VIRTUAL.encode()
-        entry = AT.get((index, subindex))
-        same = [other for other in AT.values() if other.index == index and self.has(other.name)]
+        if (index, subindex) == cia402.DEVICE_NAME:
+            return cia402.VIRTUAL.encode()
+        entry = cia402.AT.get((index, subindex))
+        same = [other for other in cia402.AT.values() if other.index == index and self.has(other.name)]
         if entry is None or not self.has(entry.name):
             if subindex == 0 and same:
                 return bytes([max(other.subindex for other in same)])
@@ -351,7 +341,7 @@ class Firmware:
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
         """Change an object. Raises SdoAbortError."""
-        entry = AT.get((index, subindex))
+        entry = cia402.AT.get((index, subindex))
         if entry is None or not self.has(entry.name):
             raise SdoAbortError(NO_OBJECT)
         if entry.name not in _WRITABLE:
@@ -381,7 +371,7 @@ class Firmware:
         """Run one bus cycle with the most recent process data."""
         values = self.values
         control, before = values["controlword"], self.state
-        self.state = answer(before, control, self._control_before)
+        self.state = cia402.answer(before, control, self._control_before)
         self._control_before = control
         if before is PowerState.FAULT and self.state is not before:
             values["error_code"] = 0
@@ -424,16 +414,16 @@ class Firmware:
 
     def _obey(self, mode: int, *, fresh: bool) -> int:
         values, scaling = self.values, self.scaling
-        if mode == CST:
+        if mode == cia402.CST:
             self._target = None
             return self._push(values["target_torque"] + values["torque_offset"])
         offset = values["torque_offset"] * scaling.newton
-        if mode == CSV and self.axis.has_velocity_loop:
+        if mode == cia402.CSV and self.axis.has_velocity_loop:
             self._target = None
             velocity = (values["target_velocity"] + values["velocity_offset"]) * scaling.metre
             here = np.full(self.samples, self.axis.last.position)
             return self._moved(here, velocity, offset, enable=True, alone=True)
-        if mode != CSP:
+        if mode != cia402.CSP:
             return self._moved(np.full(self.samples, self.axis.last.position), 0.0, 0.0, enable=True)
         counts = values["target_position"]
         if not values["position_least"] <= counts <= values["position_most"]:
@@ -517,7 +507,7 @@ class Firmware:
 
 def _within(name: str, value: int) -> int:
     """Clip a value to the range of its object."""
-    least, most = OBJECTS[name].bounds()
+    least, most = cia402.OBJECTS[name].bounds()
     return max(least, min(most, value))
 
 
@@ -536,12 +526,12 @@ class PdoMap:
         self.firmware, self._changeable = firmware, changeable
         self._lists: dict[int, list[int]] = {}
         self.messages: dict[int, int] = {}
-        there = [entry.name for entry in AT.values() if firmware.has(entry.name)]
-        for first, groups in ((0x1600, SENT), (0x1A00, TOLD)):
+        there = [entry.name for entry in cia402.AT.values() if firmware.has(entry.name)]
+        for first, groups in ((0x1600, cia402.SENT), (0x1A00, cia402.TOLD)):
             kept = Layout(groups).keeping(there)
             for k in range(_OBJECTS):
                 names = kept.groups[k] if k < len(kept.groups) else ()
-                self._lists[first + k] = [OBJECTS[name].mapped for name in names]
+                self._lists[first + k] = [cia402.OBJECTS[name].mapped for name in names]
                 message = (0x200 if first == 0x1600 else 0x180) + 0x100 * k + station
                 self.messages[_MESSAGES[first] + k] = message if names and station else message | INVALID
             self._lists[_ASSIGNED[first]] = [first + k for k in range(len(kept.groups))]
@@ -550,7 +540,7 @@ class PdoMap:
     def names(self, index: int) -> list[str]:
         """Return the objects of one PDO."""
         words = self._lists[index][: self._counts[index]]
-        return [AT[word >> 16, word >> 8 & 0xFF].name for word in words]
+        return [cia402.AT[word >> 16, word >> 8 & 0xFF].name for word in words]
 
     def assigned(self, first: int) -> Layout:
         """Return all objects listed by 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00), in order."""
@@ -598,7 +588,7 @@ class PdoMap:
         if subindex > _ENTRIES:
             raise SdoAbortError(_TOO_MANY)
         if index < 0x1C00:
-            entry = AT.get((value >> 16, value >> 8 & 0xFF))
+            entry = cia402.AT.get((value >> 16, value >> 8 & 0xFF))
             if entry is None or not self.firmware.has(entry.name) or entry.mapped != value:
                 raise SdoAbortError(_NOT_MAPPABLE)
         elif value not in self._lists or value >= 0x1C00:

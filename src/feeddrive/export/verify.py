@@ -9,19 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from feeddrive.export import targets
 from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Answers, Design, Trial, read_design, trial
-from feeddrive.export.targets import (
-    FILE,
-    MOST_BYTES,
-    NEW,
-    TARGETS,
-    Manifest,
-    Proof,
-    changed_files,
-    read_manifest,
-    write_again,
-)
+from feeddrive.export.targets import Manifest, Proof
 from feeddrive.files.atomic_io import files_of, read_whole
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.quantity import Quantity
@@ -124,8 +115,8 @@ def verify_export(
     cannot run on this computer.
     """
     directory = Path(directory)
-    manifest = read_manifest(directory)
-    target = TARGETS.get(manifest.target)
+    manifest = targets.read_manifest(directory)
+    target = targets.TARGETS.get(manifest.target)
     if target is None or target.proof is None:
         why = "is of a target unknown to this version of feeddrive" if target is None else target.unproven
         raise ParameterError(f"{directory}: what the target {manifest.target} writes {why.format(name=manifest.name)}")
@@ -141,9 +132,11 @@ def verify_export(
 
 def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Design) -> None:
     try:
-        write_again(design, manifest.target, fresh, manifest.options)
+        targets.write_again(design, manifest.target, fresh, manifest.options)
     except TypeError as error:
-        raise FileError(f"{directory / FILE}: is not what `feeddrive export` writes ({error}): export again") from None
+        raise FileError(
+            f"{directory / targets.FILE}: is not what `feeddrive export` writes ({error}): export again"
+        ) from None
 
 
 def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
@@ -152,17 +145,17 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
     The digests in `export.json` could be updated along with a file; a fresh export of the machine file has the original
     bytes.
     """
-    changed, findings, run = set(changed_files(directory, manifest)), list[str](), list[str]()
-    wanted = {name: (fresh / name).read_bytes() for name in files_of(fresh) if name != FILE}
+    changed, findings, run = set(targets.changed_files(directory, manifest)), list[str](), list[str]()
+    wanted = {name: (fresh / name).read_bytes() for name in files_of(fresh) if name != targets.FILE}
     for name in files_of(directory):
         file = directory / name
-        if name == FILE:
+        if name == targets.FILE:
             continue
         if name not in wanted:
             continue
         if file.is_symlink():
             findings.append(f"{name} (a symbolic link)")
-        elif read_whole(file, MOST_BYTES) != wanted.pop(name):
+        elif read_whole(file, targets.MOST_BYTES) != wanted.pop(name):
             findings.append(f"{name} ({'edited' if name in changed else 'not what this feeddrive writes'})")
         else:
             continue
@@ -181,7 +174,7 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
 
 
 _PLAIN = re.compile(r"""[^\x00-\x1f*"\\/]+""")
-_NOT_RUN = (".md", ".hal", ".ini", NEW)  # documentation and wiring files for people
+_NOT_RUN = (".md", ".hal", ".ini", targets.NEW)  # documentation and wiring files for people
 
 
 def _proven(
@@ -219,7 +212,9 @@ def _design(directory: Path, manifest: Manifest) -> Design:
     axis = None if together else manifest.axis
     design = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
     if not _PLAIN.fullmatch(manifest.source):  # it appears in comments of the code
-        raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
+        raise FileError(
+            f"{directory / targets.FILE}: the machine file cannot have been '{manifest.source!r}': export again"
+        )
     text = design.machine.file
     called = design.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`
     named = replace(design.machine, file=replace(text, name=manifest.source), name=called)

@@ -25,18 +25,8 @@ from feeddrive.files.atomic_io import refusal
 from feeddrive.files.columns import Column, factor_of, is_time
 from feeddrive.files.mapping import unit_in_name
 from feeddrive.files.read_log import reader_of
-from feeddrive.files.readers.text_files import (
-    COUNTER,
-    CsvLayout,
-    counts_samples,
-    is_skipped,
-    layout_of,
-    plain_numbers,
-    read_csv,
-    read_halsampler,
-    split,
-    text_of,
-)
+from feeddrive.files.readers import text_files
+from feeddrive.files.readers.text_files import CsvLayout
 from feeddrive.language.errors import FileError, LogError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
@@ -284,13 +274,13 @@ class GrowingTable:
         if head.startswith((b"\xff\xfe", b"\xfe\xff", b"\x1f\x8b")):
             raise LogError(f"{self.name}: is packed or in UTF-16, and cannot be followed: write it as plain text")
         reader = reader_of(self.name, head)
-        if reader not in (read_csv, read_halsampler):
+        if reader not in (text_files.read_csv, text_files.read_halsampler):
             raise LogError(
                 f"{self.name}: is of a format whose rows cannot be read while it grows; followed are CSV and other "
                 "tables in text, and halsampler: open it when it is complete"
             )
-        text = text_of(head)
-        layout = layout_of(head.decode(text.encoding, "replace").replace("\r", ""))
+        text = text_files.text_of(head)
+        layout = text_files.layout_of(head.decode(text.encoding, "replace").replace("\r", ""))
         below = "" if layout is None else head.decode(text.encoding, "replace").split("\n", layout.first)[-1]
         rows = [line for line in below.split("\n") if line.strip()]
         if layout is None or len(rows) < _LEAST:
@@ -302,11 +292,11 @@ class GrowingTable:
             )
         self._encoding = text.encoding
         numbered = False
-        if reader is read_halsampler and len(layout.names) > 1 and layout.numeric[0]:
-            cells = [split(line, layout.separator) for line in rows]
+        if reader is text_files.read_halsampler and len(layout.names) > 1 and layout.numeric[0]:
+            cells = [text_files.split(line, layout.separator) for line in rows]
             whole = [row for row in cells if len(row) == len(layout.names) and layout.is_number(row[0])]
             numbers = [_number(row[0], layout) for row in whole]
-            numbered = counts_samples(np.array(numbers))
+            numbered = text_files.counts_samples(np.array(numbers))
         self._set(layout, numbered)
         return True
 
@@ -315,7 +305,7 @@ class GrowingTable:
         names = list(layout.names)
         counter = 0 if numbered else None
         if numbered:
-            names[0] = COUNTER
+            names[0] = text_files.COUNTER
         self._chosen = [k for k, numeric in enumerate(layout.numeric) if numeric]
         stamps = next((k for k in self._chosen if is_time(names[k])), None) if counter is None else None
         self._stamps = None if stamps is None else self._chosen.index(stamps)
@@ -341,11 +331,11 @@ class GrowingTable:
         layout = self._layout
         plain = text
         if any(mark in plain for mark in '#%/"') or "\n\n" in plain or plain[:1] == "\n":
-            plain = "".join(f"{line}\n" for line in plain.split("\n") if not is_skipped(line))
+            plain = "".join(f"{line}\n" for line in plain.split("\n") if not text_files.is_skipped(line))
         numbers = None
         if plain and '"' not in plain:
             dotted = plain.replace(",", ".") if layout.decimal == "," else plain
-            numbers = plain_numbers(dotted, layout, self._chosen)
+            numbers = text_files.plain_numbers(dotted, layout, self._chosen)
         if numbers is None:
             numbers = self._line_by_line(plain)
         if self._stamps is not None:
@@ -374,9 +364,9 @@ class GrowingTable:
         layout = self._layout
         rows = list[list[float]]()
         for line in text.split("\n"):
-            if is_skipped(line):
+            if text_files.is_skipped(line):
                 continue
-            cells = split(line, layout.separator)
+            cells = text_files.split(line, layout.separator)
             good = len(cells) == len(layout.names) and all(layout.is_number(cells[k]) for k in self._chosen)
             if good:
                 rows.append([_number(cells[k], layout) for k in self._chosen])

@@ -31,10 +31,9 @@ from feeddrive.files.columns import (
 )
 from feeddrive.files.log import Log, write_log
 from feeddrive.files.mapping import ChannelsSection, LogSection, Mapping
-from feeddrive.files.readers import mdf
+from feeddrive.files.readers import mdf, text_files
 from feeddrive.files.readers.arrays import START as _NPY
 from feeddrive.files.readers.arrays import read_mat, read_mat73, read_npy
-from feeddrive.files.readers.text_files import RECORDERS, read_csv
 from feeddrive.files.readers.uff import STARTS as _UFF
 from feeddrive.files.readers.uff import read_uff
 from feeddrive.files.run_files import read_parquet
@@ -120,13 +119,13 @@ class OpenedFile:
     @cached_property
     def csv(self) -> Columns:
         """The columns of a CSV. Raises LogError."""
-        return read_csv(str(self), self.unpacked, None)
+        return text_files.read_csv(str(self), self.unpacked, None)
 
     @cached_property
     def columns(self) -> Columns:
         """The columns of a file of any supported format. Raises LogError."""
         reader = reader_of(str(self), self.unpacked)
-        return self.csv if reader is read_csv else reader(str(self), self.unpacked, None)
+        return self.csv if reader is text_files.read_csv else reader(str(self), self.unpacked, None)
 
 
 def reader_of(name: str, content: bytes) -> Reader:
@@ -149,10 +148,10 @@ def reader_of(name: str, content: bytes) -> Reader:
 
 def _text_reader(content: bytes) -> Reader:
     """Return the reader of a text: that of the recorder whose header it has, else that of CSV."""
-    for fits, reader in RECORDERS:
+    for fits, reader in text_files.RECORDERS:
         if fits(content):
             return reader
-    return read_csv
+    return text_files.read_csv
 
 
 def refuse_others(name: str, content: bytes, readable: str) -> None:

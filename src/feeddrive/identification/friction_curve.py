@@ -15,27 +15,9 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck
 from feeddrive.blocks.friction.stribeck import Stribeck
+from feeddrive.identification import regression
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, prepare
-from feeddrive.identification.regression import (
-    SHAFT,
-    TABLE,
-    Estimate,
-    Frame,
-    TracedForce,
-    errors,
-    estimates_table,
-    frame_of,
-    information,
-    lever,
-    likely_memory,
-    ols_covariance,
-    pulls,
-    require_table,
-    robust_covariance,
-    steady_curve,
-    stray_remarks,
-    strays,
-)
+from feeddrive.identification.regression import Estimate, Frame, TracedForce
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity, number
@@ -78,7 +60,7 @@ class LearnedStops(Result):
             f"{Quantity(self.left[1], 'N'):3} of rows not used; Coulomb and viscous friction "
             f"{Quantity(self.plain[0], 'N'):3} and {Quantity(self.plain[1], 'N'):3}"
         )
-        return estimates_table(title, self.estimates)
+        return regression.estimates_table(title, self.estimates)
 
 
 def stretches(position: np.ndarray, width: float) -> np.ndarray:
@@ -157,7 +139,7 @@ def learned_stops(
 
 
 def _check_stops(log: MotionLog, widths: Sequence[float], mass: float | None, bells: int) -> None:
-    if log.frame is SHAFT:
+    if log.frame is regression.SHAFT:
         raise ParameterError(f"{log.name}: stops are learned where they are fed forward, at a table, not at a shaft")
     if len(widths) < 2 or not all(np.isfinite(width) and width > 0.0 for width in widths):
         raise ParameterError(f"widths = {list(widths)} m must be two or more lengths > 0")
@@ -223,8 +205,8 @@ def _stop_estimates(
     ]
     shares = np.array([share for _, _, share in sums])
     robust, white = (
-        errors(shares / scale @ of(columns / scale, residual) @ (shares / scale).T)
-        for of in (robust_covariance, ols_covariance)
+        regression.errors(shares / scale @ of(columns / scale, residual) @ (shares / scale).T)
+        for of in (regression.robust_covariance, regression.ols_covariance)
     )
     return tuple(
         Estimate(name, float(value), unit, float(error), float(ols))
@@ -262,7 +244,7 @@ class SteadyRuns(Result):
     force: np.ndarray
     error: np.ndarray
     rows: np.ndarray
-    frame: Frame = TABLE
+    frame: Frame = regression.TABLE
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -291,10 +273,12 @@ class SteadyRuns(Result):
 
     def at_table(self, lead: float, gear: float = 1.0) -> SteadyRuns:
         """Return the runs in m/s and N at a table driven by a screw of `lead` (m)."""
-        if self.frame is TABLE:
+        if self.frame is regression.TABLE:
             return self
-        r = lever(lead, gear)
-        return replace(self, velocity=self.velocity * r, force=self.force / r, error=self.error / r, frame=TABLE)
+        r = regression.lever(lead, gear)
+        return replace(
+            self, velocity=self.velocity * r, force=self.force / r, error=self.error / r, frame=regression.TABLE
+        )
 
 
 def runs_of(
@@ -302,7 +286,7 @@ def runs_of(
 ) -> SteadyRuns:
     """Return a tabulated friction map as runs without standard errors."""
     v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
-    return SteadyRuns(v, f, np.full(v.size, np.nan), np.ones(v.size), frame_of(rotary))
+    return SteadyRuns(v, f, np.full(v.size, np.nan), np.ones(v.size), regression.frame_of(rotary))
 
 
 def steady_runs(
@@ -322,23 +306,23 @@ def steady_runs(
     """
     means: list[tuple[float, float, float, int]] = []
     remarks: list[str] = []
-    frame = frame_of(rotary)
+    frame = regression.frame_of(rotary)
     for place, (velocity, force) in enumerate(logs):
         v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
         if v.shape != f.shape or v.ndim != 1:
             raise LogError(f"log {place + 1}: velocity has {v.size} rows, force {f.size}")
         if not (np.all(np.isfinite(v)) and np.all(np.isfinite(f))):
             raise LogError(f"log {place + 1}: velocity or force is not finite at a row; repair or cut it")
-        bad_speed, bad_force = strays(v), strays(f)
+        bad_speed, bad_force = regression.strays(v), regression.strays(f)
         where = names[place] if names else f"log {place + 1}"
-        remarks += stray_remarks(f"{where}, velocity", v, bad_speed, frame.velocity)
-        remarks += stray_remarks(f"{where}, force", f, bad_force, frame.force)
+        remarks += regression.stray_remarks(f"{where}, velocity", v, bad_speed, frame.velocity)
+        remarks += regression.stray_remarks(f"{where}, force", f, bad_force, frame.force)
         good = ~(bad_speed | bad_force)
         v, f = v[good], f[good]
         for begin, end in _stretches(v, 0, v.size, least_rows):
             if _is_held(v[begin:end], v):
                 one, rest = np.ones((end - begin, 1)), f[begin:end] - np.mean(f[begin:end])
-                error = float(errors(robust_covariance(one, rest))[0])
+                error = float(regression.errors(regression.robust_covariance(one, rest))[0])
                 means.append((float(np.mean(v[begin:end])), float(np.mean(f[begin:end])), error, end - begin))
     if not means:
         raise NotIdentifiableError(
@@ -419,7 +403,7 @@ class Candidate:
     @property
     def curve(self) -> TracedForce[Friction]:
         """The steady curve of the block, traced."""
-        return steady_curve(self.friction)
+        return regression.steady_curve(self.friction)
 
     @property
     def stribeck(self) -> bool:
@@ -548,7 +532,7 @@ class FrictionCurve(Result):
             f"{self.model.name}: RMS {Quantity(rms, self.frame.force):3}, memory {Quantity(self.memory):.2f} from "
             "speed to speed"
         )
-        return estimates_table(title, self.estimates)
+        return regression.estimates_table(title, self.estimates)
 
     def comparison(self) -> Table:
         """Return a table of all candidate models, the best first."""
@@ -568,21 +552,21 @@ class FrictionCurve(Result):
 
     def at_table(self, lead: float, gear: float = 1.0) -> FrictionCurve:
         """Return the curve at a table driven by a screw of `lead` (m), refitted to the same runs in m/s and N."""
-        return fit_friction(self.runs.at_table(lead, gear), (self.model,)) if self.frame is SHAFT else self
+        return fit_friction(self.runs.at_table(lead, gear), (self.model,)) if self.frame is regression.SHAFT else self
 
     def block(self) -> Friction:
         """Return the curve as a friction block; raises ParameterError for a curve of a shaft."""
-        require_table(self.frame, "the friction curve")
+        regression.require_table(self.frame, "the friction curve")
         return self.model.block(self.values)
 
     @property
     def is_pulled(self) -> bool:
         """True if the offset is significant: a constant force on the axis (`pulls`)."""
-        return self.model.offset and pulls(self["offset"], self["coulomb"].value)
+        return self.model.offset and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
         """Return the offset as a constant force on the table; None if the model has no offset."""
-        require_table(self.frame, "the offset")
+        regression.require_table(self.frame, "the offset")
         return Gravity(force=-self["offset"].value) if self.model.offset else None
 
 
@@ -616,7 +600,7 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
     separate = [_separate(runs, candidate) for candidate in SEPARATE] if len(candidates) > 1 else []
     listed = sorted([*others, *(model for model in separate if model is not None)], key=lambda model: model.criterion)
     remarks = (*runs.remarks, *_remarks(compared, model.stribeck, listed, others, runs))
-    rho = likely_memory(residual, _sides(runs))
+    rho = regression.likely_memory(residual, _sides(runs))
     estimates, covariance = _estimates(runs, model, values, residual, rho)
     return FrictionCurve(model, estimates, runs, residual, rho, tuple(listed), remarks, covariance)
 
@@ -699,7 +683,7 @@ def _predicted(model: Candidate, values: dict[str, float], v: np.ndarray) -> np.
 
 def _judged(name: str, residual: np.ndarray, parameters: int, runs: SteadyRuns) -> Compared:
     rms = float(np.sqrt(np.mean(residual**2)))
-    return Compared(name, information(residual, parameters, _sides(runs)), rms, parameters)
+    return Compared(name, regression.information(residual, parameters, _sides(runs)), rms, parameters)
 
 
 def _separate(runs: SteadyRuns, model: Candidate) -> Compared | None:
@@ -764,8 +748,8 @@ def _estimates(
         k = np.arange(n)[side]
         shared[side, side] = rho ** np.abs(k[:, None] - k[None, :])
     covariance = s2 * inverse @ columns.T @ shared @ columns @ inverse
-    robust = errors(covariance)
-    ols = errors(s2 * inverse)
+    robust = regression.errors(covariance)
+    ols = regression.errors(s2 * inverse)
     frame = runs.frame
     shown = {"m/s": frame.velocity, "N s/m": frame.viscous, "N": frame.force}
     declared = {name: tree.declaration(model.friction, name).unit for name in model.curve.names}

@@ -16,16 +16,8 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, form_unit, number, unit_name
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.learning.iterative_feedforward import (
-    Iteration,
-    begin_compensation,
-    compensated,
-    compensator,
-    decay,
-    error_model,
-    next_iteration,
-    true_error_model,
-)
+from feeddrive.learning import iterative_feedforward
+from feeddrive.learning.iterative_feedforward import Iteration
 from feeddrive.learning.trajectory_prefilter import REGRESSORS, fit_prefilter
 from feeddrive.learning.trial import Trial, simulated_trial
 from feeddrive.loop.linearize import Lifted, StateSpace
@@ -150,8 +142,12 @@ def iterate_trials(
         if j == trials - 1:
             break
         # gains may be believed wrongly, but the present feedforward is the tuner's own and exact
-        tuner = loop if believed is None else compensated(believed, compensator(loop))
-        iteration = next_iteration(
+        tuner = (
+            loop
+            if believed is None
+            else iterative_feedforward.compensated(believed, iterative_feedforward.compensator(loop))
+        )
+        iteration = iterative_feedforward.next_iteration(
             tuner,
             shown[-1],
             form=form,
@@ -163,7 +159,7 @@ def iterate_trials(
             saturation=saturation,
         )
         learned.append(iteration)
-        loop = compensated(loop, iteration.after)
+        loop = iterative_feedforward.compensated(loop, iteration.after)
         loops.append(loop)
     return Trials(tuple(shown), tuple(learned), tuple(loops))
 
@@ -238,7 +234,7 @@ def learn_signal(
             raise ParameterError(f"{name} = {number(value, 6)} must be > 0 and <= {number(most, 6)}")
     if trials < 2 or not turns:
         raise ParameterError(f"trials = {trials} must be >= 2, with at least one reference")
-    model = error_model(loop, form, plant=plant)
+    model = iterative_feedforward.error_model(loop, form, plant=plant)
     learned = np.zeros(2)
     shown: list[Trial] = []
     forces: list[np.ndarray] = []
@@ -252,7 +248,9 @@ def learn_signal(
         shown.append(simulated_trial(run, reference))
         forces.append(learned)
         learned = _next(model, learned, shown[-1].following_error, gain, bandwidth)
-    return SignalTrials(tuple(shown), tuple(forces), now, _rate(model, true_error_model(loop), gain, bandwidth))
+    return SignalTrials(
+        tuple(shown), tuple(forces), now, _rate(model, iterative_feedforward.true_error_model(loop), gain, bandwidth)
+    )
 
 
 def _played(loop: Loop, force: np.ndarray) -> Loop:
@@ -294,7 +292,7 @@ def _next(
 ) -> np.ndarray:
     n = error.size
     # zeros behind the trial: a circular convolution would carry its end into its start, and the reverse
-    size = 1 << (n + 2 * decay(model) - 1).bit_length()
+    size = 1 << (n + 2 * iterative_feedforward.decay(model) - 1).bit_length()
     frequency = _lines(model, size)
     held = np.zeros(size)
     held[: min(n, force.size)] = force[:n]
@@ -360,13 +358,15 @@ def iterate_machine(
 
     def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
         trial = simulated_trial(run, reference)
-        iteration = next_iteration(loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass)
-        return compensated(loop, iteration.after), iteration.after
+        iteration = iterative_feedforward.next_iteration(
+            loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass
+        )
+        return iterative_feedforward.compensated(loop, iteration.after), iteration.after
 
     def begun(loop: Loop) -> Loop:
-        return begin_compensation(loop, columns)
+        return iterative_feedforward.begin_compensation(loop, columns)
 
-    return _repeated(machine, references, runs, begun, learned, compensator, seed, progress)
+    return _repeated(machine, references, runs, begun, learned, iterative_feedforward.compensator, seed, progress)
 
 
 def tune_prefilters(

@@ -11,31 +11,8 @@ from feeddrive.analysis.margins import margins as margins_of
 from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.linearize import continuous, natural
-from feeddrive.plot import style
-from feeddrive.plot.chart import (
-    ABOVE,
-    ALERT,
-    BAR,
-    CROSS,
-    FREQUENCY,
-    LINE,
-    LOG,
-    NEUTRAL,
-    PLUS,
-    RIGHT,
-    RING,
-    THIN,
-    WIDTH,
-    Band,
-    Chart,
-    Curve,
-    Disc,
-    Level,
-    Mark,
-    Note,
-    Panel,
-    side_by_side,
-)
+from feeddrive.plot import chart, style
+from feeddrive.plot.chart import Band, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import figure_of
 
 if TYPE_CHECKING:
@@ -66,17 +43,19 @@ def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
         # only the curve of a model is rounded: between the lines of a measurement nothing is known
         x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
         caption = (
-            (name[:40], i, LINE, joined("", ["\n", figures])) if len(chosen) > 1 else (name[:40], i, LINE, figures)
+            (name[:40], i, chart.LINE, joined("", ["\n", figures]))
+            if len(chosen) > 1
+            else (name[:40], i, chart.LINE, figures)
         )
         # the mirror image belongs to negative frequencies
-        curves += [Curve(x, y, *caption), Curve(x, -y, number=i, look=THIN)]
+        curves += [Curve(x, y, *caption), Curve(x, -y, number=i, look=chart.THIN)]
         discs.append(Disc(-1.0, 0.0, margins.modulus_margin, i, filled=True))
         touch = _at(margins, margins.modulus_frequency)
         marks.append(Mark(touch.real, touch.imag, i))
         if i == len(chosen) - 1:  # the axis is the same for all, and so is its uncertainty
             curves = [*_spread(L, i), *curves]  # below the curves
-    critical = Curve(np.array([-1.0]), np.array([0.0]), number=ALERT, look=PLUS)
-    notes = Note(-1.0, 0.0, "-1", ALERT), Note(float(np.cos(0.9)), float(np.sin(0.9)), "|L| = 1", right=True)
+    critical = Curve(np.array([-1.0]), np.array([0.0]), number=chart.ALERT, look=chart.PLUS)
+    notes = Note(-1.0, 0.0, "-1", chart.ALERT), Note(float(np.cos(0.9)), float(np.sin(0.9)), "|L| = 1", right=True)
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
     low, high, bottom, top = REACH
     panel = Panel(
@@ -98,8 +77,8 @@ def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
         square=True,
         height=max(4.8, 0.45 * len(chosen)),
         columns=1,
-        width=5.4 if alone else WIDTH,
-        legend=ABOVE if alone else RIGHT,
+        width=5.4 if alone else chart.WIDTH,
+        legend=chart.ABOVE if alone else chart.RIGHT,
     )
 
 
@@ -165,7 +144,7 @@ def encirclement_chart(encirclement: Encirclement) -> Chart:
 
 def poles_chart(model: StateSpace) -> Chart:
     """Plot the poles of a sampled model as s = ln(z)/T in Hz, and their damping ratios versus natural frequency."""
-    return side_by_side((plane_chart(model), damping_chart(model)), height=3.9)
+    return chart.side_by_side((plane_chart(model), damping_chart(model)), height=3.9)
 
 
 poles = figure_of(poles_chart)
@@ -193,19 +172,19 @@ def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
     for ratio in DAMPINGS:
         x, y = -ratio, float(np.sqrt(1.0 - ratio**2))
         end = reach * min(1.0 / y, 1.0 / -x)
-        curves.append(Curve(np.array([0.0, end * x]), np.array([0.0, end * y]), number=NEUTRAL, look=THIN))
+        curves.append(Curve(np.array([0.0, end * x]), np.array([0.0, end * y]), number=chart.NEUTRAL, look=chart.THIN))
         notes.append(Note(0.9 * end * x, 0.9 * end * y, Text(f"{Quantity(ratio)}")))
     circles = [k * _step(reach) for k in range(1, 8) if k * _step(reach) < reach]
     notes += [Note(0.0, radius, Text(f"{Quantity(radius / hertz, 'Hz'):6}"), right=True) for radius in circles]
     for i, (name, s) in enumerate(upper.items()):
         model, grows = chosen[name], np.real(s) >= 0.0
-        curves.append(Curve(np.real(s[~grows]), np.imag(s[~grows]), name, i, CROSS, _lightest(s / hertz)))
+        curves.append(Curve(np.real(s[~grows]), np.imag(s[~grows]), name, i, chart.CROSS, _lightest(s / hertz)))
         if np.any(grows):
             growing = f"{name} grows".strip()
-            curves.append(Curve(np.real(s[grows]), np.imag(s[grows]), growing, ALERT, CROSS))
+            curves.append(Curve(np.real(s[grows]), np.imag(s[grows]), growing, chart.ALERT, chart.CROSS))
         if model.inputs and model.outputs:
             there = _upper(model.zeros(), model, hertz)
-            curves.append(Curve(np.real(there), np.imag(there), number=i, look=RING))
+            curves.append(Curve(np.real(there), np.imag(there), number=i, look=chart.RING))
     axes = Level(0.0), Level(0.0, upright=True)
     discs = tuple(Disc(0.0, 0.0, radius) for radius in circles)
     panel = Panel(
@@ -263,15 +242,17 @@ def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = 
         frequency, damping = natural(z[there], model.sample_time)
         grows = damping <= 0.0
         caption = _lightest(_upper(z[there], model, 1.0))
-        curves.append(Curve(hertz * frequency[~grows], damping[~grows], name, i, CROSS, caption))
+        curves.append(Curve(hertz * frequency[~grows], damping[~grows], name, i, chart.CROSS, caption))
         if np.any(grows):
-            curves.append(Curve(hertz * frequency[grows], damping[grows], f"{name} grows".strip(), ALERT, CROSS))
+            curves.append(
+                Curve(hertz * frequency[grows], damping[grows], f"{name} grows".strip(), chart.ALERT, chart.CROSS)
+            )
         sizes += [float(value) for value in hertz * frequency]
         least = min(least, float(np.min(damping, initial=0.0)))
     panel = Panel("damping ratio", tuple(curves), levels=(Level(0.0),), low=least - 0.08, high=1.08)
     nyquist = max(0.5 * hertz / model.sample_time for model in chosen.values())
     low, high = 0.5 * min(sizes, default=1e-3 * nyquist), min(2.0 * max(sizes, default=nyquist), nyquist)
-    return Chart(f"natural frequency ({unit_name('Hz')})", (panel,), FREQUENCY, low, high, factor=hertz)
+    return Chart(f"natural frequency ({unit_name('Hz')})", (panel,), chart.FREQUENCY, low, high, factor=hertz)
 
 
 def stability_chart(stability: Stability) -> Chart:
@@ -300,7 +281,9 @@ def certificate_chart(certificate: Certificate) -> Chart:
     nyquist = 0.5 / certificate.sample_time
     low = min(max(plant["reserve_at_Hz"] * 10.0**-_DECADES, 1e-4 * nyquist) for plant in plants)
     panels = tuple(_room(certificate, plant, low, named=len(plants) > 1, first=plant is plants[0]) for plant in plants)
-    return Chart(f"frequency ({unit_name('Hz')})", panels, FREQUENCY, low, nyquist, height=1.0 + 2.2 * len(plants))
+    return Chart(
+        f"frequency ({unit_name('Hz')})", panels, chart.FREQUENCY, low, nyquist, height=1.0 + 2.2 * len(plants)
+    )
 
 
 certificate = figure_of(certificate_chart)
@@ -320,7 +303,7 @@ def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, firs
     floor = max(0.5 * min(least, float(np.min(radius)) or 1.0), 1e-3 * least)
     names = ("1/Σ|H|" if certificate.two_rates else "|1 + L|/|L|", "radius r of the discs") if first else ("", "")
     curves = [Curve(f, near, names[0], 0), Curve(f, radius, names[1], 1)]
-    curves += [Curve(np.array(band), np.full(2, 1.08 * floor), number=2, look=BAR) for band in _measured(plant)]
+    curves += [Curve(np.array(band), np.full(2, 1.08 * floor), number=2, look=chart.BAR) for band in _measured(plant)]
     marks, caption = list[Mark](), "no disc"
     if plant["reserve"] is not None:
         place = np.array([plant["reserve_at_Hz"]])
@@ -333,7 +316,7 @@ def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, firs
         tuple(curves),
         tuple(marks),
         bands=(Band(f, np.full(f.size, floor), radius, 1),),
-        scale=LOG,
+        scale=chart.LOG,
         low=floor,
         high=30.0 * max(1.0, least),
         caption=Text(f"{plant['name']}: {caption}") if named else caption,
@@ -359,11 +342,11 @@ def certificate_discs_chart(certificate: Certificate) -> Chart:
     curves = (
         Curve(may.real, may.imag, "where L may lie", 1, reach=reach),
         Curve(np.clip(L.real, -20, 20), np.clip(L.imag, -20, 20), "L of the model", 0),
-        Curve(np.array([-1.0]), np.array([0.0]), number=ALERT, look=PLUS),
+        Curve(np.array([-1.0]), np.array([0.0]), number=chart.ALERT, look=chart.PLUS),
     )
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
     left, right, low, high = _REACH
-    note = Note(-1.0, 0.0, "-1", ALERT)
+    note = Note(-1.0, 0.0, "-1", chart.ALERT)
     panel = Panel("imaginary part of L", curves, levels=axes, notes=(note,), low=low, high=high, caption=plant["name"])
     return Chart("real part of L", (panel,), low=left, high=right, square=True, height=5.2, width=5.8)
 

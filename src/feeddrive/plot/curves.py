@@ -11,25 +11,8 @@ import numpy as np
 from feeddrive.language.quantity import DRAWN, Quantity, number, unit_name
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import UNITS
-from feeddrive.plot import style
-from feeddrive.plot.chart import (
-    ALERT,
-    FREQUENCY,
-    HOLLOW,
-    LINEAR,
-    LOG,
-    MARKERS,
-    Abscissa,
-    Box,
-    Chart,
-    Curve,
-    Field,
-    Heat,
-    Level,
-    Panel,
-    listed,
-    numbered,
-)
+from feeddrive.plot import chart, style
+from feeddrive.plot.chart import Abscissa, Box, Chart, Curve, Field, Heat, Level, Panel
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
@@ -68,9 +51,11 @@ def curves_chart(
     for row in rows:
         lines = tuple(Curve(x, np.asarray(values), name, names.index(name)) for name, values in row.curves.items())
         limits = () if panels else tuple(Level(value, name, dashed=True) for name, value in (levels or {}).items())
-        panels.append(Panel(row.ordinate, lines, levels=limits, scale=LOG if row.logarithmic else LINEAR))
+        panels.append(Panel(row.ordinate, lines, levels=limits, scale=chart.LOG if row.logarithmic else chart.LINEAR))
     span = (float(x[0]), float(x[-1])) if frequency else (None, None)
-    return Chart(abscissa, tuple(panels), FREQUENCY if frequency else LINEAR, *span, height=1.2 + 1.9 * len(rows))
+    return Chart(
+        abscissa, tuple(panels), chart.FREQUENCY if frequency else chart.LINEAR, *span, height=1.2 + 1.9 * len(rows)
+    )
 
 
 curves = figure_of(curves_chart)
@@ -81,7 +66,7 @@ def pole_sweep_chart(sweeps: Mapping[str, Sequence[np.ndarray]], caption: str = 
     sweep.
     """
     marks = tuple(
-        Curve(np.real(poles), np.imag(poles), "" if k else name, i, HOLLOW, size=0.7 + 0.3 * k)
+        Curve(np.real(poles), np.imag(poles), "" if k else name, i, chart.HOLLOW, size=0.7 + 0.3 * k)
         for i, (name, points) in enumerate(sweeps.items())
         for k, poles in enumerate(points)
     )
@@ -103,7 +88,7 @@ def turn_chart(angle: np.ndarray, forces: Mapping[str, np.ndarray]) -> Chart:
         lines.append(Curve(np.degrees(angle), force, name, i, caption=Text(f"mean {Quantity(mean, 'N')}")))
         means.append(Level(mean, faint=True, number=i))
     panel = Panel(f"force on the tool ({unit_name('N')})", tuple(lines), levels=tuple(means))
-    ticks = numbered(np.arange(0.0, 361.0, 45.0))
+    ticks = chart.numbered(np.arange(0.0, 361.0, 45.0))
     return Chart("angle of the spindle (deg)", (panel,), low=0.0, high=360.0, ticks=ticks, height=3.2, columns=3)
 
 
@@ -141,15 +126,15 @@ def left_over_chart(
     """
     lines = [Curve(f, magnitude, name, i) for i, (name, (f, magnitude)) in enumerate(curves.items())]
     lines += [
-        Curve(*measured[name], name, i, MARKERS, "measured in the loop", size=1.1)
+        Curve(*measured[name], name, i, chart.MARKERS, "measured in the loop", size=1.1)
         for i, name in enumerate(curves)
         if name in measured
     ]
     levels = [Level(1.0, dashed=True)] if one else []
     levels.append(Level(place[0], place[1], upright=True, dashed=True))
     ends = [float(f[k]) for f, _ in curves.values() for k in (0, -1)]
-    panel = Panel(quantity, tuple(lines), levels=tuple(levels), scale=LOG)
-    return Chart("frequency (Hz)", (panel,), FREQUENCY, min(ends), max(ends), height=3.6, columns=3)
+    panel = Panel(quantity, tuple(lines), levels=tuple(levels), scale=chart.LOG)
+    return Chart("frequency (Hz)", (panel,), chart.FREQUENCY, min(ends), max(ends), height=3.6, columns=3)
 
 
 left_over = figure_of(left_over_chart)
@@ -253,7 +238,7 @@ def bars(
         )
         for row, size in enumerate(sizes)
     )
-    return Panel("", boxes=boxes, ticks=listed(names), low=0.4 - max(len(names), 1), high=0.6)
+    return Panel("", boxes=boxes, ticks=chart.listed(names), low=0.4 - max(len(names), 1), high=0.6)
 
 
 def surface_chart(surface: Surface) -> Chart:
@@ -262,7 +247,7 @@ def surface_chart(surface: Surface) -> Chart:
     """
     along = 1e3 * (surface.along - surface.along[0])
     off = 1e6 * surface.map
-    mark = Level(float(np.min(off[0])) + 1e6 * surface.mark, dashed=True, number=ALERT, caption="feed mark alone")
+    mark = Level(float(np.min(off[0])) + 1e6 * surface.mark, dashed=True, number=chart.ALERT, caption="feed mark alone")
     ra, rz = surface.roughness
     profile = Panel(
         f"left of\nmaterial ({unit_name('um')})",

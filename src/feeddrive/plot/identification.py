@@ -10,25 +10,8 @@ import numpy as np
 from feeddrive.identification.regression import NORMAL
 from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.text import Text
-from feeddrive.plot import style
-from feeddrive.plot.chart import (
-    DOTS,
-    LOG,
-    MARKED,
-    MARKERS,
-    NEUTRAL,
-    PLAIN,
-    THIN,
-    Abscissa,
-    Band,
-    Box,
-    Chart,
-    Curve,
-    Level,
-    Panel,
-    numbered,
-    rods,
-)
+from feeddrive.plot import chart, style
+from feeddrive.plot.chart import Abscissa, Band, Box, Chart, Curve, Level, Panel
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
@@ -131,12 +114,12 @@ def _measured(
     velocity: np.ndarray, force: np.ndarray, deviation: np.ndarray | None, newton: float, name: str = ""
 ) -> list[Curve]:
     """Return points with error bars of ±`deviation`."""
-    points = Curve(1e3 * velocity, newton * force, name, NEUTRAL, DOTS)
+    points = Curve(1e3 * velocity, newton * force, name, chart.NEUTRAL, chart.DOTS)
     if deviation is None:
         return [points]
     x = np.column_stack([velocity, velocity, np.full(velocity.size, np.nan)]).ravel()
     y = np.column_stack([force - deviation, force + deviation, np.full(velocity.size, np.nan)]).ravel()
-    return [Curve(1e3 * x, newton * y, number=NEUTRAL, look=THIN), points]
+    return [Curve(1e3 * x, newton * y, number=chart.NEUTRAL, look=chart.THIN), points]
 
 
 def has_friction(loop: Loop) -> bool:
@@ -183,7 +166,7 @@ def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
         cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
         _, kept = np.unique(cells, axis=0, return_index=True)
         name = "" if curves else "met in the run"
-        curves.append(Curve(1e3 * velocity[kept], newton * force[kept], name, _MET, DOTS))
+        curves.append(Curve(1e3 * velocity[kept], newton * force[kept], name, _MET, chart.DOTS))
     return curves
 
 
@@ -217,7 +200,7 @@ def identified_friction_chart(curve: FrictionCurve) -> Chart:
         bands=(Band(factor * v, low, high, 0, name),),
         share=2.0,
     )
-    left = Curve(factor * runs.velocity, newton * curve.residual, number=1, look=DOTS)
+    left = Curve(factor * runs.velocity, newton * curve.residual, number=1, look=chart.DOTS)
     below = Panel(
         f"residual ({unit_name(force_unit, 'SI')})",
         (left,),
@@ -255,11 +238,11 @@ def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
     unit, newton = unit_name(fit.frame.force), units.of(fit.frame.force)[1]
     measured, off = newton * fit.residuals.measured, newton * fit.residuals.values
     forces = (
-        Curve(*envelope(fit.time, measured), "measured", NEUTRAL, DOTS),
+        Curve(*envelope(fit.time, measured), "measured", chart.NEUTRAL, chart.DOTS),
         Curve(*envelope(fit.time, measured - off), "fitted", 0),
     )
     caption = Text(f"{Quantity(fit.residuals.relative, 'share'):3} of the force's RMS")
-    left = Curve(*envelope(fit.time, off), "residual", 1, THIN, caption=caption)
+    left = Curve(*envelope(fit.time, off), "residual", 1, chart.THIN, caption=caption)
     panels = Panel(f"force ({unit})", forces, share=2.0), Panel(f"residual ({unit})", (left,))
     return Chart("time (s)", panels, low=float(fit.time[0]), high=float(fit.time[-1]), height=3.8)
 
@@ -283,10 +266,12 @@ def identified_chart(identified: Identified, units: Units = DRAWN) -> Chart:
         rms, peak = (Quantity(size, unit) for size in (np.sqrt(np.mean(off**2)), np.max(np.abs(off))))
         caption = Text(f"RMS {rms}, peak {peak}")
         both = (
-            Curve(*envelope(time, factor * replay.measured[name]), "" if panels else "measured", NEUTRAL, DOTS),
+            Curve(
+                *envelope(time, factor * replay.measured[name]), "" if panels else "measured", chart.NEUTRAL, chart.DOTS
+            ),
             Curve(*envelope(time, factor * replay.run[name]), "" if panels else "model", 0),
         )
-        left = Curve(*envelope(after, factor * off), f"residual of the {words}", 1, THIN, caption=caption)
+        left = Curve(*envelope(after, factor * off), f"residual of the {words}", 1, chart.THIN, caption=caption)
         label = unit_name(unit)
         panels += [Panel(f"{words} ({label})", both, share=2.0), Panel(f"residual ({label})", (left,), share=1.2)]
     return Chart("time (s)", tuple(panels), low=float(time[0]), high=float(time[-1]), height=5.4)
@@ -294,7 +279,9 @@ def identified_chart(identified: Identified, units: Units = DRAWN) -> Chart:
 
 def residuals_chart(residuals: Residuals) -> Chart:
     """Plot the residual by row, and its autocorrelation with the bounds for white noise."""
-    off = Curve(*envelope(np.arange(residuals.values.size, dtype=np.float64), residuals.values), number=1, look=PLAIN)
+    off = Curve(
+        *envelope(np.arange(residuals.values.size, dtype=np.float64), residuals.values), number=1, look=chart.PLAIN
+    )
     # a longer lag leaves too few pairs of rows
     lags = np.arange(1, min(_LAGS, residuals.values.size // 4) + 1)
     rho = [residuals.autocorrelation(int(lag)) for lag in lags]
@@ -331,7 +318,7 @@ def validation_chart(validation: Validation) -> Chart:
         (panel,),
         low=0.4,
         high=validation.errors.size + 0.6,
-        ticks=numbered(numbers),
+        ticks=chart.numbered(numbers),
         height=2.6,
     )
 
@@ -345,7 +332,7 @@ def delay_fit_chart(fit: DelayFit) -> Chart:
     delays = fit.delays[near]
     panel = Panel(
         "residual (%)",
-        (Curve(delays, 100.0 * fit.residual[near], look=MARKED, size=0.9),),
+        (Curve(delays, 100.0 * fit.residual[near], look=chart.MARKED, size=0.9),),
         levels=(Level(fit.dead_time, upright=True, number=1),),
         caption=Text(f"{Quantity(fit.dead_time):.2f} ± {Quantity(fit.error):.2f} samples"),
     )
@@ -362,8 +349,8 @@ def control_fit_chart(fit: ControlFit) -> Chart:
     for i, delay in enumerate(sorted({d for _, d in fit.tried})):
         samples = [n for n, d in fit.tried if d == delay]
         left = [100.0 * fit.tried[n, delay] for n in samples]
-        curves.append(Curve(np.array(samples, float), np.array(left), f"delay {delay}", i, MARKED, size=0.9))
-    panel = Panel("unexplained share of the force (%)", tuple(curves), scale=LOG)
+        curves.append(Curve(np.array(samples, float), np.array(left), f"delay {delay}", i, chart.MARKED, size=0.9))
+    panel = Panel("unexplained share of the force (%)", tuple(curves), scale=chart.LOG)
     return Chart("samples over which the velocity is differenced", (panel,), height=2.8)
 
 
@@ -384,16 +371,16 @@ def cogging_chart(fit: CoggingFit) -> Chart:
         value, error = (np.array([getattr(estimate, part) for _, estimate in shown]) for part in ("value", "error"))
         bars.append(
             Curve(
-                *rods(x, np.maximum(value - 2.0 * error, _CUT * value), value + 2.0 * error),
-                number=NEUTRAL,
-                look=THIN,
+                *chart.rods(x, np.maximum(value - 2.0 * error, _CUT * value), value + 2.0 * error),
+                number=chart.NEUTRAL,
+                look=chart.THIN,
                 size=1.5,
             )
         )
-        points.append(Curve(x, value, label, i, MARKERS, size=0.9))
+        points.append(Curve(x, value, label, i, chart.MARKERS, size=0.9))
     x = np.concatenate([curve.x for curve in points])
     low, high = style.padded(float(np.min(x)), float(np.max(x)), 0.03) if x.size else (0.0, 1.0)
-    panel = Panel(f"amplitude ({unit_name(fit.unit, 'SI')})", (*bars, *points), scale=LOG)
+    panel = Panel(f"amplitude ({unit_name(fit.unit, 'SI')})", (*bars, *points), scale=chart.LOG)
     return Chart("order", (panel,), low=low, high=high, height=3.2)
 
 
@@ -407,7 +394,7 @@ def cogging_over_turn_chart(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Char
         for run in (run for run in runs if run.direction == sign):
             order = np.argsort(np.mod(run.turns, 1.0))
             x, y = envelope(np.mod(run.turns, 1.0)[order], run.force[order])
-            curves.append(Curve(x, y, label, i + 1, DOTS, size=0.7))
+            curves.append(Curve(x, y, label, i + 1, chart.DOTS, size=0.7))
     both = fit.coulomb is not None
     x = np.linspace(0.0, 1.0, 2001)
     y = np.full(x.size, fit.offset.value)

@@ -10,31 +10,8 @@ import numpy as np
 from feeddrive.language.quantity import USUAL, Quantity, signal_unit, unit_name
 from feeddrive.language.text import Text, joined
 from feeddrive.machining.circle_test import CirclePath, CircleTest, QuadrantPeak, deviations, quadrant_peaks, same_feed
-from feeddrive.plot import style
-from feeddrive.plot.chart import (
-    ALERT,
-    BAR,
-    DOTS,
-    MARKERS,
-    NEUTRAL,
-    PANELS,
-    PLAIN,
-    SOLID,
-    THIN,
-    Abscissa,
-    Band,
-    Box,
-    Chart,
-    Curve,
-    Disc,
-    Level,
-    Mark,
-    Note,
-    Panel,
-    listed,
-    numbered,
-    rods,
-)
+from feeddrive.plot import chart, style
+from feeddrive.plot.chart import Abscissa, Band, Box, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
@@ -95,7 +72,7 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
     ring, edge = _RING * per_division, (_RING + _DIVISIONS + 0.5) * per_division
     curves, marks = list[Curve](), list[Mark]()
     for circle, angle, r in old:
-        curves.append(Curve(*_closed(ring + r, angle), number=_like(circle, test), look=THIN))
+        curves.append(Curve(*_closed(ring + r, angle), number=_like(circle, test), look=chart.THIN))
     for i, (circle, angle, r) in enumerate(rows):
         x, y = _closed(ring + r, angle)
         curves.append(Curve(x, y, circle.name, i, caption=_gap(circle, test, before)))
@@ -166,7 +143,7 @@ def _arrow(radius: float, angle: float, direction: int, division: float, number:
     corners = np.array(
         [radius * out - long * along + wide * out, radius * out, radius * out - long * along - wide * out]
     )
-    return Curve(corners[:, 0], corners[:, 1], number=number, look=SOLID)
+    return Curve(corners[:, 0], corners[:, 1], number=number, look=chart.SOLID)
 
 
 def _box(test: CircleTest, division: float, remark: str) -> str:
@@ -195,7 +172,7 @@ def _division(wanted: float) -> float:
 def circle_unrolled_chart(test: CircleTest) -> Chart:
     """Plot the deviation versus the angle with the reversals marked, and a detail of 10° around each of them."""
     (whole,) = unrolled_chart(test).panels
-    angles = Abscissa("angle (deg)", low=0.0, high=360.0, ticks=numbered(np.arange(0.0, 361.0, 45.0)))
+    angles = Abscissa("angle (deg)", low=0.0, high=360.0, ticks=chart.numbered(np.arange(0.0, 361.0, 45.0)))
     panels = [replace(whole, abscissa=angles, share=1.3, whole=True)]
     names = test.circles[0].axes
     for k, (at, text) in enumerate(_QUADRANTS):
@@ -225,7 +202,7 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     # a circle begins anywhere: in order of time its curve would jump back across the picture
     for circle, angle, r in [] if before is None else _rows(before):
         order = np.argsort(angle)
-        curves.append(Curve(*envelope(angle[order], r[order]), number=_like(circle, test), look=THIN))
+        curves.append(Curve(*envelope(angle[order], r[order]), number=_like(circle, test), look=chart.THIN))
     for i, (circle, angle, r) in enumerate(rows):
         order = np.argsort(angle)
         curves.append(Curve(*envelope(angle[order], r[order]), circle.name, i))
@@ -255,14 +232,14 @@ def circle_causes_chart(causes: CircleCauses, most: int = 12) -> Chart:
         bars.append(Box(0.0, size, -row - 0.31, -row + 0.31, text=text, beside=True, hatched=not certain))
         if certain and cause.value:
             error = size * cause.error / abs(cause.value)
-            errors.append(Curve(np.array([size - error, size + error]), np.full(2, -float(row)), number=NEUTRAL))
+            errors.append(Curve(np.array([size - error, size + error]), np.full(2, -float(row)), number=chart.NEUTRAL))
     caption = Text(f"not explained: {Quantity(causes.residual, 'm'):3} RMS; bars: standard error; {_runs(causes)}")
     rows = max(len(shown), 1)
     panel = Panel(
         "",
         tuple(errors),
         boxes=tuple(bars),
-        ticks=listed([cause.name for cause in shown]),
+        ticks=chart.listed([cause.name for cause in shown]),
         low=0.5 - rows,
         high=0.6,
         caption=caption,
@@ -297,7 +274,7 @@ def _reversal(reversals: Reversals, reversal: Reversal) -> Panel:
     rows = slice(max(0, reversal.rows.start - length // 5), reversal.rows.start + max(2, (3 * length) // 4))
     time = 1e3 * (reversals.time[rows] - reversal.time)
     stands = Box(
-        1e3 * reversal.stick_begin, 1e3 * (reversal.stick_begin + reversal.stick_time), number=NEUTRAL, pale=True
+        1e3 * reversal.stick_begin, 1e3 * (reversal.stick_begin + reversal.stick_time), number=chart.NEUTRAL, pale=True
     )
     caption = Text(
         f"{reversal.axis} at {reversal.side}: {Quantity(reversal.height, 'm'):3} at "
@@ -329,12 +306,12 @@ def axis_load_chart(load: AxisLoad) -> Chart:
         if size is not None and size < 2.0 * top:
             top = max(top, 1.1 * size)
             caption = Text(f"{name} {Quantity(size, 'N')}")
-            limits += [Level(sign * size, dashed=True, number=ALERT, caption=caption) for sign in (1.0, -1.0)]
+            limits += [Level(sign * size, dashed=True, number=chart.ALERT, caption=caption) for sign in (1.0, -1.0)]
     panels = [Panel(f"force ({unit_name('N')})", curves, levels=tuple(limits), low=-top, high=top)]
     if load.heat is not None:
         heat = Curve(load.sample_time * np.arange(len(load.heat)), 100.0 * load.heat, number=2)
         warns = tuple(
-            Level(level, name, dashed=True, number=ALERT)
+            Level(level, name, dashed=True, number=chart.ALERT)
             for level, name in ((80.0, "warns"), (100.0, "trips"))
             if level < 3.0 * 100.0 * float(np.max(load.heat))
         )
@@ -367,10 +344,10 @@ def lobes_chart(lobes: Lobes) -> Chart:
     for i, (flip, name) in enumerate(((False, "Hopf border"), (True, "flip border"))):
         borders += _border(speed, 1e3 * lobes.depth, there, lobes.flip == flip, i, name)
         chosen = there & (lobes.flip == flip)
-        frequencies.append(Curve(speed[chosen], lobes.frequency[chosen], number=i, look=MARKERS, size=0.55))
+        frequencies.append(Curve(speed[chosen], lobes.frequency[chosen], number=i, look=chart.MARKERS, size=0.55))
     for rpm, low, high in lobes.islands:
         height = np.array([1e3 * low, min(1e3 * high, top)])
-        borders.append(Curve(np.array([rpm, rpm]), height, "stable again above the border", 2, BAR))
+        borders.append(Curve(np.array([rpm, rpm]), height, "stable again above the border", 2, chart.BAR))
     caption = "tooth passes every k swings of a mode"
     passing = tuple(
         Level(rpm, f"{k}" if n < _CROWDED else "", upright=True, dashed=True, faint=True, caption=caption)
@@ -421,11 +398,11 @@ def _border(
     line = Curve(speed, np.where(joined, depth, np.nan), name, number)
     if np.count_nonzero(chosen) >= 3:
         return [line]
-    return [line, Curve(speed[chosen], depth[chosen], number=number, look=MARKERS, size=0.9)]
+    return [line, Curve(speed[chosen], depth[chosen], number=number, look=chart.MARKERS, size=0.9)]
 
 
 def _this_cut(cut: CutStability, speed: np.ndarray) -> tuple[tuple[Mark, ...], tuple[Note, ...]]:
-    number = 2 if cut.stable else ALERT
+    number = 2 if cut.stable else chart.ALERT
     text = Text(f"this cut: |µ| = {Quantity(cut.growth):.3f}{'' if cut.stable else ', chatters'}")
     at = cut.speed, 1e3 * cut.depth
     left = cut.speed > 0.6 * float(speed[-1]) + 0.4 * float(speed[0])
@@ -447,7 +424,7 @@ def cutting_forces_chart(cutting: CuttingForces) -> Chart:
         names = ("feed", "normal", "axial")
         forces = tuple(Curve(degrees, getattr(cutting, name)[turn], name, i) for i, name in enumerate(names))
         caption = Text(f"the turn from {Quantity(cutting.time[turn][0], 's'):SI} on")
-    angle = Abscissa("angle of the spindle (°)", low=0.0, high=360.0, ticks=numbered(range(0, 361, 60)))
+    angle = Abscissa("angle of the spindle (°)", low=0.0, high=360.0, ticks=chart.numbered(range(0, 361, 60)))
     panels = [Panel(f"force on the\ntool ({unit_name('N')})", forces, caption=caption, abscissa=angle)]
     for name, words, unit in (("resultant", "force across\nthe spindle", "N"), ("power", "power", "W")):
         values = getattr(cutting, name)
@@ -458,7 +435,7 @@ def cutting_forces_chart(cutting: CuttingForces) -> Chart:
             Panel(f"{words} ({unit_name(unit)})", (Curve(*style.envelope(cutting.time, values)),), caption=caption)
         )
     ends = float(cutting.time[0]), float(cutting.time[-1])
-    return Chart("time (s)", tuple(panels), low=ends[0], high=ends[1], height=6.0, legend=PANELS)
+    return Chart("time (s)", tuple(panels), low=ends[0], high=ends[1], height=6.0, legend=chart.PANELS)
 
 
 cutting_forces = figure_of(cutting_forces_chart)
@@ -475,7 +452,12 @@ def chatter_signs_chart(signs: ChatterSigns) -> Chart:
     top = min(float(lines.frequency[-1]), 8.0 * max(signs.passing, signs.chatter if signs.dots != 1 else 0.0))
     chosen = (lines.frequency > 0.0) & (lines.frequency <= top)
     stems = tuple(
-        Curve(*rods(lines.frequency, 0.0, np.where(kind & chosen, factor * lines.amplitude, np.nan)), text, i, PLAIN)
+        Curve(
+            *chart.rods(lines.frequency, 0.0, np.where(kind & chosen, factor * lines.amplitude, np.nan)),
+            text,
+            i,
+            chart.PLAIN,
+        )
         for i, (kind, text) in enumerate(((signs.harmonic, "harmonics of the teeth"), (~signs.harmonic, "all else")))
     )
     notes = tuple[Note, ...]()
@@ -495,7 +477,7 @@ def chatter_signs_chart(signs: ChatterSigns) -> Chart:
     middle, spread = float(np.mean(values)), 1.3 * float(np.ptp(values))
     room = max(0.5 * spread, 0.5 * factor * signs.swing if signs.dots == 1 else 0.0) or 1.0
     low, high = middle - room, middle + room
-    once = Curve(values[:-1], values[1:], number=0 if signs.dots == 1 else 1, look=DOTS, size=2.0)
+    once = Curve(values[:-1], values[1:], number=0 if signs.dots == 1 else 1, look=chart.DOTS, size=2.0)
     sections = Panel(
         f"a tooth later ({name})",
         (once,),

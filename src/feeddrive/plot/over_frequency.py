@@ -14,27 +14,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, USUAL, Quantity, Units, signal_unit, unit_name
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF, TRUSTED
-from feeddrive.plot import style
-from feeddrive.plot.chart import (
-    BAR,
-    CROSS,
-    DEGREES,
-    DOTS,
-    FREQUENCY,
-    LINEAR,
-    LOG,
-    MARKERS,
-    PLAIN,
-    THIN,
-    Abscissa,
-    Band,
-    Chart,
-    Curve,
-    Level,
-    Mark,
-    Panel,
-    rods,
-)
+from feeddrive.plot import chart, style
+from feeddrive.plot.chart import Abscissa, Band, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
@@ -185,7 +166,7 @@ def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
         if level is None or not np.any(there := np.isfinite(level.response) & (level.response > 0.0)):
             continue
         y = np.asarray(units.from_decibel(style.decibel(factor * level.response[there])))
-        curves.append(Curve(units.of("Hz")[1] * level.frequency[there], y, text, i, DOTS))
+        curves.append(Curve(units.of("Hz")[1] * level.frequency[there], y, text, i, chart.DOTS))
     return curves
 
 
@@ -259,8 +240,8 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
             beside = measured.phase_deg if curve is None else _by_model(measured, fitted, curve)
             x = hertz * measured.frequency
             level = units.from_decibel(style.decibel(factor * measured.magnitude))
-            levels.append(Curve(x, np.asarray(level), f"{before}measured", i, DOTS))
-            phases.append(Curve(x, beside, number=i, look=DOTS))
+            levels.append(Curve(x, np.asarray(level), f"{before}measured", i, chart.DOTS))
+            phases.append(Curve(x, beside, number=i, look=chart.DOTS))
             ends += [float(np.min(beside)), float(np.max(beside))]
             bands[0].extend(
                 magnitude_band(measured, i, units, "95 % of the measurement" if i == 0 else "", factor=factor)
@@ -268,10 +249,10 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
             bands[1].extend(phase_band(measured, beside, i, units))
             if fitted is not None:
                 off = style.decibel(np.abs(fitted.response / measured.response - 1.0))
-                apart.append(Curve(x, np.asarray(units.from_decibel(off)), number=i, look=DOTS))
+                apart.append(Curve(x, np.asarray(units.from_decibel(off)), number=i, look=chart.DOTS))
             if fitted is not None and measured.radius is not None:
                 level = style.decibel(measured.radius / measured.magnitude)
-                apart.append(Curve(x, np.asarray(units.from_decibel(level)), number=i, look=THIN))
+                apart.append(Curve(x, np.asarray(units.from_decibel(level)), number=i, look=chart.THIN))
         if curve is not None and phase is not None:
             level = units.from_decibel(style.decibel(factor * curve.magnitude))
             levels.append(Curve(hertz * curve.frequency, np.asarray(level), f"{before}model", i))
@@ -280,11 +261,17 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
             name = "" if i else "95 % of the model"
             bands[0].extend(magnitude_band(curve, _OTHER, units, name, factor=factor, model=True))
             bands[1].extend(phase_band(curve, phase, _OTHER, units, model=True))
-    scale = LOG if log else LINEAR
+    scale = chart.LOG if log else chart.LINEAR
     panels = [
         _gains(label, [*levels, *more], bands[0], scale, 3.0),
         Panel(
-            "phase (deg)", tuple(phases), bands=tuple(bands[1]), scale=DEGREES, low=min(ends), high=max(ends), share=2.0
+            "phase (deg)",
+            tuple(phases),
+            bands=tuple(bands[1]),
+            scale=chart.DEGREES,
+            low=min(ends),
+            high=max(ends),
+            share=2.0,
         ),
     ]
     if apart:
@@ -295,7 +282,7 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
     return Chart(
         f"frequency ({unit_name('Hz')})",
         tuple(panels),
-        FREQUENCY,
+        chart.FREQUENCY,
         min(x),
         max(x),
         height=2.6 + 1.05 * len(panels),
@@ -328,9 +315,9 @@ def _magnitudes(unit: str, units: Units) -> tuple[float, str]:
 def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: str, share: float) -> Panel:
     """Return a panel whose range follows from its curves only: shading over the full height does not widen it."""
     values = np.concatenate([curve.y for curve in curves])
-    values = values[np.isfinite(values) & ((values > 0.0) | (scale != LOG))]
+    values = values[np.isfinite(values) & ((values > 0.0) | (scale != chart.LOG))]
     low, high = float(np.min(values)), float(np.max(values))
-    low, high = (low / _ROOM, high * _ROOM) if scale == LOG else style.padded(low, high)
+    low, high = (low / _ROOM, high * _ROOM) if scale == chart.LOG else style.padded(low, high)
     return Panel(label, tuple(curves), bands=tuple(bands), scale=scale, share=share, low=low, high=high)
 
 
@@ -341,8 +328,8 @@ def response_residuals_chart(agreement: Agreement) -> Chart:
     for i, (measured, residual) in enumerate(zip(agreement.measured, agreement.residuals, strict=True)):
         name = measured.output if len(agreement.measured) > 1 else ""
         f, scaled = measured.frequency, residual / spread
-        curves.append(Curve(f, np.real(scaled), name, i, MARKERS, "real", size=0.45))
-        curves.append(Curve(f, np.imag(scaled), name, i, CROSS, "imaginary", size=0.45))
+        curves.append(Curve(f, np.real(scaled), name, i, chart.MARKERS, "real", size=0.45))
+        curves.append(Curve(f, np.imag(scaled), name, i, chart.CROSS, "imaginary", size=0.45))
     # outliers must not compress the other lines
     reach = 1.15 * float(np.percentile(np.abs(np.concatenate(agreement.residuals)), 99.0)) / spread
     reach = max(reach, 3.0)
@@ -357,11 +344,11 @@ def response_residuals_chart(agreement: Agreement) -> Chart:
             low=-reach,
             high=reach,
             share=2.0,
-            abscissa=Abscissa("frequency (Hz)", FREQUENCY, min(ends), max(ends)),
+            abscissa=Abscissa("frequency (Hz)", chart.FREQUENCY, min(ends), max(ends)),
         ),
         Panel(
             "autocorrelation",
-            (Curve(*rods(lags.astype(float), 0.0, across)),),
+            (Curve(*chart.rods(lags.astype(float), 0.0, across)),),
             levels=(Level(-bound, dashed=True), Level(bound, dashed=True)),
             abscissa=Abscissa("lines apart", low=0.0, high=float(lags[-1]) + 1.0),
         ),
@@ -383,7 +370,7 @@ def response_nyquist_chart(agreement: Agreement) -> Chart:
     for i, (measured, model) in enumerate(zip(agreement.measured, agreement.drawn, strict=True)):
         name = measured.output if len(agreement.measured) > 1 else ""
         points, curve = (frf.response * (2j * np.pi * frf.frequency) ** order for frf in (measured, model))
-        dots.append(Curve(np.real(points), np.imag(points), name, i, MARKERS, "measured", size=0.9))
+        dots.append(Curve(np.real(points), np.imag(points), name, i, chart.MARKERS, "measured", size=0.9))
         curves.append(Curve(np.real(curve), np.imag(curve), name, i, caption="fitted"))
     unit_text = f" ({unit_name(_velocity(unit), 'SI')})" if unit else ""
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
@@ -429,12 +416,12 @@ def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
     low, high = (float(end(np.concatenate([curve.y for curve in phases]))) for end in (np.min, np.max))
     panels = [
         Panel(label, tuple(levels), share=3.0),
-        Panel("phase (deg)", tuple(phases), scale=DEGREES, low=low, high=high, share=2.0),
+        Panel("phase (deg)", tuple(phases), scale=chart.DEGREES, low=low, high=high, share=2.0),
     ]
     if coherences:
         panels.append(Panel("coherence", tuple(coherences), low=0.0, high=1.05))
     span = _span(response.frequency for response in chosen.values())
-    return Chart("frequency (Hz)", tuple(panels), FREQUENCY, *span, height=4.6 + bool(coherences))
+    return Chart("frequency (Hz)", tuple(panels), chart.FREQUENCY, *span, height=4.6 + bool(coherences))
 
 
 bode = figure_of(bode_chart)
@@ -457,7 +444,7 @@ def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
     bottom = max(-40.0, min(float(np.min(curve.y)) for curve in curves) - 2.0)
     panel = Panel("position / set position (dB)", tuple(curves), marks=tuple(marks), levels=(line,), low=bottom)
     span = _span(response.frequency for response in chosen.values())
-    return Chart("frequency (Hz)", (panel,), FREQUENCY, *span, columns=style.narrow(chosen))
+    return Chart("frequency (Hz)", (panel,), chart.FREQUENCY, *span, columns=style.narrow(chosen))
 
 
 closed_loop = figure_of(closed_loop_chart)
@@ -490,7 +477,7 @@ def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRA
         for k, what in enumerate(("|S|", "|T|"))
     )
     span = _span((margins.loop_gain.frequency for margins in chosen.values()), units)
-    return Chart(_hertz(), panels, FREQUENCY, *span, height=4.4, columns=style.narrow(chosen), factor=hertz)
+    return Chart(_hertz(), panels, chart.FREQUENCY, *span, height=4.4, columns=style.narrow(chosen), factor=hertz)
 
 
 sensitivity = figure_of(sensitivity_chart)
@@ -507,7 +494,7 @@ def _floor(least: float, units: Units) -> float | None:
 
 def _scale(units: Units) -> str:
     """Return the scale of a gain panel."""
-    return LINEAR if units.decibel else LOG
+    return chart.LINEAR if units.decibel else chart.LOG
 
 
 def _ratio(what: str, units: Units) -> str:
@@ -539,12 +526,12 @@ def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Uni
         f"dynamic stiffness ({unit_name('N/m')})",
         tuple(curves),
         marks=tuple(marks),
-        scale=LOG,
+        scale=chart.LOG,
         low=0.5 * min(lows),
         high=3.0 * max(*tops, *lows),
     )
     span = _span((stiffness.frequency for stiffness in chosen.values()), units)
-    return Chart(_hertz(), (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen), factor=hertz)
+    return Chart(_hertz(), (panel,), chart.FREQUENCY, *span, height=3.4, columns=style.narrow(chosen), factor=hertz)
 
 
 stiffness = figure_of(stiffness_chart)
@@ -563,7 +550,7 @@ def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
     tops, bottoms = list[float](), list[float]()
     for i, (name, spectrum) in enumerate(chosen.items()):
         frequency, amplitude, cumulative = _banded(spectrum, lowest, highest)
-        amplitudes.append(Curve(frequency, factor * amplitude, name, i, PLAIN, size=0.7))
+        amplitudes.append(Curve(frequency, factor * amplitude, name, i, chart.PLAIN, size=0.7))
         sums.append(Curve(frequency, factor * cumulative, number=i))
         tops.append(factor * float(np.max(amplitude)))
         bottoms.append(factor * float(np.quantile(amplitude, 0.02)))
@@ -572,11 +559,11 @@ def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
     label = unit_name(style.written(unit))
     above = Panel(f"{quantity}\namplitude ({label})", tuple(amplitudes), share=3.0)
     if top > 0.0:  # a signal that is zero cannot be drawn on a logarithmic scale
-        above = replace(above, scale=LOG, low=max(0.5 * min(bottoms), 1e-7 * top), high=2.0 * top)
+        above = replace(above, scale=chart.LOG, low=max(0.5 * min(bottoms), 1e-7 * top), high=2.0 * top)
     below = Panel(f"cumulative\nRMS ({label})", tuple(sums), low=0.0, high=1.15 * max(whole) or 1.0, share=2.0)
     if min(whole) > 0.0 and max(whole) > style.WIDE * min(whole):
-        below = replace(below, scale=LOG, low=0.1 * min(whole), high=2.0 * max(whole))
-    return Chart("frequency (Hz)", (above, below), FREQUENCY, lowest, highest, height=4.6)
+        below = replace(below, scale=chart.LOG, low=0.1 * min(whole), high=2.0 * max(whole))
+    return Chart("frequency (Hz)", (above, below), chart.FREQUENCY, lowest, highest, height=4.6)
 
 
 spectrum = figure_of(spectrum_chart)
@@ -660,7 +647,7 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
             "phase (deg)",
             (*phases, *bars[1]),
             marks=tuple(marks[1]),
-            scale=DEGREES,
+            scale=chart.DEGREES,
             low=low,
             high=high,
             share=2.0,
@@ -670,7 +657,7 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
         *coherence_panels(list(enumerate(gains))[-1:], units),
     )
     span = _span((gain.frequency for gain in gains), units)
-    return Chart(_hertz(), panels, FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
+    return Chart(_hertz(), panels, chart.FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
 
 
 open_loop = figure_of(open_loop_chart)
@@ -725,7 +712,7 @@ def _margins(
 
 
 def _bar(x: float, low: float, high: float, i: int, text: str) -> Curve:
-    return Curve(np.array([x, x]), np.array([low, high]), number=i, look=BAR, caption=text)
+    return Curve(np.array([x, x]), np.array([low, high]), number=i, look=chart.BAR, caption=text)
 
 
 def measured_loop_chart(loop: MarginIntervals | MeasuredLoop) -> Chart:

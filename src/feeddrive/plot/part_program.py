@@ -13,33 +13,8 @@ from feeddrive.path.limits import FEED, STANDSTILL
 from feeddrive.path.planned import Planned
 from feeddrive.path.proof import DERIVATIVES
 from feeddrive.path.setpoints import causes
-from feeddrive.plot import style
-from feeddrive.plot.chart import (
-    ALERT,
-    BAR,
-    DASHED,
-    LOG,
-    MARKERS,
-    NEUTRAL,
-    PANELS,
-    PLAIN,
-    RING,
-    SOLID,
-    THIN,
-    WIDE,
-    WIDTH,
-    Abscissa,
-    Chart,
-    Curve,
-    Heat,
-    Level,
-    Mark,
-    Note,
-    Panel,
-    Tick,
-    filled_stairs,
-    listed,
-)
+from feeddrive.plot import chart, style
+from feeddrive.plot.chart import Abscissa, Chart, Curve, Heat, Level, Mark, Note, Panel, Tick
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import POINTS, envelope
 
@@ -69,7 +44,7 @@ def contour_chart(contour: ContourError) -> Chart:
         f"contour error{', + left' if contour.signed else ''}\n({unit_name('um')})",
         (
             Curve(*envelope(along, error), size=0.65),
-            Curve(worst[:, 0], worst[:, 1], "worst places", ALERT, RING),
+            Curve(worst[:, 0], worst[:, 1], "worst places", chart.ALERT, chart.RING),
         ),
         levels=(Level(0.0, faint=True),),
         low=low,
@@ -81,11 +56,11 @@ def contour_chart(contour: ContourError) -> Chart:
     counts, edges = np.histogram(error, bins=60, weights=100.0 * contour.weights)
     share = Panel(
         "part of the path\n(%)",
-        (Curve(*filled_stairs(edges, counts), look=SOLID),),
+        (Curve(*chart.filled_stairs(edges, counts), look=chart.SOLID),),
         low=0.0,
         abscissa=Abscissa(f"contour error ({unit_name('um')})"),
     )
-    return Chart("", (over, share), height=4.6, legend=PANELS)
+    return Chart("", (over, share), height=4.6, legend=chart.PANELS)
 
 
 contour = figure_of(contour_chart)
@@ -113,7 +88,7 @@ def contour_on_path_chart(
     factor = _factor(contour, axes) if enlarged is None else enlarged
     tool = foot + factor * 1e3 * contour.vector[rows]
     curves = (
-        Curve(tool[:, i], tool[:, j], Text(f"tool, deviation × {Quantity(factor):6}"), NEUTRAL, THIN),
+        Curve(tool[:, i], tool[:, j], Text(f"tool, deviation × {Quantity(factor):6}"), chart.NEUTRAL, chart.THIN),
         Curve(foot[:, i], foot[:, j], heat=np.where(kept, 1e6 * size[rows], np.nan)),
     )
     ends = [style.padded(*_ends(np.append(foot[:, k], tool[:, k]))) for k in axes]
@@ -125,7 +100,7 @@ def contour_on_path_chart(
         Mark(
             1e3 * float(place.position[i]),
             1e3 * float(place.position[j]),
-            ALERT,
+            chart.ALERT,
             True,
             caption=Text(f"{Quantity(abs(place.error), 'm'):3}"),
             key=str(k),
@@ -141,7 +116,7 @@ def contour_on_path_chart(
         low=left,
         high=right,
         square=True,
-        height=0.8 + 0.75 * WIDTH * shape,
+        height=0.8 + 0.75 * chart.WIDTH * shape,
     )
 
 
@@ -183,11 +158,11 @@ def place_chart(contour: ContourError, place: Worst) -> Chart:
     spans = np.ptp(np.vstack([at[rows], tool[rows]]), axis=0)
     i, j = sorted(int(k) for k in np.argsort(spans)[-2:])
     curves = (
-        Curve(at[rows, i], at[rows, j], "commanded", NEUTRAL),
+        Curve(at[rows, i], at[rows, j], "commanded", chart.NEUTRAL),
         Curve(tool[rows, i], tool[rows, j], "tool", 1, caption=Text(f"{Quantity(abs(place.error), 'm')} off the path")),
     )
     foot = tool[row] - 1e6 * contour.vector[row]
-    to_path = Curve(np.array([foot[i], 0.0]), np.array([foot[j], 0.0]), number=ALERT, look=BAR)
+    to_path = Curve(np.array([foot[i], 0.0]), np.array([foot[j], 0.0]), number=chart.ALERT, look=chart.BAR)
     panel = Panel(
         f"{contour.axes[j]} ({unit_name('um')})", (*curves, to_path), (Mark(0.0, 0.0, 1, True),), low=-reach, high=reach
     )
@@ -229,8 +204,8 @@ def _corner(contour: ContourError, corner: Corner, tolerance: float | None) -> P
     near = corner.rows
     curves = [] if tolerance is None else [_tolerance(at[near], 1e6 * tolerance)]
     curves += [
-        Curve(at[near, 0], at[near, 1], "path", NEUTRAL, size=0.85),
-        Curve(tool[near, 0], tool[near, 1], "tool", 1, PLAIN),
+        Curve(at[near, 0], at[near, 1], "path", chart.NEUTRAL, size=0.85),
+        Curve(tool[near, 0], tool[near, 1], "tool", 1, chart.PLAIN),
     ]
     where = "" if corner.line is None else f"line {corner.line}, "
     caption = Text(f"{where}{Quantity(np.degrees(corner.turn), 'deg'):3}: passed at {Quantity(corner.nearest, 'm')}")
@@ -254,7 +229,14 @@ def _tolerance(path: np.ndarray, half: float) -> Curve:
         line[3 * smooth + 2] = end[smooth] + side * normal[smooth]
         lines.append(line)
     x, y = np.concatenate(lines).T
-    return Curve(x, y, number=ALERT, look=DASHED, caption=Text(f"tolerance {Quantity(1e-6 * half, 'm'):3}"), size=0.65)
+    return Curve(
+        x,
+        y,
+        number=chart.ALERT,
+        look=chart.DASHED,
+        caption=Text(f"tolerance {Quantity(1e-6 * half, 'm'):3}"),
+        size=0.65,
+    )
 
 
 def _round(factor: float) -> float:
@@ -264,7 +246,7 @@ def _round(factor: float) -> float:
 
 
 # from slow to fast: warm to cold, and thinner, so that gray print shows it too; number of the color, and width
-_SPEEDS = ((ALERT, 1.85), (1, 1.6), (4, 1.3), (2, 1.1), (5, 0.95), (0, 0.8))
+_SPEEDS = ((chart.ALERT, 1.85), (1, 1.6), (4, 1.3), (2, 1.1), (5, 0.95), (0, 0.8))
 _COLUMNS = 400  # time intervals over the width of a picture
 _FLAT = 0.02  # of the largest extent: an axis that moves less has no separate view
 _MARKED_STOPS = 300  # largest number of marked stops
@@ -292,10 +274,10 @@ def planned_chart(plan: Planned) -> Chart:
     for (i, j), shape in zip(views, shapes, strict=True):
         curves = _path(plan, place[:, i], place[:, j])
         if len(stops):
-            curves.append(Curve(stops[:, i], stops[:, j], "stop", NEUTRAL, RING, size=0.8))
+            curves.append(Curve(stops[:, i], stops[:, j], "stop", chart.NEUTRAL, chart.RING, size=0.8))
         abscissa = Abscissa(f"{letters[i]} ({units[i]})", square=True)
         panels.append(Panel(f"{letters[j]} ({units[j]})", tuple(curves), share=shape, abscissa=abscissa))
-    return Chart("", tuple(panels), height=0.6 + 0.92 * WIDTH * sum(shapes) * 0.9)
+    return Chart("", tuple(panels), height=0.6 + 0.92 * chart.WIDTH * sum(shapes) * 0.9)
 
 
 planned = figure_of(planned_chart)
@@ -313,12 +295,14 @@ def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
     kind[traverse] = -1
     curves = list[Curve]()
     if np.any(traverse):
-        curves.append(Curve(*_stretches(x, y, traverse), "traverse", NEUTRAL, DASHED, size=0.5))
+        curves.append(Curve(*_stretches(x, y, traverse), "traverse", chart.NEUTRAL, chart.DASHED, size=0.5))
     for k, (number, size) in enumerate(_SPEEDS):
         if np.any(kind == k):
             low, high = Quantity(1e-3 * edges[k], "m/s", bare=True), Quantity(1e-3 * edges[k + 1], "m/s")
             stretches = _stretches(x, y, kind == k)
-            curves.append(Curve(*stretches, number=number, look=PLAIN, caption=Text(f"{low:3} to {high:3}"), size=size))
+            curves.append(
+                Curve(*stretches, number=number, look=chart.PLAIN, caption=Text(f"{low:3} to {high:3}"), size=size)
+            )
     return curves
 
 
@@ -344,8 +328,8 @@ def plan_causes_chart(plan: Planned) -> Chart:
     for row, name in enumerate(shown):
         here = cause == names.index(name)
         part = np.bincount(column[here], weights=lengths[here], minlength=_COLUMNS) / np.maximum(whole, 1e-12)
-        shape = filled_stairs(edges, 0.8 * part, -float(row))
-        curves.append(Curve(*shape, number=_cause_number(name), look=SOLID))
+        shape = chart.filled_stairs(edges, 0.8 * part, -float(row))
+        curves.append(Curve(*shape, number=_cause_number(name), look=chart.SOLID))
         levels.append(Level(-float(row), faint=True))
         share = Text(f"{Quantity(plan.seconds[name] / plan.cycle_time, 'share'):3}")
         ticks.append(Tick(0.4 - row, name, share))
@@ -362,7 +346,7 @@ def _cause_number(name: str) -> int:
     what = name.split(" ")[0]
     if what in DERIVATIVES:
         return (5, 0, 1, 4)[DERIVATIVES.index(what)]
-    return 2 if name == FEED else NEUTRAL if name == STANDSTILL else 3
+    return 2 if name == FEED else chart.NEUTRAL if name == STANDSTILL else 3
 
 
 def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
@@ -376,14 +360,14 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
         high = factor * np.maximum.reduceat(course.high[:, axis, k], begins)
         x = np.repeat(edges, 2)[1:-1]
         low, high = np.repeat(low, 2), np.repeat(high, 2)
-        shape = Curve(np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]]), look=SOLID)
+        shape = Curve(np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]]), look=chart.SOLID)
         # an interval with a single value has no area
-        lines = Curve(x, high, look=PLAIN, size=0.6), Curve(x, low, look=PLAIN, size=0.6)
+        lines = Curve(x, high, look=chart.PLAIN, size=0.6), Curve(x, low, look=chart.PLAIN, size=0.6)
         top = factor * limits[k]
         used = max(-float(low.min()), float(high.max()))
         # a limit far above the curve would flatten it
         within = used > 0.2 * top
-        sides = tuple(Level(side, dashed=True, number=ALERT) for side in (-top, top)) if within else ()
+        sides = tuple(Level(side, dashed=True, number=chart.ALERT) for side in (-top, top)) if within else ()
         bottom, upper = style.padded(*((-top, top) if within else (-used, used)))
         caption = Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {Quantity(top, unit)}")
         panels.append(
@@ -405,7 +389,7 @@ def part_run_chart(part: PartRun) -> Chart:
     contour = part.contour
     error = 1e6 * np.abs(contour.error)
     curves = (
-        Curve(*envelope(contour.time, error), "does not count", NEUTRAL, THIN),
+        Curve(*envelope(contour.time, error), "does not count", chart.NEUTRAL, chart.THIN),
         Curve(*envelope(contour.time, np.where(contour.counted, error, 0.0)), "counts"),
     )
     caption = Text(f"RMS {Quantity(contour.rms, 'm')}, largest {Quantity(contour.largest, 'm')}")
@@ -423,15 +407,15 @@ def part_laws_chart(parts: Mapping[str, PartRun]) -> Chart:
     # the scale is logarithmic: an error of 0 needs a value
     rows, shown = -np.arange(len(parts), dtype=np.float64), 1e6 * np.maximum(sizes, 1e-12)
     spans = tuple(
-        Curve(np.array([row.min(), row.max()]), np.full(2, y), number=NEUTRAL, look=WIDE)
+        Curve(np.array([row.min(), row.max()]), np.full(2, y), number=chart.NEUTRAL, look=chart.WIDE)
         for row, y in zip(shown, rows, strict=True)
     )
-    dots = tuple(Curve(shown[:, k], rows, name, k, MARKERS, size=1.4) for k, name in enumerate(_SIZES))
-    panel = Panel("", (*spans, *dots), ticks=listed(list(parts)), low=float(rows[-1]) - 0.6, high=0.6)
+    dots = tuple(Curve(shown[:, k], rows, name, k, chart.MARKERS, size=1.4) for k, name in enumerate(_SIZES))
+    panel = Panel("", (*spans, *dots), ticks=chart.listed(list(parts)), low=float(rows[-1]) - 0.6, high=0.6)
     return Chart(
         f"contour error ({unit_name('um')})",
         (panel,),
-        LOG,
+        chart.LOG,
         0.7 * float(shown.min()),
         1.5 * float(shown.max()),
         height=1.1 + 0.36 * len(parts),
@@ -447,7 +431,11 @@ def part_cutting_chart(part: PartRun) -> Chart:
     panels = tuple(
         Panel(
             f"on {name} ({unit_name('N')})",
-            (Curve(*envelope(part.contour.time, part.cutting[:, i], POINTS // 2), number=i, look=PLAIN, size=0.6),),
+            (
+                Curve(
+                    *envelope(part.contour.time, part.cutting[:, i], POINTS // 2), number=i, look=chart.PLAIN, size=0.6
+                ),
+            ),
         )
         for i, name in enumerate(part.contour.axes)
     )
@@ -462,7 +450,7 @@ def part_estimates_chart(part: PartRun, axis: str) -> Chart:
     time, true = part.contour.time, part.disturbances[axis]
     middle = _busiest(part, axis)
     shown = (time >= middle - 0.5 * _WINDOW) & (time <= middle + 0.5 * _WINDOW)
-    curves = [Curve(1e3 * time[shown], true[shown], "what acts", NEUTRAL, WIDE, size=0.5)]
+    curves = [Curve(1e3 * time[shown], true[shown], "what acts", chart.NEUTRAL, chart.WIDE, size=0.5)]
     for i, (name, by) in enumerate(part.estimates.items()):
         if axis in by:
             late = Text(f"{Quantity(by[axis].lag, 's'):3} late")

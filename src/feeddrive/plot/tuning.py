@@ -10,25 +10,8 @@ import numpy as np
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
-from feeddrive.plot import style
-from feeddrive.plot.chart import (
-    DASHED,
-    LOG,
-    MARKED,
-    MARKERS,
-    NEUTRAL,
-    PLAIN,
-    THIN,
-    WIDE,
-    Abscissa,
-    Band,
-    Chart,
-    Curve,
-    Panel,
-    numbered,
-    rods,
-    stairs,
-)
+from feeddrive.plot import chart, style
+from feeddrive.plot.chart import Abscissa, Band, Chart, Curve, Panel
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import POINTS, envelope
 
@@ -70,7 +53,7 @@ def iteration_chart(iteration: Iteration) -> Chart:
     time = iteration.trial.time
     errors = (
         Curve(*envelope(time, 1e6 * iteration.trial.following_error), caption=Text(f"this trial, {before}")),
-        Curve(*envelope(time, 1e6 * iteration.predicted), "", 1, PLAIN, Text(f"predicted for the next, {after}")),
+        Curve(*envelope(time, 1e6 * iteration.predicted), "", 1, chart.PLAIN, Text(f"predicted for the next, {after}")),
     )
     above = Panel(f"following error\n({unit_name('um')})", errors, share=2.0)
     return Chart("time (s)", (above, _velocity(iteration.trial)), height=3.8)
@@ -93,15 +76,17 @@ def errors_and_parameters_chart(named: Mapping[str, Trials]) -> Chart:
     values, errors = last.parameters(), last.errors()
     top = rms_panel({name: 1e6 * trials.rms for name, trials in named.items()}, "following error\nRMS")
     most = max(2, *(len(trials.trials) for trials in named.values()))
-    numbers = Abscissa("", low=0.7, high=most + 0.3, ticks=numbered(range(1, most + 1)))
+    numbers = Abscissa("", low=0.7, high=most + 0.3, ticks=chart.numbered(range(1, most + 1)))
     panels = [replace(top, share=1.8, whole=True, abscissa=numbers)]
     for i, (name, row) in enumerate(values.items()):
         trial = np.arange(1, row.size + 1, dtype=np.float64)
         # a start value was not learned and has no error
         sigma = np.where(np.isnan(errors[name]), 0.0, errors[name])
-        bars = Curve(*rods(trial, row - 2.0 * sigma, row + 2.0 * sigma), number=NEUTRAL, look=THIN, size=1.5)
-        line = Curve(trial, row, number=i, look=PLAIN, size=0.7)
-        points = Curve(trial, row, number=i, look=MARKERS, size=0.8)
+        bars = Curve(
+            *chart.rods(trial, row - 2.0 * sigma, row + 2.0 * sigma), number=chart.NEUTRAL, look=chart.THIN, size=1.5
+        )
+        line = Curve(trial, row, number=i, look=chart.PLAIN, size=0.7)
+        points = Curve(trial, row, number=i, look=chart.MARKERS, size=0.8)
         unit = style.written(tree.declaration(last.iterations[0].before, name).unit)
         label = f"{_WORDS.get(name, name)}\n({unit_name(unit, 'SI')})"
         abscissa = replace(numbers, label="trial" if i >= len(values) - 2 else "")
@@ -116,15 +101,15 @@ errors_and_parameters = figure_of(errors_and_parameters_chart)
 def rms_panel(rows: Mapping[str, np.ndarray], quantity: str) -> Panel:
     """Return a panel of RMS values in µm versus trial number, by name, on a logarithmic scale."""
     curves = tuple(
-        Curve(np.arange(1, rms.size + 1, dtype=np.float64), rms, name, i, MARKED)
+        Curve(np.arange(1, rms.size + 1, dtype=np.float64), rms, name, i, chart.MARKED)
         for i, (name, rms) in enumerate(rows.items())
     )
-    return Panel(f"{quantity} ({unit_name('um')})", curves, scale=LOG)
+    return Panel(f"{quantity} ({unit_name('um')})", curves, scale=chart.LOG)
 
 
 def _velocity(trial: Trial) -> Panel:
     set_velocity = 1e3 * np.asarray(trial.setpoint.velocity)
-    line = Curve(*envelope(trial.time, set_velocity), number=NEUTRAL, size=0.7)
+    line = Curve(*envelope(trial.time, set_velocity), number=chart.NEUTRAL, size=0.7)
     return Panel(f"set velocity\n({unit_name('m/s')})", (line,))
 
 
@@ -138,13 +123,13 @@ def prefilter_fit_chart(fit: PrefilterFit, points: int = POINTS) -> Chart:
     panels = (
         Panel(
             f"tracking error\n({unit_name('um')})",
-            (Curve(*error, "error", NEUTRAL, WIDE), Curve(*explained, "explained")),
+            (Curve(*error, "error", chart.NEUTRAL, chart.WIDE), Curve(*explained, "explained")),
             low=-size,
             high=size,
         ),
         Panel(
             f"predicted with\nthe prefilter ({unit_name('um')})",
-            (Curve(*left, number=1, look=PLAIN),),
+            (Curve(*left, number=1, look=chart.PLAIN),),
             low=-size,
             high=size,
             caption=caption,
@@ -168,7 +153,7 @@ def disturbance_chart(
     shown = (first.time >= low) & (first.time <= high)
     curves = list[Curve]()
     if true is not None:
-        curves.append(Curve(*stairs(1e3 * first.time[shown], true[shown]), "true", NEUTRAL, WIDE))
+        curves.append(Curve(*chart.stairs(1e3 * first.time[shown], true[shown]), "true", chart.NEUTRAL, chart.WIDE))
     curves += [
         Curve(1e3 * observation.time[shown], observation.disturbance[shown], name, i)
         for i, (name, observation) in enumerate(chosen.items())
@@ -189,9 +174,9 @@ def delay_map_chart(maps: DelayMap | Mapping[str, DelayMap]) -> Chart:
         edge, robust = delay_map.at_edge(tunable), delay_map.at_robust(tunable)
         caption = Text(f"Ms = {Quantity(delay_map.sensitivity_bound)}")
         curves += [
-            Curve(samples, edge, name, i, PLAIN, "unstable above"),
-            Curve(samples, robust, name, i, DASHED, caption),
-            *(Curve(samples, row, number=i, look=MARKERS) for row in (edge, robust)),
+            Curve(samples, edge, name, i, chart.PLAIN, "unstable above"),
+            Curve(samples, robust, name, i, chart.DASHED, caption),
+            *(Curve(samples, row, number=i, look=chart.MARKERS) for row in (edge, robust)),
         ]
         bands.append(Band(samples, np.zeros(samples.size), robust, i))
     label = f"{tunable.rpartition('.')[2].replace('_', ' ')} (1/s)"

@@ -25,23 +25,8 @@ from feeddrive.language.quantity import USUAL, Quantity, unit_name
 from feeddrive.language.table import Cell, Column, Result, Table, chart_of
 from feeddrive.language.text import Text
 from feeddrive.language.units import in_key
-from feeddrive.plot import style
-from feeddrive.plot.chart import (
-    ALERT,
-    FREQUENCY,
-    LOG,
-    MARKERS,
-    NEUTRAL,
-    RING,
-    Abscissa,
-    Box,
-    Chart,
-    Curve,
-    Level,
-    Panel,
-    Tick,
-    listed,
-)
+from feeddrive.plot import chart, style
+from feeddrive.plot.chart import Abscissa, Box, Chart, Curve, Level, Panel, Tick
 from feeddrive.plot.chart import Band as Area
 from feeddrive.plot.curves import histogram
 from feeddrive.study.statistics import (
@@ -235,12 +220,12 @@ def yields_chart(yields: Yield) -> Chart:
     rows.append(("all of them" if rows else "with figures", yields.inside))
     lines, dots = list[Curve](), list[Curve]()
     for row, (_, share) in enumerate(rows):
-        number = NEUTRAL if row == len(rows) - 1 else 0
+        number = chart.NEUTRAL if row == len(rows) - 1 else 0
         if share.interval is not None:
             ends = 100.0 * np.array(share.interval)
             lines.append(Curve(ends, np.full(2, -float(row)), number=number, size=1.6))
         dots.append(
-            Curve(np.array([100.0 * share.value]), np.array([-float(row)]), number=number, look=MARKERS, size=1.3)
+            Curve(np.array([100.0 * share.value]), np.array([-float(row)]), number=number, look=chart.MARKERS, size=1.3)
         )
     low = min((share.interval or (share.value,))[0] for _, share in rows)
     left = 100.0 * max(0.0, low - 0.08 * (1.0 - low) - 0.002)
@@ -285,7 +270,7 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
             panel.abscissa, low=min(low, *(e - room for e in ends)), high=max(high, *(e + room for e in ends))
         )
         panel = replace(panel, abscissa=wider)
-    levels = tuple(Level(end, upright=True, dashed=True, number=ALERT) for end in ends)
+    levels = tuple(Level(end, upright=True, dashed=True, number=chart.ALERT) for end in ends)
     return replace(panel, levels=levels)
 
 
@@ -326,7 +311,7 @@ def _indices(indices: SobolIndices) -> Panel:
         for row, i in enumerate(order):
             y, size = offset - row, float(value[i])
             boxes.append(Box(min(0.0, size), max(0.0, size), y - 0.18, y + 0.18, number, name))
-            lines.append(Curve(interval[:, i], np.full(2, y), number=NEUTRAL))
+            lines.append(Curve(interval[:, i], np.full(2, y), number=chart.NEUTRAL))
     return _rows([indices.factors[i] for i in order], indices.factors, boxes, lines)
 
 
@@ -337,7 +322,7 @@ def _correlations(correlations: Sequence[RankCorrelation]) -> Panel:
         for row, rank in enumerate(some)
     ]
     lines = [
-        Curve(np.array(rank.interval), np.full(2, -float(row)), number=NEUTRAL)
+        Curve(np.array(rank.interval), np.full(2, -float(row)), number=chart.NEUTRAL)
         for row, rank in enumerate(some)
         if rank.interval is not None
     ]
@@ -348,14 +333,14 @@ def _correlations(correlations: Sequence[RankCorrelation]) -> Panel:
 def _rows(some: Sequence[str], names: Sequence[str], boxes: Sequence[Box], lines: Sequence[Curve]) -> Panel:
     short_names = short(names)
     shown = [style.shortened(short_names[name], _LETTERS) for name in some]
-    return Panel("", tuple(lines), boxes=tuple(boxes), ticks=listed(shown), low=0.55 - len(some), high=0.55)
+    return Panel("", tuple(lines), boxes=tuple(boxes), ticks=chart.listed(shown), low=0.55 - len(some), high=0.55)
 
 
 def stiffness_band_chart(band: Band) -> Chart:
     """Return the quantiles of the dynamic stiffness over frequency."""
-    panel = replace(_quantiles(band, "dynamic stiffness"), scale=LOG)
+    panel = replace(_quantiles(band, "dynamic stiffness"), scale=chart.LOG)
     ends = float(band.x[0]), float(band.x[-1])
-    return Chart(f"frequency ({unit_name('Hz')})", (panel,), FREQUENCY, *ends, height=3.2)
+    return Chart(f"frequency ({unit_name('Hz')})", (panel,), chart.FREQUENCY, *ends, height=3.2)
 
 
 def error_band_chart(band: Band) -> Chart:
@@ -382,9 +367,9 @@ def front_chart(front: Front, sample: Judged) -> Chart:
             chosen = some[sample.inside[some] == inside]
             if chosen.size:
                 place = _place(sample.figures, first, other, chosen)
-                curves.append(Curve(*place, name, number, MARKERS, size=0.5))
+                curves.append(Curve(*place, name, number, chart.MARKERS, size=0.5))
         ring = _place(front.rows.figures, first, other, kept)
-        curves.append(Curve(*ring, "front", NEUTRAL, RING, size=1.45))
+        curves.append(Curve(*ring, "front", chart.NEUTRAL, chart.RING, size=1.45))
         low, high = _ends(curves, "y", 0.06)
         panels.append(Panel(labelled(other), tuple(curves), low=low, high=high))
     left, right = _ends([curve for panel in panels for curve in panel.curves], "x", 0.04)

@@ -15,18 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.figures import of_loops
 from feeddrive.figures.figure import Figure
-from feeddrive.figures.of_loops import (
-    DELAY_MARGIN,
-    GAIN_MARGIN,
-    PHASE_MARGIN,
-    ROPE_SNAP,
-    SENSITIVITY_PEAK,
-    STIFFNESS_AT,
-    STIFFNESS_LEAST,
-    STIFFNESS_OVER,
-    StiffnessAt,
-)
+from feeddrive.figures.of_loops import StiffnessAt
 from feeddrive.figures.of_runs import FOLLOWING_PEAK, FOLLOWING_RMS, TRACKING_END, TRACKING_PEAK, TRACKING_RMS
 from feeddrive.language.errors import CancelledError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
@@ -577,14 +568,14 @@ def _run(study: Study, variant: int) -> Run | None:
 SUBJECTS = {
     "tracking": (TRACKING_RMS, TRACKING_PEAK, FOLLOWING_RMS, FOLLOWING_PEAK, TRACKING_END),
     "stiffness": (
-        STIFFNESS_LEAST,
-        STIFFNESS_OVER[1],
-        *STIFFNESS_AT,
-        STIFFNESS_OVER[0],
-        STIFFNESS_OVER[2],
-        ROPE_SNAP,
+        of_loops.STIFFNESS_LEAST,
+        of_loops.STIFFNESS_OVER[1],
+        *of_loops.STIFFNESS_AT,
+        of_loops.STIFFNESS_OVER[0],
+        of_loops.STIFFNESS_OVER[2],
+        of_loops.ROPE_SNAP,
     ),
-    "robustness": (SENSITIVITY_PEAK, DELAY_MARGIN, PHASE_MARGIN, GAIN_MARGIN),
+    "robustness": (of_loops.SENSITIVITY_PEAK, of_loops.DELAY_MARGIN, of_loops.PHASE_MARGIN, of_loops.GAIN_MARGIN),
 }
 
 

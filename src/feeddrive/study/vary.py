@@ -47,16 +47,8 @@ from feeddrive.language import block, quantity, units
 from feeddrive.language.block import Declaration, Number, check_bounds
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, shown
 from feeddrive.language.quantity import number
-from feeddrive.study.distributions import (
-    Discrete,
-    Distribution,
-    LogNormal,
-    LogUniform,
-    Normal,
-    Triangular,
-    Uniform,
-    truncated,
-)
+from feeddrive.study import distributions
+from feeddrive.study.distributions import Discrete, Distribution, LogNormal, LogUniform, Normal, Triangular, Uniform
 
 Nominal: TypeAlias = Callable[[str], float]  # the value of a path in the job
 
@@ -203,7 +195,7 @@ class Joint:
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
         """Return x = mean + L z, summed in the same order for every split."""
-        z = truncated(u, -self.within, self.within)
+        z = distributions.truncated(u, -self.within, self.within)
         drawn: dict[str, np.ndarray] = {}
         for i, path in enumerate(self.paths):
             total = np.full(len(z), self.mean[i])

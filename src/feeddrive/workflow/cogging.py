@@ -32,19 +32,10 @@ from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.language.units import rounded
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
+from feeddrive.workflow import drive_logs
 from feeddrive.workflow.channels import units_first
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import (
-    DriveLogsRequest,
-    chosen,
-    column_texts,
-    drive_of,
-    log_names,
-    logs_stem,
-    read_logs,
-    write_report,
-    written,
-)
+from feeddrive.workflow.drive_logs import DriveLogsRequest
 from feeddrive.workflow.request import argument, called, option
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
@@ -78,7 +69,7 @@ class CoggingRequest(DriveLogsRequest):
             raise ParameterError("--backward is for maps (--map): in a log the direction is seen in the position")
 
     def usual_out(self) -> Path:
-        return Path("results") / f"cogging_{logs_stem(self.logs)}"
+        return Path("results") / f"cogging_{drive_logs.logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
         """Return the column texts of the options by role; None for an omitted option."""
@@ -104,7 +95,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
 
     Raises LogError for an unusable log, NotIdentifiableError for a log that does not cover a period.
     """
-    drive, orders = drive_of(request), _orders(request.orders)
+    drive, orders = drive_logs.drive_of(request), _orders(request.orders)
     seen = _maps(request, drive) if request.map else _passes(request, drive, orders, progress)
     progress.step("fitting")
     fit = identify_cogging(seen.runs, orders, unit=seen.unit)
@@ -116,7 +107,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     files: dict[str, Path] = {}
     ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
     known = {
-        "Logs": log_names([*request.logs, *request.backward]),
+        "Logs": drive_logs.log_names([*request.logs, *request.backward]),
         "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
         "Period": Text(
             f"{Quantity(seen.period, 'rad'):6 deg}" if seen.turning else f"{Quantity(seen.period, 'm'):6 mm}"
@@ -130,7 +121,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     page = partial(cogging_report, fit, seen.runs, known, judged_by)
     if request.out is not None:
         progress.step("report")
-        files = written(write_report(page(), text, request.out), text)
+        files = drive_logs.written(drive_logs.write_report(page(), text, request.out), text)
     full = fit.table()
     # the p-values are only in the report, so that the table fits a terminal of 80 columns
     shown = Table(full.title, full.columns[:-1], [row[:-1] for row in full.rows])
@@ -144,13 +135,13 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
     named, wanted = request.named(), ("time", *_POSITIONS, *_FORCES)
     files = [OpenedFile(source) for source in request.logs]
     step, paths = _clock(files[0], request), [file.path for file in files]
-    read, mapping, doubts = read_logs(files, named, request.channels, wanted, step, progress, request.unit)
+    read, mapping, doubts = drive_logs.read_logs(files, named, request.channels, wanted, step, progress, request.unit)
     passes: list[CoggingRun] = []
     role = moving = ""
     period, units_there = 0.0, ""
     for path, log in zip(paths, read, strict=True):
-        moving = chosen(path, log, named, _POSITIONS, "position", _NAME_IT)
-        role = chosen(path, log, named, _FORCES, "force", "--force, --torque, --current or --command")
+        moving = drive_logs.chosen(path, log, named, _POSITIONS, "position", _NAME_IT)
+        role = drive_logs.chosen(path, log, named, _FORCES, "force", "--force, --torque, --current or --command")
         period = _period(request.period, ROLES[moving], drive)
         units_there = log.units.get(role, "")
         try:
@@ -158,7 +149,7 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
         except NotIdentifiableError as error:
             size = Quantity(period, ROLES[moving])
             raise NotIdentifiableError(f"{path}: with a period of {size:SI} {error}") from None
-    return _Seen(passes, role, units_there, period, moving == "angle_motor", column_texts(mapping), doubts)
+    return _Seen(passes, role, units_there, period, moving == "angle_motor", drive_logs.column_texts(mapping), doubts)
 
 
 def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:

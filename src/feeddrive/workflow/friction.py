@@ -18,14 +18,8 @@ from feeddrive.files.machine import MachineFile
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import TomlEdit
-from feeddrive.identification.friction_curve import (
-    LEAST_ROWS,
-    Compared,
-    FrictionCurve,
-    SteadyRuns,
-    fit_friction,
-    steady_runs,
-)
+from feeddrive.identification import friction_curve
+from feeddrive.identification.friction_curve import Compared, FrictionCurve, SteadyRuns
 from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.identification.regression import LEAST_PULL, SHAFT, SIGNIFICANT
 from feeddrive.language.block import declarations
@@ -41,16 +35,7 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.channels import units_first
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import (
-    FORCES,
-    MOTIONS,
-    DriveLogsRequest,
-    column_texts,
-    drive_of,
-    narrow,
-    velocity_and_force,
-    written,
-)
+from feeddrive.workflow.drive_logs import DriveLogsRequest
 from feeddrive.workflow.request import argument, called, option
 
 _POOR = 0.15  # residual over the force's RMS beyond which a curve is rejected
@@ -88,15 +73,15 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
 
     Raises LogError for an unusable log, NotIdentifiableError for logs without a section of constant velocity.
     """
-    drive, named = drive_of(request), request.named()
+    drive, named = drive_logs.drive_of(request), request.named()
     opened = [OpenedFile(path) for path in request.logs]
-    wanted = ("time", *MOTIONS, *FORCES)
+    wanted = ("time", *drive_logs.MOTIONS, *drive_logs.FORCES)
     read, mapping, doubts = drive_logs.read_logs(
         opened, named, request.channels, wanted, request.sample_time, progress, request.unit
     )
     progress.step("fitting")
     runs, without = _runs(opened, read, named, drive)
-    curve = fit_friction(runs)
+    curve = friction_curve.fit_friction(runs)
     noted = [*doubts, *remarks(curve, drive.loop), *without]
     judged_by = units_first(doubts) or advice(curve)
     judgment, verdict = judged_by
@@ -107,7 +92,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     known = {
         "Logs": drive_logs.log_names(request.logs),
         "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
-        "Columns": column_texts(mapping),
+        "Columns": drive_logs.column_texts(mapping),
         "Lead": "none given"
         if drive.lead is None
         else Text(f"{Quantity(drive.lead, 'm'):6 mm}, gear {number(drive.gear, 6)}"),
@@ -116,10 +101,10 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     page = partial(friction_report, curve, noted, known, judged_by)
     if request.out is not None:
         progress.step("report")
-        files = written(drive_logs.write_report(page(), text, request.out), text)
+        files = drive_logs.written(drive_logs.write_report(page(), text, request.out), text)
     return Outcome(
         curve,
-        [replace(compared, sentences=0), narrow(parameters)],
+        [replace(compared, sentences=0), drive_logs.narrow(parameters)],
         [sentence(text) for text in noted],
         verdict,
         [f"No machine file was written: {why}."] if why else [],
@@ -136,14 +121,16 @@ def _runs(
     steady: list[SteadyRuns] = []
     without: list[str] = []
     for path, log in zip(paths, logs, strict=True):
-        velocity, force, rotary = velocity_and_force(path, log, named, drive)
+        velocity, force, rotary = drive_logs.velocity_and_force(path, log, named, drive)
         try:
-            steady.append(steady_runs([(velocity, force)], rotary=rotary, names=[path.path.name]))
+            steady.append(friction_curve.steady_runs([(velocity, force)], rotary=rotary, names=[path.path.name]))
         except NotIdentifiableError:
-            without.append(f"{path.path.name} holds no constant speed for {LEAST_ROWS} rows and is left out")
+            without.append(
+                f"{path.path.name} holds no constant speed for {friction_curve.LEAST_ROWS} rows and is left out"
+            )
     if not steady:
         raise NotIdentifiableError(
-            f"{paths[0]}: no constant speed is held for {LEAST_ROWS} rows"
+            f"{paths[0]}: no constant speed is held for {friction_curve.LEAST_ROWS} rows"
             + (f", nor in the {len(paths) - 1} other logs" if len(paths) > 1 else "")
             + "; record next runs at a constant speed, some seconds each"
         )

@@ -7,16 +7,8 @@ from typing import Any, NamedTuple
 
 from feeddrive.blocks.axis_model import AxisModel, begun
 from feeddrive.blocks.families import Observer
-from feeddrive.blocks.filter.biquad import (
-    Delayed,
-    Section,
-    advance,
-    below_nyquist,
-    low_pass_section,
-    prewarped,
-    retuned,
-    settled,
-)
+from feeddrive.blocks.filter import biquad
+from feeddrive.blocks.filter.biquad import Delayed, Section
 from feeddrive.blocks.signals import Estimate, Reading
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
@@ -78,14 +70,14 @@ class DisturbanceRecovery(Observer):
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """Yield the rule that the corner of the filter lies below half the sample rate."""
         if self.form != "exact":
-            yield below_nyquist(self.kind, "frequency", self.frequency, T)
+            yield biquad.below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
         """Compute the coefficients of the filter."""
         if self.form in ("one_pole", "two_poles"):
             return self.Prepared((ops.exp(-2.0 * ops.pi * self.frequency * T),), ())
         if self.form == "butterworth":
-            return self.Prepared((), (low_pass_section(self.frequency, _BUTTERWORTH, T),))
+            return self.Prepared((), (biquad.low_pass_section(self.frequency, _BUTTERWORTH, T),))
         return self.Prepared((), ())
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
@@ -93,7 +85,7 @@ class DisturbanceRecovery(Observer):
         position, held = self._position(reading), self.viscous * reading.velocity - reading.applied
         kept: tuple[Any, ...] = (held,) * self._poles()
         if prepared.section:
-            kept = (settled(prepared.section[0], held),)
+            kept = (biquad.settled(prepared.section[0], held),)
         return self.State(position, reading.velocity, (reading.applied,) * self.delay_samples, kept)
 
     def _position(self, reading: Reading) -> Number:
@@ -113,7 +105,7 @@ class DisturbanceRecovery(Observer):
             kept = (*kept, force)
         if prepared.section:
             held: Delayed = state.filter[0]
-            delayed, force = advance(prepared.section[0], held, force)
+            delayed, force = biquad.advance(prepared.section[0], held, force)
             kept = (delayed,)
         after = self.State(position, velocity, commands[: self.delay_samples], kept)
         return after, Estimate(position, velocity, force)
@@ -122,7 +114,7 @@ class DisturbanceRecovery(Observer):
         """Convert the state so that the filtered force is continuous."""
         if not prepared.section:
             return state
-        return state._replace(filter=(retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
+        return state._replace(filter=(biquad.retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
         """Return the delay in s for a held disturbance at constant motor force; others come up to T earlier.
@@ -135,5 +127,5 @@ class DisturbanceRecovery(Observer):
             samples = samples + float(self._poles()) * (prepared.pole[0] / (1.0 - prepared.pole[0]))
         if prepared.section:
             # slope of the phase at 0 Hz: Tustin makes 2 ζ s/ω of the denominator ζ T s/w
-            samples = samples + _BUTTERWORTH / prewarped(self.frequency, T)
+            samples = samples + _BUTTERWORTH / biquad.prewarped(self.frequency, T)
         return samples * T

@@ -5,15 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.identification.excitation.frequency_estimate import (
-    FrequencyEstimate,
-    Level,
-    Record,
-    cut,
-    find_period,
-    repeating,
-    transient_periods,
-)
+from feeddrive.identification.excitation import frequency_estimate
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level, Record
 from feeddrive.identification.excitation.impacts import find_blows, impacts
 from feeddrive.identification.excitation.nonperiodic import METHODS, averaged, local_polynomial
 from feeddrive.language.errors import LogError, ParameterError
@@ -193,7 +186,7 @@ def periodic(
     Raises LogError if fewer than two periods are left.
     Source: Pintelon & Schoukens 2012, sections 2.5 and 4.3.
     """
-    cuts = [cut(record, period) for record in records]
+    cuts = [frequency_estimate.cut(record, period) for record in records]
     cause = cuts[0][2][0] if records[0].references else cuts[0][0]
     frequency = np.arange(1, (period + 1) // 2) / (period * records[0].sample_time)
     excited = excited_lines(cause.mean(axis=0))
@@ -251,7 +244,11 @@ def _realisation(
     record: Record, transforms: tuple[np.ndarray, np.ndarray, np.ndarray], skip: int | None, excited: np.ndarray
 ) -> _Realisation:
     u, y, r = transforms
-    dropped = max(transient_periods(u[:, excited]), transient_periods(y[:, excited])) if skip is None else skip
+    dropped = (
+        max(frequency_estimate.transient_periods(u[:, excited]), frequency_estimate.transient_periods(y[:, excited]))
+        if skip is None
+        else skip
+    )
     if u.shape[0] - dropped < 2:
         raise LogError(f"{record.name}: {u.shape[0]} periods less {dropped} leave fewer than two for the noise")
     u, y = u[dropped:], y[dropped:]
@@ -420,7 +417,7 @@ def estimate_frf(
 
 def _period(records: Sequence[Record]) -> int | None:
     first = records[0]
-    repetition = find_period(first.references[0] if first.references else first.input)
+    repetition = frequency_estimate.find_period(first.references[0] if first.references else first.input)
     return repetition if repetition is not None and min(map(len, records)) // repetition >= _LEAST_PERIODS else None
 
 
@@ -433,7 +430,7 @@ def _steady(record: Record, period: int) -> Record:
     """Return the part with a periodic reference, at least two periods; without a reference the whole record."""
     if not record.references:
         return record
-    begin, end = repeating(record.references[0], period)
+    begin, end = frequency_estimate.repeating(record.references[0], period)
     # a few samples at the ends, where a generator stops, must not cost a period
     if end - begin < 2 * period or len(record) - (end - begin) <= _ENDS * period:
         return record

@@ -14,14 +14,8 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.identification.motion.control_law import (
-    MOST_OFF,
-    SURE,
-    ControlFit,
-    LawCheck,
-    check_law,
-    identify_control,
-)
+from feeddrive.identification.motion import control_law
+from feeddrive.identification.motion.control_law import ControlFit, LawCheck
 from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation, checked, count_of, drawn, prepare
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
 from feeddrive.identification.motion.rigid import DelayFit, RigidFit, find_delay, identify_rigid
@@ -184,7 +178,7 @@ def agreed(
         return fit
     left, without = other.by_delay[extra], fit.by_delay[fit.delay]
     apart = abs(delay.dead_time - stated - value)
-    joint = SURE * math.hypot(error, delay.error)
+    joint = control_law.SURE * math.hypot(error, delay.error)
     first = grows > left / without
     ways = delay.left(stated + extra), delay.left(stated + fit.delay)
     remarks.append(
@@ -209,7 +203,7 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
     rigid_mass = rigid["mass"]
-    if mass is None or abs(mass.value - rigid_mass.value) < SURE * math.hypot(mass.error, rigid_mass.error):
+    if mass is None or abs(mass.value - rigid_mass.value) < control_law.SURE * math.hypot(mass.error, rigid_mass.error):
         return fit
     rows = prepare(log, how)
     residual = log.force - fit.replay.run["force"][: log.force.size]
@@ -378,7 +372,11 @@ def identify_motion(
     if check is None or not check.proves:  # what the law commanded is no spike
         log, spikes = whole.without_spikes()
         remarks += spikes
-    control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
+    control = (
+        _attempted(lambda: control_law.identify_control(log), remarks)
+        if start is None and law is None and closed
+        else None
+    )
     if control is not None:  # gains that no law can have come of a wrong sign, which the rigid drive names
         check = _attempted(lambda: _checked_law(log, None, control.law()), [])
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
@@ -397,7 +395,7 @@ def identify_motion(
     if start is not None:
         remarks += axis_remarks(start.axis, rigid)
     if loop is not None and refinement is not None and check is None:
-        check = check_law(
+        check = control_law.check_law(
             loop.control, log, apart=_apart(refinement, log.position.size), place=loop.place_of("control")
         )
         refinement = None if check.disagrees else refinement
@@ -428,8 +426,14 @@ def identify_motion(
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
     """Check the law against the log; None if no law is stated, or if it reads two encoders: the log has one."""
     if start is not None:
-        return None if start.axis.encoders() == 2 else check_law(start.control, log, place=start.place_of("control"))
-    return None if law is None else check_law(Control(law=law, force_limit=log.force_limit), log, place=_PLACE)
+        return (
+            None
+            if start.axis.encoders() == 2
+            else control_law.check_law(start.control, log, place=start.place_of("control"))
+        )
+    return (
+        None if law is None else control_law.check_law(Control(law=law, force_limit=log.force_limit), log, place=_PLACE)
+    )
 
 
 def _apart(refinement: Refinement, rows: int) -> np.ndarray:
@@ -478,8 +482,8 @@ def _unseen_gains(check: LawCheck | None) -> list[str]:
         return []
     return [
         Text(
-            f"the log does not tell {', '.join(check.unseen)} to {Quantity(MOST_OFF, 'share'):6}: with another value "
-            "the law would leave as little of its force"
+            f"the log does not tell {', '.join(check.unseen)} to {Quantity(control_law.MOST_OFF, 'share'):6}: with "
+            "another value the law would leave as little of its force"
         )
     ]
 

@@ -11,35 +11,10 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.identification.motion.motion_log import (
-    HOLD,
-    MotionLog,
-    Preparation,
-    Prepared,
-    count_of,
-    delayed,
-    prepare,
-)
-from feeddrive.identification.regression import (
-    SHAFT,
-    TABLE,
-    Estimate,
-    Frame,
-    Residuals,
-    Validation,
-    cross_validated,
-    errors,
-    estimates_table,
-    information,
-    lever,
-    long_run,
-    ols_covariance,
-    pulls,
-    require_table,
-    robust_covariance,
-    scores_of,
-    steady_curve,
-)
+from feeddrive.identification import regression
+from feeddrive.identification.motion import motion_log
+from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared
+from feeddrive.identification.regression import Estimate, Frame, Residuals, Validation
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
@@ -105,13 +80,13 @@ class RigidFit(Result):
             f"residual {Quantity(self.residuals.relative, 'share'):3}, unused rows "
             f"{Quantity(self.validation.relative, 'share'):3}"
         )
-        return estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
+        return regression.estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
 
     def at_table(self, lead: float, gear: float = 1.0) -> RigidFit:
         """Return the drive in kg and N at a table with a screw of `lead` (m); `gear`: motor turns per screw turn."""
-        if self.frame is not SHAFT:
+        if self.frame is not regression.SHAFT:
             return self
-        r = lever(lead, gear)
+        r = regression.lever(lead, gear)
         estimates = tuple(estimate.at_table(r) for estimate in self.estimates)
         factors = np.array(
             [new.value / old.value if old.value else 0.0 for new, old in zip(estimates, self.estimates, strict=True)]
@@ -124,17 +99,17 @@ class RigidFit(Result):
             estimates=estimates,
             covariance=self.covariance * np.outer(factors, factors),
             residuals=residuals,
-            frame=TABLE,
+            frame=regression.TABLE,
         )
 
     def plant(self) -> Rigid:
         """Return the moving mass as a plant."""
-        require_table(self.frame, "the mass")
+        regression.require_table(self.frame, "the mass")
         return Rigid(mass=self["mass"].value)
 
     def friction_block(self) -> Friction:
         """Return the friction as a block; a negative viscous or Coulomb part becomes 0."""
-        require_table(self.frame, "the friction")
+        regression.require_table(self.frame, "the friction")
         value = {estimate.name: max(0.0, estimate.value) for estimate in self.estimates}
         if self.friction == "symmetric":
             return Coulomb(coulomb=value["coulomb"], viscous=value["viscous"])
@@ -143,11 +118,11 @@ class RigidFit(Result):
     @property
     def is_pulled(self) -> bool:
         """True if the offset is significant: a constant force on the axis (`pulls`)."""
-        return self.friction == "symmetric" and pulls(self["offset"], self["coulomb"].value)
+        return self.friction == "symmetric" and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
         """Return the constant force that acts on the table, from the offset; None for directional friction."""
-        require_table(self.frame, "the offset")
+        regression.require_table(self.frame, "the offset")
         return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None
 
 
@@ -170,7 +145,7 @@ def identify_rigid(
     """
     if friction not in (*FRICTIONS, "best"):
         raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
-    rows = prepare(log, how or Preparation())
+    rows = motion_log.prepare(log, how or Preparation())
     check_motion(log.name, rows.velocity, log.frame)
     models = tuple(FRICTIONS) if friction == "best" else (friction,)
     fits = [_fit(log, rows, model, folds) for model in models]
@@ -181,7 +156,7 @@ def identify_rigid(
 
 def columns_of(rows: Prepared, friction: str) -> np.ndarray:
     """Return the columns of the inverse dynamics, shape (n, p), in the order of `NAMES`."""
-    curve = steady_curve(FRICTIONS[friction])
+    curve = regression.steady_curve(FRICTIONS[friction])
     _, slopes = curve.at(dict.fromkeys(curve.names, 0.0), velocity=rows.filtered)
     columns = {"mass": rows.acceleration, "offset": rows.constant}
     columns |= dict(zip(curve.names, rows.reduced(slopes.T), strict=True))
@@ -200,7 +175,14 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
     units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
     estimates = tuple(
         Estimate(*row)
-        for row in zip(names, values, units, errors(robust), errors(ols_covariance(columns, residual)), strict=True)
+        for row in zip(
+            names,
+            values,
+            units,
+            regression.errors(robust),
+            regression.errors(regression.ols_covariance(columns, residual)),
+            strict=True,
+        )
     )
     check_mass(log.name, estimates[0].value, estimates[0].error, estimates[0].unit)
     return RigidFit(
@@ -209,8 +191,8 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
         estimates=estimates,
         covariance=robust,
         residuals=Residuals(residual, rows.force, float(np.linalg.cond(columns)), frame.force),
-        validation=cross_validated(columns, rows.force, folds, frame.force),
-        criterion={friction: information(residual, len(names))},
+        validation=regression.cross_validated(columns, rows.force, folds, frame.force),
+        criterion={friction: regression.information(residual, len(names))},
         time=rows.time,
         frame=frame,
         counts=(counted / size, counted / size),
@@ -226,7 +208,7 @@ def _with_counts(
     the original errors.
     Source: Cook & Stefanski 1994 (SIMEX, its first step).
     """
-    count, names = count_of(log.position), NAMES[friction]
+    count, names = motion_log.count_of(log.position), NAMES[friction]
     if count == 0.0:
         return 0.0, np.zeros(len(names))
     # a fixed seed: the same log gives the same errors
@@ -256,12 +238,12 @@ def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     removes it first, but encoder noise makes its rho too small.
     Sources: Newey & West 1987; Andrews & Monahan 1992; the maximum of both is ours.
     """
-    plain = robust_covariance(columns, residual)
-    scores = scores_of(columns[None], residual[None])
+    plain = regression.robust_covariance(columns, residual)
+    scores = regression.scores_of(columns[None], residual[None])
     rho = np.sum(scores[1:] * scores[:-1], axis=0) / np.maximum(np.sum(scores**2, axis=0), np.finfo(float).tiny)
     rho = np.clip(rho, -MOST_MEMORY, MOST_MEMORY)
     n, p = columns.shape
-    whitened = np.diag(long_run(scores[1:] - rho * scores[:-1])) * n / max(n - p, 1)
+    whitened = np.diag(regression.long_run(scores[1:] - rho * scores[:-1])) * n / max(n - p, 1)
     ratio = whitened / (1.0 - rho) ** 2 / np.maximum(np.diag(plain), np.finfo(float).tiny)
     wider = np.sqrt(np.maximum(ratio, 1.0))
     return plain * np.outer(wider, wider)
@@ -401,14 +383,14 @@ def find_delay(
     Raises NotIdentifiableError if the delay is negative, exceeds 5 ms, or drifts: force and position were then recorded
     on two clocks.
     """
-    how = replace(how or Preparation(), delay=HOLD)
+    how = replace(how or Preparation(), delay=motion_log.HOLD)
     delays = np.arange(-REACH, REACH + 1)
-    base = prepare(log, how)
+    base = motion_log.prepare(log, how)
     columns = columns_of(base, friction)
     columns = columns[:, np.any(columns != 0.0, axis=0)]  # a direction without motion has no friction
     basis = np.linalg.qr(columns)[0]
     # the force is shifted and not the motion, so that the columns and their factorization serve all delays
-    forces = base.reduced(np.array([delayed(log.force, HOLD + d) for d in delays]))
+    forces = base.reduced(np.array([motion_log.delayed(log.force, motion_log.HOLD + d) for d in delays]))
     residual = np.array([_left(basis, force) for force in forces])
     best = int(np.argmin(residual))
     _check_slope(log, basis, forces, residual)
@@ -418,7 +400,7 @@ def find_delay(
     slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
     wide = np.column_stack([columns, -slope])
     values = np.linalg.lstsq(wide, forces[best], rcond=None)[0]
-    error = float(errors(covariance_of(wide, forces[best] - wide @ values))[-1])
+    error = float(regression.errors(covariance_of(wide, forces[best] - wide @ values))[-1])
     return DelayFit(log.name, float(delays[best]) + float(values[-1]), error, delays, residual, log.sample_time)
 
 

@@ -9,22 +9,8 @@ from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
-from feeddrive.papers.altintas2009.testbed import (
-    MASS,
-    PLANT,
-    VISCOUS,
-    Fraction,
-    Ideal,
-    T,
-    cascade,
-    cascade_column,
-    closed_form_poles,
-    dadsc,
-    dadsc_column,
-    ideal_model,
-    run_ideal,
-    transfer,
-)
+from feeddrive.papers.altintas2009 import testbed
+from feeddrive.papers.altintas2009.testbed import MASS, PLANT, VISCOUS, Fraction, Ideal, T
 from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import pole_sweep_chart
 from feeddrive.report.report import Picture
@@ -87,12 +73,12 @@ class Pair:
 
 def _run(law: DADSC | CascadePPI, disturbance: np.ndarray, setpoint: np.ndarray | None = None) -> Ideal:
     forward = None if isinstance(law, DADSC) else Inertia(mass=MASS)
-    return run_ideal(law, MASS, VISCOUS, T, disturbance, setpoint=setpoint, feedforward=forward)
+    return testbed.run_ideal(law, MASS, VISCOUS, T, disturbance, setpoint=setpoint, feedforward=forward)
 
 
 def equations() -> tuple[list[Claim], list[Picture]]:
     """Return the claims and pictures of rows 1.a to 1.c."""
-    law, ppi = dadsc(300.0), cascade(300.0)
+    law, ppi = testbed.dadsc(300.0), testbed.cascade(300.0)
     coupled = replace(law, adaptation_ratio=0.9)
     disturbance = 100.0 * np.random.default_rng(1).normal(size=3000)
     claims = [
@@ -213,19 +199,22 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
     kick[0] = 1.0
     assert ppi.Tn is not None
     claims = []
-    columns = (("DADSC", law, dadsc_column(law, T)), ("cascade", ppi, cascade_column(ppi.Kv, ppi.Kp, ppi.Tn, T)))
+    columns = (
+        ("DADSC", law, testbed.dadsc_column(law, T)),
+        ("cascade", ppi, testbed.cascade_column(ppi.Kv, ppi.Kp, ppi.Tn, T)),
+    )
     for name, loop_, column in columns:
         response = _run(loop_, kick).position
         for printed in (False, True):
-            expected = transfer(column, MASS, T, printed=printed).impulse(kick.size)
+            expected = testbed.transfer(column, MASS, T, printed=printed).impulse(kick.size)
             off = float(np.max(np.abs(response - expected)) / np.max(np.abs(response)))
             rule = f"{IDEAL}; F_d = 1 N in sample 0; largest difference over the peak, 1000 samples"
             if printed:
                 claims.append(Claim("1.b", f"(8) as printed, z² - 1, is not the loop: {name}", rule, off, 0.1))
             else:
                 claims.append(Claim("1.b", f"(8) with z² - z is the impulse response: {name}", rule, off, None, 1e-9))
-    factors = np.poly(closed_form_poles(law, T))
-    denominator = transfer(dadsc_column(law, T), MASS, T).denominator
+    factors = np.poly(testbed.closed_form_poles(law, T))
+    denominator = testbed.transfer(testbed.dadsc_column(law, T), MASS, T).denominator
     off = float(np.max(np.abs(denominator / denominator[0] - factors)))
     rule = "coefficients of the denominator of (8) against the product of its three factors"
     return [*claims, Claim("1.b", "with g2 = g1/Q the poles are 1/(1+λT), 1/Q, Q/(Q+g1R)", rule, off, None, 1e-13)]
@@ -243,8 +232,8 @@ def _pole_map() -> tuple[list[Claim], list[Picture]]:
             reaching_rate=K,
             adaptation_rate=r4 / (MASS * (1.0 + K * T)),
         )
-        ours.append(ideal_model(law).poles())
-        theirs.append(ideal_model(CascadePPI(Kv=200.0, Kp=r2, Tn=r2 * T / r4, viscous=VISCOUS)).poles())
+        ours.append(testbed.ideal_model(law).poles())
+        theirs.append(testbed.ideal_model(CascadePPI(Kv=200.0, Kp=r2, Tn=r2 * T / r4, viscous=VISCOUS)).poles())
     rule = "poles of the ideal loop with the laws as shipped, s = ln z / T; λ = Kv = 200 1/s; "
     rule += "(r2, r4) = (56000, 168), (56000, 840), (56000, 16000), "
     rule += "(112000, 64000), (224000, 256000)"

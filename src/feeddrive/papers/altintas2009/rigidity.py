@@ -23,16 +23,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.core import advance
 from feeddrive.loop.linearize import compliance
 from feeddrive.loop.simulate import simulate
-from feeddrive.papers.altintas2009.testbed import (
-    MASS,
-    PLANT,
-    VISCOUS,
-    T,
-    cascade,
-    dadsc,
-    ideal_model,
-    loop,
-)
+from feeddrive.papers.altintas2009.testbed import MASS, PLANT, VISCOUS, T, cascade, dadsc, ideal_model, loop
 from feeddrive.papers.claims import Claim, stated
 from feeddrive.plot.curves import Row, curves_chart
 from feeddrive.report.report import Picture

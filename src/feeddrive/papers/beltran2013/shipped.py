@@ -19,22 +19,7 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.beltran2013 import mill
-from feeddrive.papers.beltran2013.mill import (
-    CHIP,
-    LEG,
-    OMEGA_C,
-    OMEGA_O,
-    RIGID,
-    SKIPPED,
-    SPINDLE,
-    ZETA,
-    Case,
-    T,
-    law,
-    legs,
-    loop,
-    mass,
-)
+from feeddrive.papers.beltran2013.mill import CHIP, LEG, OMEGA_C, OMEGA_O, RIGID, SKIPPED, SPINDLE, ZETA, Case, T
 from feeddrive.papers.claims import RANDOM, SAMPLES, Claim, RandomMotion, RandomReadings, misfit, stated, stepped
 
 RULE = f"{RANDOM}; M = 139 kg, T = 0.1 ms; largest difference over the largest value"
@@ -84,7 +69,7 @@ def _observed(taylor_states: int, y: np.ndarray, force: np.ndarray, believed: fl
 
 
 def _gpi(taylor_states: int) -> GpiObserver:
-    return GpiObserver(mass=mass("x"), omega_o=OMEGA_O, zeta_o=ZETA, taylor_states=taylor_states)
+    return GpiObserver(mass=mill.mass("x"), omega_o=OMEGA_O, zeta_o=ZETA, taylor_states=taylor_states)
 
 
 def observer() -> list[Claim]:
@@ -100,7 +85,7 @@ def observer() -> list[Claim]:
         for reading in readings[1:]:
             state, estimate = block.step(prepared, state, reading, T)
             rows.append(list(estimate))
-        estimates, expected = np.array(rows), _observed(states, read.load, read.applied, mass("x"))
+        estimates, expected = np.array(rows), _observed(states, read.load, read.applied, mill.mass("x"))
         claims += [
             Claim(
                 "3.zc",
@@ -159,7 +144,7 @@ def observer() -> list[Claim]:
             "3.zc",
             "Column of u as an independent program has it",
             "five Taylor states, T = 0.1 ms",
-            misfit(np.array(matrices.Gu) * mass("x"), np.array(GOLDEN_U)),
+            misfit(np.array(matrices.Gu) * mill.mass("x"), np.array(GOLDEN_U)),
             most=1e-6,
             expected="to seven digits",
             equations=("GPI observer (13)-(15)", "polynomial (18)"),
@@ -169,7 +154,7 @@ def observer() -> list[Claim]:
 
 def _free(taylor_states: int = 5) -> Loop:
     """Return the loop of the x axis without any friction."""
-    bench = loop("x", replace(RIGID, taylor_states=taylor_states), dry=False)
+    bench = mill.loop("x", replace(RIGID, taylor_states=taylor_states), dry=False)
     return replace(bench, axis=replace(bench.axis, plant=replace(mill.plant("x"), c_b=0.0, c_t=0.0)))
 
 
@@ -182,16 +167,16 @@ def errors() -> list[Claim]:
     t = T * np.arange(SAMPLES)
     way = RandomMotion()
     read = RandomReadings(way, t)
-    shipped = law("x", RIGID)
+    shipped = mill.law("x", RIGID)
     shipped = replace(shipped, share=0.8)
     assert isinstance(shipped, ActiveDisturbanceRejection)
     _, force = stepped(shipped, T, way.setpoints(t), read.readings())
-    estimate = _observed(5, read.load, read.applied, mass("x"))
+    estimate = _observed(5, read.load, read.applied, mill.mass("x"))
     u = way(2, t + 0.5 * T)[1:] - 2.0 * ZETA * OMEGA_C * (estimate[:, 1] - way(1, t)[1:])
     u = u - OMEGA_C**2 * (read.load - way(0, t))[1:]
     poles = linearize(_free(1), ["set_position", "load_force"], ["position_load"]).poles()
     actual = np.log(poles[np.abs(poles) > 1e-3].astype(complex)) / T
-    run = simulate(_free(), legs("linear", LEG)["z"], start=(1e-3, 0.0), duration=0.5, record=("position_load",))
+    run = simulate(_free(), mill.legs("linear", LEG)["z"], start=(1e-3, 0.0), duration=0.5, record=("position_load",))
     w = OMEGA_C * np.sqrt(1.0 - ZETA**2)
     decay = np.exp(-ZETA * OMEGA_C * run.time)
     free = 1e-3 * decay * (np.cos(w * run.time) + ZETA * OMEGA_C / w * np.sin(w * run.time))
@@ -202,7 +187,7 @@ def errors() -> list[Claim]:
             "3.ze",
             "The force of the law is (9), with the estimate of the observer beside scipy",
             RULE,
-            misfit(force, mass("x") * u - 0.8 * estimate[:, 2]),
+            misfit(force, mill.mass("x") * u - 0.8 * estimate[:, 2]),
             most=1e-8,
             equations=("ADR (9)",),
         ),
@@ -237,8 +222,8 @@ def settling() -> list[Claim]:
     """Check the settling time of the estimate after a step of force, in simulation and by 1 - H."""
     from scipy.signal import step
 
-    run = simulate(_free(), legs("linear", LEG)["z"], load=StepForce(force=200.0, start=0.05), duration=0.12)
-    seen = observe(law("x", RIGID).observer, run["reading_load"], run["force"], T)
+    run = simulate(_free(), mill.legs("linear", LEG)["z"], load=StepForce(force=200.0, start=0.05), duration=0.12)
+    seen = observe(mill.law("x", RIGID).observer, run["reading_load"], run["force"], T)
     first = round(0.05 / T)
     off = np.abs(seen.disturbance[first:] - 200.0) > 0.02 * 200.0
     measured = 1e3 * T * float(np.flatnonzero(off)[-1] + 1)
@@ -427,7 +412,7 @@ def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
     for axis, bounds in (("x", (520.0, 580.0)), ("y", (450.0, 510.0)), ("z", (180.0, 220.0))):
         run = linear[axis]
         counted = run.time >= SKIPPED
-        seen = observe(law(axis, case).observer, run["reading_load"], run["force"], T)
+        seen = observe(mill.law(axis, case).observer, run["reading_load"], run["force"], T)
         off = 1e6 * float(np.sqrt(np.mean((seen.velocity - run["velocity_load"])[counted] ** 2)))
         claims.append(
             Claim(

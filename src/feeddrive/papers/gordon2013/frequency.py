@@ -24,21 +24,8 @@ from feeddrive.loop.linearize import StateSpace, compliance, linearize, loop_gai
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.claims import Claim, stated
-from feeddrive.papers.gordon2013.testbed import (
-    CASCADE,
-    FULL,
-    GAINS,
-    LONG,
-    PLACED,
-    RIGID,
-    SOFTER,
-    TRUTH,
-    Part,
-    cascade,
-    placed,
-    rms,
-    with_prefilter,
-)
+from feeddrive.papers.gordon2013 import testbed
+from feeddrive.papers.gordon2013.testbed import CASCADE, FULL, GAINS, LONG, PLACED, RIGID, SOFTER, TRUTH, Part
 from feeddrive.plot import style
 from feeddrive.plot.chart import FREQUENCY, Chart, Curve, Panel
 from feeddrive.report.report import Picture
@@ -84,7 +71,7 @@ class Linear:
 
 def loop_figures() -> Part:
     """Check the figures of the loop with the default gains."""
-    ppc, ppi = Linear(placed()), Linear(cascade())
+    ppc, ppi = Linear(testbed.placed()), Linear(testbed.cascade())
     ratio = {f: ppc.stiffness(f) / ppi.stiffness(f) for f in NAMED}
     first = [linear.margins.crossover or float("nan") for linear in (ppc, ppi)]
     peaks = [float(np.max(linear.compliance(LINES))) for linear in (ppc, ppi)]
@@ -236,7 +223,7 @@ def robustness() -> Part:
     rows: list[list[str | float]] = []
     peaks, others, ratios = list[float](), list[float](), list[float]()
     for name, changes in kinds.items():
-        ppc, ppi = (Linear(tree.vary(loop, changes)) for loop in (placed(), cascade()))
+        ppc, ppi = (Linear(tree.vary(loop, changes)) for loop in (testbed.placed(), testbed.cascade()))
         peaks.append(ppc.margins.sensitivity_peak)
         others.append(ppi.margins.sensitivity_peak)
         ratios.append(ppc.rope_snap / ppi.rope_snap)
@@ -276,7 +263,9 @@ def robustness() -> Part:
 def tooth_passing() -> Part:
     """Compare the dynamic stiffness of the laws under a sine force on the table, by frequency."""
     frequencies = np.array([10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 130.0, 150.0, 200.0])
-    default, softer, ppi = (Linear(loop).compliance(frequencies) for loop in (placed(), placed(SOFTER), cascade()))
+    default, softer, ppi = (
+        Linear(loop).compliance(frequencies) for loop in (testbed.placed(), testbed.placed(SOFTER), testbed.cascade())
+    )
     rows = [
         [Text(f"{Quantity(f, 'Hz')}"), *(stated(x, "µm/N") for x in (a, b, c)), a / c, b / c]
         for f, a, b, c in zip(frequencies, default, softer, ppi, strict=True)
@@ -332,22 +321,22 @@ def frequency_view() -> Part:
     and 1°.
     """
     parts = {
-        "feedback alone": placed(SOFTER, ()),
-        "rigid inverse, compatible": placed(SOFTER, (RIGID,)),
-        "full inverse, x1r = x2r": placed(replace(SOFTER, commands="rigid"), (FULL,)),
-        "full inverse, compatible": placed(SOFTER, (FULL,)),
+        "feedback alone": testbed.placed(SOFTER, ()),
+        "rigid inverse, compatible": testbed.placed(SOFTER, (RIGID,)),
+        "full inverse, x1r = x2r": testbed.placed(replace(SOFTER, commands="rigid"), (FULL,)),
+        "full inverse, compatible": testbed.placed(SOFTER, (FULL,)),
     }
     contributions = {name: tracking(loop, BAND_LINES) for name, loop in parts.items()}
     filtered: dict[str, FRF] = {}
     errors: dict[str, float] = {}
-    for law, loop in ((PLACED, placed()), (CASCADE, cascade())):
+    for law, loop in ((PLACED, testbed.placed()), (CASCADE, testbed.cascade())):
         filtered[law] = tracking(loop, BAND_LINES)
-        errors[law] = rms(simulate(loop, LONG, record=("tracking_error",))["tracking_error"])
+        errors[law] = testbed.rms(simulate(loop, LONG, record=("tracking_error",))["tracking_error"])
         for words, regressors in (("a and s only", EVEN), ("v, a, j, s", ("velocity", "acceleration", "jerk", "snap"))):
             fit = tune_prefilter(loop, LONG, runs=1, regressors=regressors)[0]
-            name, held = f"{law}, {words}", with_prefilter(loop, fit)
+            name, held = f"{law}, {words}", testbed.with_prefilter(loop, fit)
             filtered[name] = tracking(held, BAND_LINES)
-            errors[name] = rms(simulate(held, LONG, record=("tracking_error",))["tracking_error"])
+            errors[name] = testbed.rms(simulate(held, LONG, record=("tracking_error",))["tracking_error"])
     bands = {name: band(response) for name, response in {**contributions, **filtered}.items()}
     rule = f"table over setpoint, derivatives exact; prefilter fitted once on the 300 mm move; {GAINS}"
     whole, even = f"{PLACED}, v, a, j, s", f"{CASCADE}, a and s only"

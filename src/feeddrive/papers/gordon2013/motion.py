@@ -26,27 +26,8 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.claims import Claim, stated
-from feeddrive.papers.gordon2013.testbed import (
-    CASCADE,
-    FULL,
-    GAINS,
-    LONG,
-    PLACED,
-    RIGID,
-    SHORT,
-    SOFTER,
-    TRUTH,
-    Part,
-    cascade,
-    figures,
-    fits,
-    follow,
-    peak,
-    placed,
-    rms,
-    with_friction,
-    with_prefilter,
-)
+from feeddrive.papers.gordon2013 import testbed
+from feeddrive.papers.gordon2013.testbed import CASCADE, FULL, GAINS, LONG, PLACED, RIGID, SHORT, SOFTER, TRUTH, Part
 from feeddrive.plot.chart import LOG, NEUTRAL, THIN, Chart, Curve, Panel
 from feeddrive.plot.curves import bars
 from feeddrive.report.report import Picture
@@ -59,10 +40,10 @@ def rope_snap() -> Part:
     """Check the response of the table to a rope snap."""
     rest = SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0, dwell_before=CUT + 0.2)
     runs: dict[str, Run] = {}
-    for name, loop in ((PLACED, placed()), (CASCADE, cascade())):
+    for name, loop in ((PLACED, testbed.placed()), (CASCADE, testbed.cascade())):
         runs[name] = simulate(loop, rest, load=StepForce(force=-150.0, end=CUT), record=("position_load",), name=name)
     # the encoders' counts are the only nonlinearity: twice the force must give twice the peak
-    stronger = simulate(placed(), rest, load=StepForce(force=-300.0, end=CUT), record=("position_load",))
+    stronger = simulate(testbed.placed(), rest, load=StepForce(force=-300.0, end=CUT), record=("position_load",))
     peaks, left, settled = ([f(run) for run in runs.values()] for f in (_peak, _left, _settling))
     rule = Text(f"-150 N on the table until {Quantity(CUT, 's'):6 SI}, then 0 N; {GAINS}")
     claims = [
@@ -120,11 +101,11 @@ def _after(run: Run) -> np.ndarray:
 
 
 def _peak(run: Run) -> float:
-    return peak(_after(run))
+    return testbed.peak(_after(run))
 
 
 def _left(run: Run) -> float:
-    return rms(_after(run)[: round(0.05 / run.sample_time)])
+    return testbed.rms(_after(run)[: round(0.05 / run.sample_time)])
 
 
 def _settling(run: Run) -> float:
@@ -147,9 +128,9 @@ def tracking_error() -> Part:
     claims: list[Claim] = []
     shown: dict[str, Run] = {}
     runs: dict[tuple[str, str], Run] = {}
-    for name, loop in ((PLACED, placed()), (CASCADE, cascade())):
-        first, second = fits(loop, LONG, 2)
-        short = fits(loop, SHORT)[0]
+    for name, loop in ((PLACED, testbed.placed()), (CASCADE, testbed.cascade())):
+        first, second = testbed.fits(loop, LONG, 2)
+        short = testbed.fits(loop, SHORT)[0]
         for words, reference, fit in (
             ("long move", LONG, None),
             ("long move, prefilter", LONG, first),
@@ -158,8 +139,8 @@ def tracking_error() -> Part:
             ("short move, prefilter of the long one", SHORT, first),
             ("short move, its own prefilter", SHORT, short),
         ):
-            held = loop if fit is None else with_prefilter(loop, fit)
-            runs[name, words] = follow(held, reference, name)
+            held = loop if fit is None else testbed.with_prefilter(loop, fit)
+            runs[name, words] = testbed.follow(held, reference, name)
         shown[name] = runs[name, "long move"]
         shown[f"{name}, prefilter"] = runs[name, "long move, prefilter"]
         if name == PLACED:
@@ -176,15 +157,15 @@ def tracking_error() -> Part:
                 )
             )
     rows = [
-        [words, *(figures(runs[name, words]) for name in (PLACED, CASCADE))]
+        [words, *(testbed.figures(runs[name, words]) for name in (PLACED, CASCADE))]
         for words in dict.fromkeys(words for _, words in runs)
     ]
 
     def rated(name: str, words: str) -> float:
-        return rms(runs[name, words]["tracking_error"])
+        return testbed.rms(runs[name, words]["tracking_error"])
 
     def largest_of(name: str, words: str) -> float:
-        return peak(runs[name, words]["tracking_error"])
+        return testbed.peak(runs[name, words]["tracking_error"])
 
     slow = f"100 mm at 0.3 m/s, 5 m/s², 400 m/s³, 4e4 m/s⁴, no friction; {GAINS}"
     claims[:0] = [
@@ -245,21 +226,24 @@ def ablation() -> Part:
     """Check the effect of each contribution alone."""
 
     def loop(commands: str, feedforward: tuple[Any, ...]) -> Loop:
-        return placed(replace(SOFTER, commands=commands), feedforward)
+        return testbed.placed(replace(SOFTER, commands=commands), feedforward)
 
     whole = loop("series", (FULL,))
     bare = loop("series", ())
     kinds = {
         "feedback alone, x1r = x2r": (loop("rigid", ()), "44.9"),
         "+ compatible x1r": (bare, "33.2"),
-        "+ prefilter, no feedforward": (with_prefilter(bare, fits(bare, LONG)[0]), "11"),
+        "+ prefilter, no feedforward": (testbed.with_prefilter(bare, testbed.fits(bare, LONG)[0]), "11"),
         "rigid inverse, x1r = x2r": (loop("rigid", (RIGID,)), "11.9"),
         "rigid inverse, compatible": (loop("series", (RIGID,)), "1.51"),
         "full inverse, x1r = x2r": (loop("rigid", (FULL,)), "12.8"),
         "full inverse, compatible": (whole, "0.74"),
-        "all, and prefilter": (with_prefilter(whole, fits(whole, LONG)[0]), "0.48"),
+        "all, and prefilter": (testbed.with_prefilter(whole, testbed.fits(whole, LONG)[0]), "0.48"),
     }
-    peaks = {name: peak(follow(variant, LONG, name)["tracking_error"]) for name, (variant, _) in kinds.items()}
+    peaks = {
+        name: testbed.peak(testbed.follow(variant, LONG, name)["tracking_error"])
+        for name, (variant, _) in kinds.items()
+    }
     rule = f"largest tracking error on the 300 mm move, no friction; gains of 45 Hz and ζ 0.6; {TRUTH}"
     order = list(peaks.values())
 
@@ -343,15 +327,21 @@ CUTTING_MEAN = 23.0  # N
 
 def friction() -> Part:
     """Check Stribeck friction on the screw, with and without its feedforward."""
-    laws = {PLACED: with_prefilter(placed(), fits(placed(), LONG)[0]), CASCADE: cascade()}
+    laws = {
+        PLACED: testbed.with_prefilter(testbed.placed(), testbed.fits(testbed.placed(), LONG)[0]),
+        CASCADE: testbed.cascade(),
+    }
     kinds: Mapping[str, Friction] = {"tanh, v_t = 0.2 mm/s": SMOOTH, "set-valued": SET_VALUED}
     runs: dict[tuple[str, str, bool], Run] = {}
     for kind, contact in kinds.items():
         for law, loop in laws.items():
-            plain = with_friction(loop, contact)
+            plain = testbed.with_friction(loop, contact)
             control = plain.control
             fed = replace(plain, control=replace(control, feedforward=(*control.feedforward, FED)))
-            runs[kind, law, False], runs[kind, law, True] = follow(plain, LONG, law), follow(fed, LONG, law)
+            runs[kind, law, False], runs[kind, law, True] = (
+                testbed.follow(plain, LONG, law),
+                testbed.follow(fed, LONG, law),
+            )
 
     def gain(kind: str, law: str, measure: Any) -> float:
         without, with_it = (measure(runs[kind, law, fed]["tracking_error"]) for fed in (False, True))
@@ -365,16 +355,25 @@ def friction() -> Part:
             "2.e rms",
             "Friction feedforward takes most of the error under pole placement",
             rule,
-            gain(smooth, PLACED, rms),
+            gain(smooth, PLACED, testbed.rms),
             least=2.5,
             expected="RMS 0.446 -> 0.136 µm",
         ),
-        Claim("2.e peak", "And of its peak", rule, gain(smooth, PLACED, peak), 2.5, None, "", "peak 3.84 -> 0.96 µm"),
+        Claim(
+            "2.e peak",
+            "And of its peak",
+            rule,
+            gain(smooth, PLACED, testbed.peak),
+            2.5,
+            None,
+            "",
+            "peak 3.84 -> 0.96 µm",
+        ),
         Claim(
             "2.e P-PI",
             "It reduces the error of P-PI little, since that error is not caused by friction",
             rule,
-            gain(smooth, CASCADE, peak),
+            gain(smooth, CASCADE, testbed.peak),
             least=1.1,
             most=1.5,
             expected="peak 13.9 -> 11.4 µm",
@@ -383,7 +382,7 @@ def friction() -> Part:
             "2.e set-valued",
             "The order is the same with set-valued friction",
             beside,
-            gain(exact, PLACED, rms),
+            gain(exact, PLACED, testbed.rms),
             least=1.5,
             expected="ordering only",
         ),
@@ -391,13 +390,16 @@ def friction() -> Part:
             "2.e laws",
             "Pole placement stays far closer than P-PI",
             rule,
-            rms(runs[smooth, CASCADE, True]["tracking_error"]) / rms(runs[smooth, PLACED, True]["tracking_error"]),
+            testbed.rms(runs[smooth, CASCADE, True]["tracking_error"])
+            / testbed.rms(runs[smooth, PLACED, True]["tracking_error"]),
             least=8.0,
             expected="peak 11.4 / 0.96 µm",
         ),
     ]
     rows = [
-        [f"{kind}, {law}", *(figures(runs[kind, law, fed]) for fed in (False, True))] for kind in kinds for law in laws
+        [f"{kind}, {law}", *(testbed.figures(runs[kind, law, fed]) for fed in (False, True))]
+        for kind in kinds
+        for law in laws
     ]
     heads = [f"tracking error, peak / RMS in {unit_name('m')}", "without", "with friction feedforward"]
     shown = {
@@ -433,12 +435,12 @@ def machining() -> Part:
 
     def entering(run: Run) -> float:
         start = round(ENTRY / run.sample_time)
-        return rms(run["position_load"][start : start + round(0.06 / run.sample_time)])
+        return testbed.rms(run["position_load"][start : start + round(0.06 / run.sample_time)])
 
     def steady(run: Run) -> float:
-        return rms(run["position_load"][round(STEADY / run.sample_time) :])
+        return testbed.rms(run["position_load"][round(STEADY / run.sample_time) :])
 
-    runs = {name: cut(loop, 6000.0, name) for name, loop in ((PLACED, placed()), (CASCADE, cascade()))}
+    runs = {name: cut(loop, 6000.0, name) for name, loop in ((PLACED, testbed.placed()), (CASCADE, testbed.cascade()))}
     ppc, ppi = runs[PLACED], runs[CASCADE]
     rule = f"half immersion, up, two straight edges, 6000 rpm, mean 23 N along the feed; {GAINS}"
     claims = [
@@ -464,7 +466,9 @@ def machining() -> Part:
         ["6000 rpm, first 60 ms", stated(entering(ppc), "µm"), None, stated(entering(ppi), "µm")]
     ]
     for speed in (6000.0, 3000.0, 1800.0, 900.0):
-        errors = [steady(cut(loop, speed, "")) for loop in (placed(), placed(SOFTER), cascade())]
+        errors = [
+            steady(cut(loop, speed, "")) for loop in (testbed.placed(), testbed.placed(SOFTER), testbed.cascade())
+        ]
         words = Text(f"{Quantity(speed, 'rpm'):6}, steady, {Quantity(speed / 30.0, 'Hz'):6}")
         rows.append([words, *(stated(error, "µm") for error in errors)])
     columns = ["RMS of the position", *(Column(head, "m", "3") for head in (PLACED, "with softer gains", CASCADE))]
@@ -493,18 +497,21 @@ def _drawn(runs: Mapping[str, Run]) -> Chart:
 def other_axis() -> Part:
     """Check a table heavier than in the design, and sampling jitter of the encoders."""
     heavy = {"axis.x.plant.mass_load": 43.0}
-    loops = {PLACED: tree.vary(placed(SOFTER), heavy), CASCADE: tree.vary(cascade(), heavy)}
+    loops = {PLACED: tree.vary(testbed.placed(SOFTER), heavy), CASCADE: tree.vary(testbed.cascade(), heavy)}
     rows: list[list[str | None]] = []
     peaks: dict[str, tuple[float, float]] = {}
     for name, loop in loops.items():
-        before, after = follow(loop, LONG, name), follow(with_prefilter(loop, fits(loop, LONG)[0]), LONG, name)
-        peaks[name] = (peak(before["tracking_error"]), peak(after["tracking_error"]))
-        rows.append([f"{name}, table 43 kg", figures(before), figures(after)])
+        before, after = (
+            testbed.follow(loop, LONG, name),
+            testbed.follow(testbed.with_prefilter(loop, testbed.fits(loop, LONG)[0]), LONG, name),
+        )
+        peaks[name] = (testbed.peak(before["tracking_error"]), testbed.peak(after["tracking_error"]))
+        rows.append([f"{name}, table 43 kg", testbed.figures(before), testbed.figures(after)])
     # jitter of the reading alone: a jitter of the force would be another experiment
     calm, shaken = ({name: _jittered(loop, by) for name, loop in _both().items()} for by in (None, 1.5e-3))
     for words, runs in (("no jitter", calm), ("jitter 0.15 % of T", shaken)):
-        rows += [[f"{name}, {words}", figures(run), None] for name, run in runs.items()]
-    errors = {name: rms(run["tracking_error"]) for name, run in shaken.items()}
+        rows += [[f"{name}, {words}", testbed.figures(run), None] for name, run in runs.items()]
+    errors = {name: testbed.rms(run["tracking_error"]) for name, run in shaken.items()}
     rule = f"true table 43 kg, nothing identified anew, gains of 45 Hz and ζ 0.6; 300 mm move; {TRUTH}"
     jitter = (
         f"each encoder is read at kT + δ, δ white, normal, 0.15 % of T, independent for the two; the force still acts "
@@ -550,10 +557,10 @@ def other_axis() -> Part:
 
 
 def _both() -> dict[str, Loop]:
-    return {PLACED: placed(), CASCADE: cascade()}
+    return {PLACED: testbed.placed(), CASCADE: testbed.cascade()}
 
 
 def _jittered(loop: Loop, jitter: float | None) -> Run:
     encoder = Encoder(resolution=1e-8, jitter=jitter)
     shaken = replace(loop, axis=replace(loop.axis, encoder_motor=encoder, encoder_load=encoder))
-    return follow(shaken, LONG, loop.control.law.kind)
+    return testbed.follow(shaken, LONG, loop.control.law.kind)

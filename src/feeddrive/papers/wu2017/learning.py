@@ -22,19 +22,7 @@ from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.claims import Claim, stated
 from feeddrive.papers.wu2017 import testbed
-from feeddrive.papers.wu2017.testbed import (
-    CHANGING,
-    NOISE,
-    RULE,
-    SAME,
-    SET_VALUED,
-    SETS,
-    TANH,
-    TRIALS,
-    amperes,
-    noise,
-    table_axis,
-)
+from feeddrive.papers.wu2017.testbed import CHANGING, NOISE, RULE, SAME, SET_VALUED, SETS, TANH, TRIALS
 from feeddrive.report.report import Picture
 
 # RMS in um after trials 1 to 6 as an independent program found them, and its last one with changing references
@@ -61,8 +49,8 @@ def learning() -> tuple[list[Claim], list[Table], list[Picture], dict[str, Trial
 
 
 def _trials(name: str, *, smooth: bool = True, changing: bool = False) -> Trials:
-    loop = table_axis("x", SETS[name], smooth=smooth)
-    return iterate_trials(loop, CHANGING if changing else SAME, TRIALS, load=noise)
+    loop = testbed.table_axis("x", SETS[name], smooth=smooth)
+    return iterate_trials(loop, CHANGING if changing else SAME, TRIALS, load=testbed.noise)
 
 
 def _final(trials: Trials) -> float:
@@ -98,7 +86,7 @@ def _claims(same: dict[str, Trials], changing: dict[str, Trials]) -> list[Claim]
         claims.append(Claim("4.d", title, turned, ratio, 0.9, 1.1, "", "the same level"))
     for label, chosen in (("same", same), ("changing", changing)):
         for name in SETS:
-            a = amperes(float(chosen[name].parameters()["mass"][-1]))
+            a = testbed.amperes(float(chosen[name].parameters()["mass"][-1]))
             title = f"{name}, {label} reference: identified a"
             claims.append(Claim("4.e", title, rule, a, 0.38, 0.42, "A s²/m", "0.4 within 5 %; 0.4008 to 0.4176"))
     return claims
@@ -149,7 +137,7 @@ def _table(title: str, same: dict[str, Trials], changing: dict[str, Trials], *, 
     rows: list[list[str | float | Quantity | None]] = []
     for name in SETS:
         for label, trials in (("same", same[name]), ("changing", changing[name])):
-            a = amperes(float(trials.parameters()["mass"][-1]))
+            a = testbed.amperes(float(trials.parameters()["mass"][-1]))
             rows.append([name, label, *map(float, trials.rms), a])
         if expected:
             steps, last = EXPECTED[name]
@@ -171,10 +159,10 @@ def _parameter_table(trials: Trials) -> Table:
     rows: list[list[str | Quantity]] = []
     for name, row in values.items():
         cells = [
-            Quantity(amperes(float(value)), error=None if np.isnan(error) else amperes(float(error)))
+            Quantity(testbed.amperes(float(value)), error=None if np.isnan(error) else testbed.amperes(float(error)))
             for value, error in zip(row, errors[name], strict=True)
         ]
-        rows.append([name, *cells, Quantity(amperes(true[name])) if name in true else "0.1167 / 0.1667"])
+        rows.append([name, *cells, Quantity(testbed.amperes(true[name])) if name in true else "0.1167 / 0.1667"])
     heads = ["parameter", *(f"trial {j + 1}" for j in range(TRIALS)), "of the axis"]
     return Table(f"parameters over the constant of 300 N/A, with their standard errors; {TANH}", heads, rows)
 
@@ -186,7 +174,7 @@ STRONG = 20.0  # N, non-repeating noise
 
 def pulsed(trial: int) -> Load:
     """Return the force noise of a trial with an added pulse."""
-    plain = noise(trial)
+    plain = testbed.noise(trial)
     force = plain.force.copy()
     first, last = (round(instant / float(plain.sample_time)) for instant in PULSE[:2])
     force[first:last] += PULSE[2]
@@ -195,12 +183,12 @@ def pulsed(trial: int) -> Load:
 
 def strong(trial: int) -> RecordedForce:
     """Return the force noise of a trial at the larger amplitude."""
-    return noise(trial, STRONG)
+    return testbed.noise(trial, STRONG)
 
 
 CASES: dict[str, tuple[object, object]] = {
-    "same reference": (SAME, noise),
-    "changing references": (CHANGING[:5], noise),
+    "same reference": (SAME, testbed.noise),
+    "changing references": (CHANGING[:5], testbed.noise),
     "same reference, the same pulse in each trial": (SAME, pulsed),
     Text(f"same reference, noise of {Quantity(STRONG, 'N'):6}"): (SAME, strong),
 }
@@ -212,7 +200,7 @@ def signals() -> tuple[list[Claim], list[Table], list[Picture]]:
     rows: list[list[str | float | None]] = []
     for smooth in (True, False):
         for case, (reference, load) in CASES.items():
-            plain, whole = (table_axis("x", SETS[name], smooth=smooth) for name in ("a, b", "+ Stribeck"))
+            plain, whole = (testbed.table_axis("x", SETS[name], smooth=smooth) for name in ("a, b", "+ Stribeck"))
             by_kind = {
                 "parameters, + Stribeck": _parameter_errors(whole, reference, load),
                 "signal": _signal(plain, reference, load),
@@ -356,9 +344,11 @@ def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
     """Measure the circle with the initial parameters, with each set of basis functions learned on the circle, and
     with the compensator learned on the line.
     """
-    poor = {axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth) for axis in AXES}
+    poor = {axis: testbed.table_axis(axis, SETS["+ Coulomb"], smooth=smooth) for axis in AXES}
     circles = {
-        "start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, exact=True) for axis in AXES})
+        "start": _driven(
+            {axis: testbed.table_axis(axis, SETS["+ Coulomb"], smooth=smooth, exact=True) for axis in AXES}
+        )
     }
     for name, columns in SETS.items():
         circles[name] = _driven({axis: _learned(axis, columns, smooth) for axis in AXES})
@@ -370,8 +360,8 @@ def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
 
 
 def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = False) -> Loop:
-    loop = table_axis(axis, columns, smooth=smooth, exact=True)
-    return iterate_trials(loop, SAME if line else circle(axis), LEARNED, load=noise).loop
+    loop = testbed.table_axis(axis, columns, smooth=smooth, exact=True)
+    return iterate_trials(loop, SAME if line else circle(axis), LEARNED, load=testbed.noise).loop
 
 
 def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
@@ -380,7 +370,7 @@ def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
         Machine.of(loops),
         {axis: circle(axis) for axis in loops},
         # seeds that no trial used: the circle must not profit from noise that was learned
-        load={axis: noise(20 + AXES[axis]) for axis in loops},
+        load={axis: testbed.noise(20 + AXES[axis]) for axis in loops},
         record=("x.position_load", "y.position_load"),
     )
     return MeasuredCircle(outcome.time, outcome["x.position_load"], outcome["y.position_load"])

@@ -14,27 +14,13 @@ from feeddrive.language.errors import UnstableError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
-from feeddrive.learning.iterative_feedforward import (
-    compensated,
-    compensator,
-    convergence,
-    filtered,
-    next_iteration,
-    regressors,
-    true_error_model,
-)
+from feeddrive.learning import iterative_feedforward
 from feeddrive.learning.trial import simulated_trial
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.wu2017 import testbed
-from feeddrive.papers.wu2017.testbed import (
-    SAME,
-    SETS,
-    amperes,
-    move,
-    table_axis,
-)
+from feeddrive.papers.wu2017.testbed import SAME, SETS, amperes, move, table_axis
 from feeddrive.report.report import Picture
 
 TRUE = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
@@ -72,7 +58,7 @@ def ideal_axis(theta: dict[str, float]) -> Loop:
         # without dry friction the linear core is exact in one substep
         substeps=1,
     )
-    return compensated(dataclasses.replace(loop, axis=axis), DisturbanceCompensator(**theta))
+    return iterative_feedforward.compensated(dataclasses.replace(loop, axis=axis), DisturbanceCompensator(**theta))
 
 
 def ideal_run(loop: Loop, reference: Reference, noise: float = 0.0, seed: int = 0) -> Run:
@@ -98,9 +84,9 @@ def identity_error() -> float:
     errors = [ideal_run(ideal_axis(theta), SAME)["following_error"] for theta in (start, TRUE)]
     loop = ideal_axis(start)
     t = np.arange(errors[0].size) * float(loop.sample_time)
-    names, phi, _ = regressors(loop, compensator(loop), SAME.at(t))
+    names, phi, _ = iterative_feedforward.regressors(loop, iterative_feedforward.compensator(loop), SAME.at(t))
     off = np.array([TRUE[name] - start[name] for name in names])
-    predicted = filtered(true_error_model(loop), phi) @ off
+    predicted = iterative_feedforward.filtered(iterative_feedforward.true_error_model(loop), phi) @ off
     return float(np.max(np.abs(errors[0] - errors[1] - predicted)) / np.max(np.abs(predicted)))
 
 
@@ -114,7 +100,9 @@ def _one_step() -> list[Claim]:
     start = {"mass": 30.0, "viscous": 0.0, "coulomb_positive": 0.0, "coulomb_negative": 0.0}
     loop = ideal_axis(start)
     trial = simulated_trial(ideal_run(loop, SAME), SAME)
-    after = next_iteration(loop, trial, form="model_based", plant=loop.axis.plant, mu=0.0).after.parameters()
+    after = iterative_feedforward.next_iteration(
+        loop, trial, form="model_based", plant=loop.axis.plant, mu=0.0
+    ).after.parameters()
     rule = "as before, one step with the exact model, gamma 1; what is left is the dead time of one sample"
     wanted = {
         "mass": (0.4003, 1e-4),
@@ -143,7 +131,7 @@ def _by_mass() -> tuple[list[Claim], Table, Picture]:
     """
     loop = table_axis("x", SETS["+ Coulomb"], exact=True)
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
-    free = convergence(loop, SAME).rate
+    free = iterative_feedforward.convergence(loop, SAME).rate
     by_knowledge: dict[str, list[float]] = {"dead time left out": [], "dead time known": []}
     rows: list[list[str | float | Quantity]] = []
     for ratio in MASSES:
@@ -184,9 +172,11 @@ def _by_mass() -> tuple[list[Claim], Table, Picture]:
 
 
 def _rate(loop: Loop, believed: Loop, ratio: float) -> float:
-    other = compensated(believed, dataclasses.replace(compensator(loop), mass=ratio * TRUE["mass"]))
+    other = iterative_feedforward.compensated(
+        believed, dataclasses.replace(iterative_feedforward.compensator(loop), mass=ratio * TRUE["mass"])
+    )
     try:
-        return convergence(loop, SAME, believed=other, form="model_based").rate
+        return iterative_feedforward.convergence(loop, SAME, believed=other, form="model_based").rate
     except UnstableError:
         # an unstable model loop has no rate; NaN is never equal to itself, which counts the refusals
         return float("nan")
@@ -197,7 +187,9 @@ def _by_gain() -> Table:
     rows: list[list[float]] = []
     for factor, expected in ((0.5, 0.52), (1.0, 0.039), (2.0, 1.04)):
         believed = tree.vary(loop, {"axis.x.control.law.Kp": factor * float(tree.get(loop, "axis.x.control.law.Kp"))})
-        pair = [convergence(loop, SAME, believed=believed, gamma=gamma).rate for gamma in (1.0, 0.5)]
+        pair = [
+            iterative_feedforward.convergence(loop, SAME, believed=believed, gamma=gamma).rate for gamma in (1.0, 0.5)
+        ]
         rows.append([factor, *pair, expected])
     columns = [
         Column("believed gain / gain", ""),
@@ -213,7 +205,7 @@ def _scatter() -> tuple[list[Claim], Table]:
     loop = ideal_axis(TRUE)
     estimates, reported = [], []
     for seed in range(SEEDS):
-        step = next_iteration(loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME))
+        step = iterative_feedforward.next_iteration(loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME))
         estimates.append(list(step.after.parameters().values()))
         reported.append([step.errors[name] for name in TRUE])
     # ddof 1: the mean is estimated from the same runs
@@ -260,8 +252,8 @@ def _condition() -> list[Claim]:
     loop = table_axis("x", SETS["+ Coulomb"])
     # hard jerk: the stroke is at constant speed almost throughout, where mass and friction look alike
     hard, slow = move(0.1, 0.25, 30.0, 3e3), move(0.06, 0.1, 30.0, 3e3)
-    one = convergence(loop, hard).condition
-    two = convergence(loop, Sequence(references=(hard, slow))).condition
+    one = iterative_feedforward.convergence(loop, hard).condition
+    two = iterative_feedforward.convergence(loop, Sequence(references=(hard, slow))).condition
     rule = "x axis, columns a, b, Coulomb, scaled to one size, model-free"
     fast = f"{rule}; 100 mm at 0.25 m/s and 30 m/s², with and without 60 mm at 0.1 m/s"
     return [
@@ -269,7 +261,7 @@ def _condition() -> list[Claim]:
             "4.k",
             "condition number of the 100 mm move",
             rule,
-            convergence(loop, SAME).condition,
+            iterative_feedforward.convergence(loop, SAME).condition,
             most=2.6,
             expected="2.6 for one speed, 1.6 for two",
         ),

@@ -13,22 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.path.program.blocks import (
-    ARGUMENTS,
-    Block,
-    BlockError,
-    Line,
-    LineReader,
-    Parameters,
-    Place,
-    Step,
-    Values,
-    compact,
-    located,
-    name_of,
-    read_block,
-    read_debug,
-)
+from feeddrive.path.program import blocks
+from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
 from feeddrive.path.program.motion import MOVING, Motion, emit_path_mode
 from feeddrive.path.program.moves import Command, Value
 from feeddrive.path.program.state import (
@@ -97,7 +83,7 @@ class Frame:
 def statement_of(text: str) -> tuple[str, str] | None:
     """Return label and kind of an o-word in a skipped line; None for other lines."""
     try:
-        statement = _SKIPPED.match(compact(text)[0])
+        statement = _SKIPPED.match(blocks.compact(text)[0])
     except BlockError:
         return None
     if not statement:
@@ -147,7 +133,7 @@ class Flow:
                     f"{self._again} lines were read again by loops and calls (at most {self._most_again}, and "
                     f"{MOST_AGAIN_AT_REST} without a motion): does a loop never end?"
                 )
-                raise located(line, BlockError(reason))
+                raise blocks.located(line, BlockError(reason))
         return line
 
     def check_end(self) -> None:
@@ -243,18 +229,20 @@ class Flow:
             raise BlockError(
                 f"the call of o{label} is more than {DEEPEST_CALL} deep: does it call itself without end?", "o", 0
             )
-        if len(arguments) > len(ARGUMENTS):
-            raise BlockError(f"a call has at most {len(ARGUMENTS)} arguments, this one has {len(arguments)}", "o", 0)
+        if len(arguments) > len(blocks.ARGUMENTS):
+            raise BlockError(
+                f"a call has at most {len(blocks.ARGUMENTS)} arguments, this one has {len(arguments)}", "o", 0
+            )
         if label not in self._defined:
             self._load(label)
         reader, place = self._defined[label]
         caller = self._frames[-1].reader
         numbered = self._parameters.numbered
         # #1 to #30 are local to a call in LinuxCNC
-        kept = {parameter: numbered.pop(parameter) for parameter in ARGUMENTS if parameter in numbered}
+        kept = {parameter: numbered.pop(parameter) for parameter in blocks.ARGUMENTS if parameter in numbered}
         self._frames.append(Frame(label, reader, caller.place, kept, self._parameters.local))
         self._parameters.local = {}
-        for parameter, value in zip(ARGUMENTS, arguments, strict=False):
+        for parameter, value in zip(blocks.ARGUMENTS, arguments, strict=False):
             numbered[parameter] = value
         reader.go(place)
         self._again += 1
@@ -289,7 +277,7 @@ class Flow:
         self._value, self._returned = (arguments[0], 1.0) if arguments else (0.0, 0.0)
         self._frames.pop()
         numbered = self._parameters.numbered
-        for parameter in ARGUMENTS:
+        for parameter in blocks.ARGUMENTS:
             numbered.pop(parameter, None)
         numbered.update(frame.arguments)
         self._parameters.local = frame.local
@@ -509,7 +497,7 @@ class Switches:
         self.ended = True
 
     def _output(self, code: int, block: Block) -> None:
-        name = name_of("m", code)
+        name = blocks.name_of("m", code)
         if code in _OUTPUTS:
             self._emit(_OUTPUTS[code], block.whole("p", name, 0, 63))
             return
@@ -563,7 +551,7 @@ class Switches:
             self._switch("FEED_OVERRIDE", on)
             self._switch("SPEED_OVERRIDE", on)
             return
-        on = bool(block.whole("p", name_of("m", code), 0, 1, 1))
+        on = bool(block.whole("p", blocks.name_of("m", code), 0, 1, 1))
         if code == 500:
             state.feed_override = on
         elif code == 510:
@@ -683,11 +671,11 @@ class Interpreter:
                     begun = True
                     continue
                 try:
-                    self._execute(read_block(line, self._parameters, self._skip_deleted))
+                    self._execute(blocks.read_block(line, self._parameters, self._skip_deleted))
                 except BlockError as fault:
-                    raise located(line, fault) from None
+                    raise blocks.located(line, fault) from None
                 except ArithmeticError:
-                    raise located(
+                    raise blocks.located(
                         line, BlockError("the numbers of this block are too large: check units and parameters")
                     ) from None
                 if self._switches.ended:
@@ -725,7 +713,7 @@ class Interpreter:
         try:
             self._flow.check_end()
         except BlockError as fault:
-            raise located(self._line, fault) from None
+            raise blocks.located(self._line, fault) from None
         self._emit("FINISH")
         self._emit("ON_RESET")
         self._emit("ON_RESET")
@@ -784,11 +772,11 @@ class Interpreter:
         if kind == "msg":
             self._emit("MESSAGE", rest)
         elif kind == "debug":
-            self._emit("MESSAGE", read_debug(rest, self._parameters))
+            self._emit("MESSAGE", blocks.read_debug(rest, self._parameters))
         elif kind == "print":
-            self._emit("PRINT", read_debug(rest, self._parameters))
+            self._emit("PRINT", blocks.read_debug(rest, self._parameters))
         elif kind == "log":
-            self._emit("LOG", read_debug(rest, self._parameters))
+            self._emit("LOG", blocks.read_debug(rest, self._parameters))
         elif text:
             self._emit("COMMENT", text.lstrip())
 
@@ -819,9 +807,11 @@ class Interpreter:
 
     def _offset(self, block: Block, code: int, motion: int) -> None:
         """Execute non-modal codes that use axis words."""
-        state, name = self._state, name_of("g", code)
+        state, name = self._state, blocks.name_of("g", code)
         if motion not in (-1, 0, 10, 800):
-            raise BlockError(f"{name} and {name_of('g', motion)} both use the words of axes: use two lines", name)
+            raise BlockError(
+                f"{name} and {blocks.name_of('g', motion)} both use the words of axes: use two lines", name
+            )
         self._flow.moved()
         if code in (280, 300):
             target, moved = self._motion.target(block)

@@ -19,17 +19,8 @@ from typing import Literal
 from feeddrive.language.errors import MissingProgramError, ProgramError, plain
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
-from feeddrive.path.program.blocks import (
-    AXES,
-    LONGEST_LINE,
-    BlockError,
-    Line,
-    LineReader,
-    Place,
-    compact,
-    located,
-    read_offsets,
-)
+from feeddrive.path.program import blocks
+from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import MOST_AGAIN, Interpreter
 from feeddrive.path.program.moves import Command, Move, read_command
@@ -57,7 +48,7 @@ def needs_rs274(program: Path) -> bool:
             return False
         while line := reader.read():
             try:
-                text = compact(line.text)[0]
+                text = blocks.compact(line.text)[0]
             except BlockError:
                 return False  # our own reader reports the error
             if ("g" in text or "m" in text) and _NEEDED.search(_NAME.sub("", text)):
@@ -73,7 +64,7 @@ def _may_need(program: Path) -> bool:
     """
     end, since = b"", 0
     with program.open("rb") as file:
-        while since <= LONGEST_LINE and (chunk := file.read(2**15)):
+        while since <= blocks.LONGEST_LINE and (chunk := file.read(2**15)):
             if _CANDIDATE.search(end + chunk):
                 return True
             end = chunk[-200:]
@@ -144,7 +135,9 @@ def _tool_table(tools: dict[int, Tool] | None, unit: float) -> str:
     lines: list[str] = []
     for tool in (tools or {}).values():
         offset = [value / unit if axis in LINEAR else value for axis, value in enumerate(tool.offset)]
-        words = "".join(f" {letter.upper()}{value:.10f}" for letter, value in zip(AXES, offset, strict=True) if value)
+        words = "".join(
+            f" {letter.upper()}{value:.10f}" for letter, value in zip(blocks.AXES, offset, strict=True) if value
+        )
         angles = f" I{tool.front_angle:.10f} J{tool.back_angle:.10f} Q{tool.orientation}"
         lines.append(f"T{tool.number} P{tool.pocket}{words} D{tool.diameter / unit:.10f}{angles}\n")
     return "".join(lines)
@@ -196,12 +189,12 @@ class _Source:
 
 def _with_number(line: Line) -> str:
     try:
-        text = compact(line.text)[0]
+        text = blocks.compact(line.text)[0]
     except BlockError as fault:
-        raise located(line, fault) from None
+        raise blocks.located(line, fault) from None
     if _AXES.search(_NAME.sub("", text)):
         reason = f"{PROGRAM} prints no U, V and W: this program cannot be read by it"
-        raise located(line, BlockError(reason, text[:20], 0))
+        raise blocks.located(line, BlockError(reason, text[:20], 0))
     if text in ("", "%"):
         return line.text
     start = _NUMBER.match(line.text)
@@ -305,7 +298,7 @@ def read_commands(
     if front_end == "auto":
         front_end = "rs274" if needs_rs274(path) and shutil.which(PROGRAM) else "own"
     table = None if tools is None else read_tools(tools)
-    numbered = None if offsets is None else read_offsets(offsets)
+    numbered = None if offsets is None else blocks.read_offsets(offsets)
     if front_end == "rs274":
         return rs274_commands(path, table, numbered, tables_inch, skip_deleted)
     return Interpreter(path, table, numbered, tables_inch, skip_deleted, most_again).commands()

@@ -13,18 +13,7 @@ import numpy as np
 
 from feeddrive.path.motion import LINE, Motion, Part, Pieces, cubic, one_after_the_other, part_of_pieces, way
 from feeddrive.path.proof import DERIVATIVES, faults_of
-from feeddrive.path.schedule.spline import (
-    GRADE,
-    POINTS,
-    graded,
-    in_time,
-    instants,
-    points,
-    quickest,
-    ramp_gain,
-    states,
-    tops,
-)
+from feeddrive.path.schedule import spline
 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
@@ -117,7 +106,7 @@ class _Path:
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
         self.top = np.zeros(n)
-        tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
+        spline.tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
         """Return the largest time that may be saved in a section, s: for a ramp from `ramp_gain`, otherwise infinite
@@ -126,7 +115,7 @@ class _Path:
         if last - first > _HUMP // 2:
             return np.inf
         pieces, room = self._pieces, np.zeros((len(self._limits), 5))
-        return ramp_gain(pieces.kind, pieces.length, pieces.shape, self._limits, *motion, first, last, room)
+        return spline.ramp_gain(pieces.kind, pieces.length, pieces.shape, self._limits, *motion, first, last, room)
 
     def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
         """Return a faster, proven motion between the same states, or None; it may begin or end at rest.
@@ -171,7 +160,7 @@ class _Path:
                     if _quicker(looked, tried, goes_on, ends, 0, n):
                         return None
                     break
-            if not in_time(knots, tried, self._begin, ends_of, _TOGETHER, *timed, *more):
+            if not spline.in_time(knots, tried, self._begin, ends_of, _TOGETHER, *timed, *more):
                 return None  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
@@ -212,13 +201,13 @@ class _Path:
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
         speed, acceleration = np.append(motion.speed, end[0]), np.append(motion.acceleration, end[1])
         edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
-        graded(motion.duration, edge)
+        spline.graded(motion.duration, edge)
         least = np.minimum(step, np.minimum(edge[:-1], edge[1:]))
-        size = 2 + int(np.sum(2.0 + (1.0 + GRADE) * motion.duration / least))
+        size = 2 + int(np.sum(2.0 + (1.0 + spline.GRADE) * motion.duration / least))
         time = np.zeros(size)
-        time = time[: instants(motion.duration, step, edge, time)]
+        time = time[: spline.instants(motion.duration, step, edge, time)]
         sampled = np.zeros((len(time), 4))
-        states(*motion, self._begin, time, sampled)
+        spline.states(*motion, self._begin, time, sampled)
         sampled[-1, 1:] = end
         u, v, a, j = sampled.T
         # a coefficient is the blossom of u'² at three knots, from its Taylor form at one of them
@@ -231,7 +220,7 @@ class _Path:
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> _Points:
         pieces, axes = self._pieces, len(self._limits)
-        size = POINTS * (len(time) + len(pieces.length))
+        size = spline.POINTS * (len(time) + len(pieces.length))
         filled = _Points(
             np.zeros(size, np.int64),
             np.zeros((size, 4, 4)),
@@ -241,7 +230,7 @@ class _Path:
             np.zeros(size),
             np.zeros(size),
         )
-        count = points(
+        count = spline.points(
             pieces.kind,
             pieces.length,
             pieces.shape,
@@ -263,7 +252,7 @@ def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: floa
     part = _Points(looked.span[some] - first, *(array[some] for array in looked[1:]))
     m, n = len(part.span), last - first + 3
     room = np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4))
-    return quickest(*part, coefficient[first : last + 3], begins, ends, _STEPS, *room)
+    return spline.quickest(*part, coefficient[first : last + 3], begins, ends, _STEPS, *room)
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:

@@ -20,16 +20,9 @@ from feeddrive.loop.control import Control
 from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act
 from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, charts, choices
+from feeddrive.tuning import filters
 from feeddrive.tuning.by_hand import ByHand, Look, Verdict
 from feeddrive.tuning.criteria import Limits
-from feeddrive.tuning.filters import (
-    begun_filter,
-    filter_dragged,
-    filter_grips,
-    filter_kinds,
-    filter_stepped,
-    with_filters,
-)
 from feeddrive.tuning.scaling import quickened, speed_powers, speed_range
 
 
@@ -212,9 +205,9 @@ class Tune(Room):
         T, at = self._sample_time, asked.number_or_none("at")
         if at is not None and not at > 0.0:
             raise ParameterError(f"the frequency of a filter must be > 0 Hz, not {Quantity(at, 'Hz'):6}")
-        filter_ = begun_filter(asked.choice("kind", filter_kinds()), self._now.leading.margins, T, at)
+        filter_ = filters.begun_filter(asked.choice("kind", filters.filter_kinds()), self._now.leading.margins, T, at)
         check_sampled(filter_, T)
-        self.desk.exchange(with_filters(self.desk.control, (), (filter_,)))
+        self.desk.exchange(filters.with_filters(self.desk.control, (), (filter_,)))
         return self._pictures()
 
     @act
@@ -223,7 +216,7 @@ class Tune(Room):
         place = asked.number("place")
         if place != int(place):
             raise ParameterError(f"place must be a whole number, not {place!r}")
-        self.desk.exchange(with_filters(self.desk.control, (int(place),), ()))
+        self.desk.exchange(filters.with_filters(self.desk.control, (int(place),), ()))
         return self._pictures()
 
     @act
@@ -232,7 +225,7 @@ class Tune(Room):
         name, y = asked.text("name"), asked.number_or_none("y")
         y = None if y is None else self.units.to_decibel(y)
         loop = self._now.leading.margins
-        values = filter_dragged(self.desk.control, name, asked.number("x"), y, loop, self._sample_time)
+        values = filters.filter_dragged(self.desk.control, name, asked.number("x"), y, loop, self._sample_time)
         self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
         return self._pictures()
 
@@ -242,7 +235,7 @@ class Tune(Room):
         loop, steps = self._now.leading.margins, (asked.number("across"), asked.number("up"))
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a filter is moved by at most {_STEPS} steps at once")
-        values = filter_stepped(self.desk.control, asked.text("name"), *steps, loop, self._sample_time)
+        values = filters.filter_stepped(self.desk.control, asked.text("name"), *steps, loop, self._sample_time)
         self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
         return self._pictures()
 
@@ -350,7 +343,7 @@ class Tune(Room):
         if self._told is not bench.by_hand:
             answer |= {
                 "knobs": self._knobs(),
-                "kinds": filter_kinds(),
+                "kinds": filters.filter_kinds(),
                 "faster": self._faster(),
                 "pictures": choices(bench, self.chosen),
                 "units": self._units(),
@@ -371,7 +364,7 @@ class Tune(Room):
 
     def _grips(self, loop: Margins) -> list[dict[str, Any]]:
         """Return the handles of the filters: frequency in Hz, and height in the picture."""
-        grips = filter_grips(self.desk.control, loop, self._sample_time)
+        grips = filters.filter_grips(self.desk.control, loop, self._sample_time)
         return [{**asdict(grip), "y": float(self.units.from_decibel(grip.y))} for grip in grips]
 
     def _units(self) -> list[dict[str, Any]]:
