@@ -16,8 +16,6 @@ and no general rule keeps every block continuous, since the last output determin
 Without it, such a block is refused at a live change and by an export.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -152,7 +150,7 @@ class Force(Block, ABC):
         `motion` is predicted for the middle of the substep, at the instant `time`; `drive` is the drive's mean force.
         """
 
-    def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
+    def fits(self, plant: Plant, beside: tuple[Self, ...]) -> None:
         """Raise StructureError for a plant or other forces with which the force cannot be combined (empty hook)."""
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
@@ -225,7 +223,7 @@ class Law(Block, Retuned, ABC):
         return cls.tunables or tuple(name for name in free if name not in ("mass", "viscous"))
 
     @classmethod
-    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+    def begin(cls, axis: AxisModel, present: Self) -> tuple[Start, ...]:
         """Return the start values of a search for one or several forms of the law (hook).
 
         `present` is the law of the axis's current controller. By default the values follow from their units (`begun`).
@@ -258,7 +256,7 @@ class Law(Block, Retuned, ABC):
         """Return the number of positions that the law needs as separate measurements (empty hook)."""
         return self.encoders
 
-    def settled(self) -> Law:
+    def settled(self) -> Self:
         """Return the block without its internal limits, for linear models (empty hook)."""
         return self
 
@@ -404,7 +402,7 @@ class Compensation(Block, Retuned, ABC):
         """Return the part of the shift of the set position that concerns the reading only, m (empty hook)."""
         return 0.0
 
-    def settled(self) -> Compensation:
+    def settled(self) -> Self:
         """Return the block after a long time, with blended parts fully active, for linear models (empty hook)."""
         return self
 

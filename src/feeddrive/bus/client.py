@@ -1,12 +1,10 @@
 """CiA 402 client: identifies and checks a drive, switches it on and off, and commands it cyclically."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Generator, Sequence
 from types import TracebackType
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from feeddrive.bus import cia402
 from feeddrive.bus.cia402 import Layout, PowerState
@@ -187,7 +185,7 @@ class DriveClient:
         self.answer: ActualValues | None = None  # to the last cycle; None if it was lost
         self.together = [self]  # all that are driven in the same cycles, this one among them
 
-    def __enter__(self) -> DriveClient:
+    def __enter__(self) -> Self:
         try:
             self.open()
         except BaseException:

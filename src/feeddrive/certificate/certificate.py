@@ -1,13 +1,11 @@
 """The certificate of a control: its document, and the figures, uncertainty discs and plots computed from it alone."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -300,7 +298,7 @@ class Certificate(Result):
     document: Mapping[str, Any]
 
     @classmethod
-    def of(cls, content: Mapping[str, Any]) -> Certificate:
+    def of(cls, content: Mapping[str, Any]) -> Self:
         """Return the certificate of a document, with the digest of its content."""
         # as a reader of the file gets it: the digest of tuples and numpy numbers would be another one
         plain = json.loads(json.dumps(content))

@@ -1,11 +1,9 @@
 """Columns of a measured file: the result of a reader, spellings of units, and roles of columns."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
@@ -57,7 +55,7 @@ class Column:
     factor: float | None = None
 
     @classmethod
-    def of(cls, text: str) -> Column:
+    def of(cls, text: str) -> Self:
         """Parse the short form of a column: `name`, `name:unit`, `name*factor` or `name*factor:unit`.
 
         Raises ParameterError for a factor that is not a number.
@@ -80,7 +78,7 @@ class Column:
         factor = "" if self.factor is None else f"*{float(self.factor)!r}"
         return f"{self.name}{factor}{f':{self.unit}' if self.unit else ''}"
 
-    def checked(self, role: str) -> Column:
+    def checked(self, role: str) -> Self:
         """Return the column with its unit in the spelling of `language.units`.
 
         Raises ParameterError for an unknown role, and for a unit or factor that is invalid for the role.

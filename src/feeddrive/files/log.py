@@ -4,12 +4,10 @@
 remark.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
@@ -56,7 +54,7 @@ class Log(Result):
     def __len__(self) -> int:
         return self.time.size
 
-    def from_row(self, first: int) -> Log:
+    def from_row(self, first: int) -> Self:
         """Return the log from row `first` on. Raises LogError if no row is left."""
         if first == 0:
             return self

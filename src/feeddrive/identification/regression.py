@@ -1,13 +1,11 @@
 """Least squares with standard errors, model selection and cross-validation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, Self, TypeVar, cast
 
 import numpy as np
 
@@ -110,7 +108,7 @@ class Estimate:
         """The 95 % confidence interval, if the model is valid."""
         return self.value - NORMAL * self.error, self.value + NORMAL * self.error
 
-    def at_table(self, lever: float) -> Estimate:
+    def at_table(self, lever: float) -> Self:
         """Return the estimate, given at a shaft, referred to the table."""
         factor = lever ** power(self.unit)
         unit = table_unit(self.unit)

@@ -18,8 +18,6 @@ A field is one of
 A block class is either abstract or final: a method with a body is never overridden.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re
@@ -29,7 +27,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, dataclass, field, replace
 from functools import cache, wraps
 from itertools import islice
-from typing import Any, ClassVar, NamedTuple, TypeAlias, dataclass_transform
+from typing import Any, ClassVar, NamedTuple, Self, TypeAlias, dataclass_transform
 
 import numpy as np
 
@@ -68,7 +66,7 @@ class Declaration:
     example: str = ""
     pattern: str = ""
 
-    def of_axis(self, rotary: bool) -> Declaration:
+    def of_axis(self, rotary: bool) -> Self:
         """Return the declaration for a rotary axis, in rad, N m and kg m2; unchanged for a linear one."""
         return replace(self, unit=units.turning(self.unit)) if rotary else self
 

@@ -4,12 +4,10 @@ For `velocity = (position - state.position) / T` the graph stores the operation 
 code printed from the graph uses the same names as the law.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from types import FrameType, TracebackType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.language.block import Block
 from feeddrive.language.graph import Graph, Symbol
@@ -44,7 +42,7 @@ class Names:
         self._seen = 0
         self._before: Any = None
 
-    def __enter__(self) -> Names:
+    def __enter__(self) -> Self:
         # a debugger or the measurement of coverage goes on afterwards
         self._before = sys.gettrace()
         sys.settrace(self._called)

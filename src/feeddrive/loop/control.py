@@ -1,11 +1,9 @@
 """The controller of one axis: prefilter, compensation, feedback law, filters, feedforward, force limit and guard."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import reduce
 from operator import add
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.families import FEEDS, Compensation, Feedforward, Filter, Law, Nothing, Prefilter
 from feeddrive.blocks.signals import Reading, Setpoint
@@ -217,7 +215,7 @@ class Control(Block):
         shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
         return reduce(add, shifts) if shifts else 0.0
 
-    def check_live(self, old: Control, place: str = "control") -> None:
+    def check_live(self, old: Self, place: str = "control") -> None:
         """Raise StructureError, naming the first difference, if more than numbers differ between this control and
         `old`.
         """
@@ -227,7 +225,7 @@ class Control(Block):
                 f"{differs}: a live change may change numbers only; to change the structure, begin a new run"
             )
 
-    def retune(self, state: State, old: Control, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state after a bumpless live change from `old` to this control between two samples.
 
         Only numbers may differ: raises StructureError if a block, a choice or the presence of a parameter differs.

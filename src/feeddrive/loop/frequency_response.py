@@ -1,9 +1,7 @@
 """Frequency response functions (FRF): measured, or of a linear model at many frequencies."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -161,7 +159,7 @@ class FRF(Result):
             return variance_of(self.response, self.coherence, averages)
         return self.variance
 
-    def _with(self, response: Any, variance: Any) -> FRF:
+    def _with(self, response: Any, variance: Any) -> Self:
         # a coherence belongs to the two signals that were measured
         return replace(self, response=response, coherence=None, variance=variance)
 
@@ -177,7 +175,7 @@ class FRF(Result):
             return other.response
         return other
 
-    def __mul__(self, other: Any) -> FRF:
+    def __mul__(self, other: Any) -> Self:
         factor = self._other(other)
         mine, theirs = self._variances(other)
         variance = None if mine is None else np.abs(factor) ** 2 * mine
@@ -187,16 +185,16 @@ class FRF(Result):
 
     __rmul__ = __mul__
 
-    def __add__(self, other: Any) -> FRF:
+    def __add__(self, other: Any) -> Self:
         mine, theirs = self._variances(other)
         return self._with(self.response + self._other(other), theirs if mine is None else mine)
 
     __radd__ = __add__
 
-    def __neg__(self) -> FRF:
+    def __neg__(self) -> Self:
         return self._with(-self.response, self.variance)
 
-    def inverse(self) -> FRF:
+    def inverse(self) -> Self:
         """Return the inverse response, from output to input."""
         parts = self.unit.split("/")
         unit = "/".join(reversed(parts)) if len(parts) == 2 else ""
@@ -211,7 +209,7 @@ class FRF(Result):
             variance=variance,
         )
 
-    def delayed(self, time: float) -> FRF:
+    def delayed(self, time: float) -> Self:
         """Return the response with an exact dead time τ in s, G e^(-j2πfτ); any τ, independent of the sample time."""
         return self * np.exp(-2j * np.pi * self.frequency * time)
 

@@ -1,9 +1,7 @@
 """A loop: one axis with its control, and the order in which one sample is computed."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 from feeddrive.blocks.signals import Motion, Noise, Setpoint
 from feeddrive.language import tree
@@ -198,7 +196,7 @@ class Loop(Block):
         """Return the names of the loop's signals."""
         return list(Signals._fields)
 
-    def loops(self) -> dict[str, Loop]:
+    def loops(self) -> dict[str, Self]:
         """Return a one-entry mapping from the axis name to this loop."""
         return {self.name: self}
 

@@ -15,14 +15,12 @@ them the step is traced again, with the prepared numbers as inputs, and run by t
 `start` and `retune` run on plain numbers.  No code that was printed for a target is used.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -125,7 +123,7 @@ class Retune(NamedTuple):
     names: dict[int, Name]
     makers: dict[int, str]
 
-    def keeping(self, live: Sequence[int]) -> Retune:
+    def keeping(self, live: Sequence[int]) -> Self:
         """Return the live change of these states only; no other state is read for them."""
         places = {old: new for new, old in enumerate(live)}
         states = tuple(self.states[i] for i in live)

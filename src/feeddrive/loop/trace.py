@@ -1,10 +1,8 @@
 """Tracing: from a loop to a program, the graph of one sample with named inputs, states and outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 
@@ -48,7 +46,7 @@ class Program:
     tables: dict[str, int]
     key: Hashable = None
 
-    def keeping(self, outputs: Sequence[str]) -> Program:
+    def keeping(self, outputs: Sequence[str]) -> Self:
         """Return the program with these outputs only, without operations that they do not need."""
         kept = {name: self.outputs[name] for name in outputs}
         needed = set(reachable(self.graph, [*kept.values(), *(state.after for state in self.states)]))

@@ -6,11 +6,9 @@ is a name given by the user and is never parsed; all other texts may contain qua
 the reader's units.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -291,7 +289,7 @@ class Chart:
         """The x axis shared by all panels without their own."""
         return Abscissa(self.label, self.scale, self.low, self.high, self.square, self.ticks)
 
-    def shown(self, units: Units) -> Chart:
+    def shown(self, units: Units) -> Self:
         """Return the chart with all texts converted to the reader's units; the numbers are unchanged."""
         label, side, beside, caption = (
             resolve(text, units) for text in (self.label, self.side, self.beside, self.caption)

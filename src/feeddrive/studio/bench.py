@@ -1,11 +1,10 @@
 """The bench: the axis tuned on the page, at one or more operating points, measured or modelled, with its control."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -70,7 +69,7 @@ class Bench:
         """Today's control at the same operating points."""
         return self.today or self.by_hand
 
-    def with_control(self, control: Control) -> Bench:
+    def with_control(self, control: Control) -> Self:
         """Return the same axis with another initial control; today's control remains the reference."""
         return replace(self, by_hand=ByHand(control, self.by_hand.points, self.by_hand.limits), today=self.before)
 

@@ -1,10 +1,8 @@
 """The variants of a study: their values, and the groups that are simulated together."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -102,7 +100,7 @@ class VariantGroup:
         """The prefix of the signals of the axis: `x.` in a machine, empty for a loop."""
         return f"{self.axis}." if isinstance(self.system, Machine) else ""
 
-    def chosen(self, places: np.ndarray) -> VariantGroup:
+    def chosen(self, places: np.ndarray) -> Self:
         """Return the subgroup of some variants, by their indices in this group."""
         changes = {path: values[places] for path, values in self.changes.items()}
         return replace(self, rows=self.rows[places], changes=changes, seed=self.seed[places])

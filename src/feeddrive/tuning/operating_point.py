@@ -1,10 +1,8 @@
 """Operating point: the frequency responses of an axis at one position and load, measured or from a model."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -186,7 +184,7 @@ class OperatingPoint:
     by_force_at: Axis | None = None
     coherence: np.ndarray | None = None
 
-    def chosen(self, keep: np.ndarray) -> OperatingPoint:
+    def chosen(self, keep: np.ndarray) -> Self:
         """Return the operating point restricted to some of its lines, given by index."""
         return replace(
             self,

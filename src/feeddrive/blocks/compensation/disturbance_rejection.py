@@ -1,9 +1,7 @@
 """Disturbance rejection: an estimated disturbance is subtracted from the force of any law."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Beside, begun
 from feeddrive.blocks.families import Compensation, Law, Observer
@@ -90,7 +88,7 @@ class DisturbanceRejection(Compensation):
                 f"own observer already: the force would act twice; leave the rejection out"
             )
 
-    def settled(self) -> DisturbanceRejection:
+    def settled(self) -> Self:
         """Return the block with the full share."""
         return self if self.blend_time is None else replace(self, blend_time=None)
 
@@ -116,7 +114,7 @@ class DisturbanceRejection(Compensation):
         reached = ops.minimum(state.reached[0] + prepared.rise[0], 1.0)
         return self.State(observer, (reached,)), setpoint, state.reached[0] * force
 
-    def retune(self, state: State, old: DisturbanceRejection, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the state: a larger share is reached within `blend_time`, a smaller one acts at once.
 
         The rise starts from the share reached so far. Without a `blend_time` the new share acts at once.

@@ -1,8 +1,6 @@
 """A learned feedforward force over time for one motion, as computed by signal-based iterative learning control."""
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.families import Compensation
 from feeddrive.blocks.signals import Reading, Setpoint
@@ -37,6 +35,6 @@ class LearnedForce(Compensation):
     ) -> tuple[State, Setpoint, Number]:
         return self.State(state.sample + 1.0), setpoint, ops.gather(self.force, state.sample)
 
-    def retune(self, state: State, old: LearnedForce, old_prepared: object, prepared: object) -> State:
+    def retune(self, state: State, old: Self, old_prepared: object, prepared: object) -> State:
         """Return the state unchanged: the table continues at its current row."""
         return state

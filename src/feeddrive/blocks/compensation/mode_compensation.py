@@ -1,9 +1,7 @@
 """Compensation of low-frequency machine modes by the motion of the axis."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Beside
 from feeddrive.blocks.compensation.machine_mode import MachineMode
@@ -171,7 +169,7 @@ class ModeCompensation(Compensation):
         velocity = () if self.friction is None else (moved.velocity,)
         return self.State(observer, tuple(after), velocity), moved, 0.0
 
-    def retune(self, state: State, old: ModeCompensation, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the state of the observer; position and velocity of the modes remain."""
         observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
         return state._replace(observer=observer)

@@ -1,8 +1,6 @@
 """Compensation of screw pitch errors and backlash by tables over the travel."""
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.families import Compensation
 from feeddrive.blocks.signals import Reading, Setpoint
@@ -71,7 +69,7 @@ class PitchCompensation(Compensation):
         moved = setpoint._replace(position=setpoint.position + shift, velocity=setpoint.velocity + (shift - before) / T)
         return self.State(side, shift, setpoint.position), moved, 0.0
 
-    def retune(self, state: State, old: PitchCompensation, old_prepared: object, prepared: object) -> State:
+    def retune(self, state: State, old: Self, old_prepared: object, prepared: object) -> State:
         """Return the state unchanged: only the set position jumps to the new table, not the set velocity."""
         return state
 

@@ -1,9 +1,7 @@
 """Repetitive control: the set position is shifted by a correction learned from the errors of earlier periods."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.families import Compensation
 from feeddrive.blocks.signals import Reading, Setpoint
@@ -69,7 +67,7 @@ class RepetitiveControl(Compensation):
                 f"{least}: take fewer of these, or a period of several turns"
             )
 
-    def settled(self) -> RepetitiveControl:
+    def settled(self) -> Self:
         """Return the block with learning enabled."""
         return replace(self, waits=False) if self.waits else self
 
@@ -105,7 +103,7 @@ class RepetitiveControl(Compensation):
         wait = ops.maximum(state.wait - 1.0, 0.0) if self.waits else state.wait
         return self.State((shift, *state.shifts[:-1]), window, state.past.push(filtered), wait), moved, 0.0
 
-    def retune(self, state: State, old: RepetitiveControl, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state unchanged: the learned shifts are in m."""
         return state
 

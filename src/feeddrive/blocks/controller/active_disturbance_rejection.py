@@ -1,11 +1,9 @@
 """Active disturbance rejection: a PD law for the acceleration with compensation of an estimated disturbance."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable, Iterator
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start, begun
 from feeddrive.blocks.families import Law, Observer
@@ -97,7 +95,7 @@ class ActiveDisturbanceRejection(Law):
         force = self.mass * (acceleration - slower - nearer) - self.share * estimate.disturbance
         return self.State(observer), force
 
-    def retune(self, state: State, old: ActiveDisturbanceRejection, old_prepared: Any, prepared: Any) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Any, prepared: Any) -> State:
         return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
@@ -128,7 +126,7 @@ class ActiveDisturbanceRejection(Law):
             f"{Quantity(growth - 1.0):3} over the limit 1; {joined(', or ', remedies) or 'take another observer'}"
         )
 
-    def _with(self, path: str, value: Any) -> ActiveDisturbanceRejection:
+    def _with(self, path: str, value: Any) -> Self:
         """Return the law with another value, or with a batch of values, for one parameter."""
         return tree.rebuild(self, (value if path == name else old for name, old in tree.leaves(self)))
 

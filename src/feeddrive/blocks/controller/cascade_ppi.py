@@ -1,9 +1,7 @@
 """The P-PI cascade, the standard control of machine-tool axes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.controller.cascade_options import (
@@ -157,7 +155,7 @@ class CascadePPI(Law):
         integral = integral + (self.Kp * T / self.Tn) * missed
         return self.State(positions, integral, interpolator, model), force + integral
 
-    def retune(self, state: State, old: CascadePPI, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state unchanged: positions, velocities, and an integral and forces in N."""
         return state
 

@@ -1,9 +1,7 @@
 """Discrete-time adaptive sliding-mode control with a disturbance estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.controller.polynomial_stability import is_stable, largest_share, product
 from feeddrive.blocks.families import Law
@@ -101,7 +99,7 @@ class DADSC(Law):
         force = m * (acceleration + self.reaching_rate * s + self.tracking_rate * e_v) - estimate + b * v
         return self.State(position, s, estimate), force
 
-    def retune(self, state: State, old: DADSC, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Keep the integral in (5), F̂d + g2 s(k), which is a force; the term -g2 s(k) takes the new g2."""
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 

@@ -1,9 +1,7 @@
 """Generalized predictive control of a rigid axis in polynomial form."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start, begun
 from feeddrive.blocks.families import Law
@@ -163,7 +161,7 @@ class GeneralizedPredictive(Law):
         after = self.State((here, state.positions[0]), (change, *changes[:-1]), (preview, state.previews[0]))
         return after, reading.applied + change
 
-    def retune(self, state: State, old: GeneralizedPredictive, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the previews to the new weights, keeping position and velocity of the set path.
 
         Both are taken from the last two previews.

@@ -1,8 +1,6 @@
 """Linear active disturbance rejection with two bandwidths: of the controller and of a third-order observer."""
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start, begun
 from feeddrive.blocks.families import Law
@@ -109,6 +107,6 @@ class LinearADRC(Law):
         after = self.State(behind, velocity, disturbance, y, commands[: self.delay_samples])
         return after, self.mass * wanted - disturbance
 
-    def retune(self, state: State, old: LinearADRC, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state unchanged: a distance, a velocity and forces."""
         return state

@@ -1,9 +1,7 @@
 """Control by LinuxCNC's stock `pid` components: one pid on the position, or two in cascade."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.controller.stock_biquad import StockBiquad
@@ -88,7 +86,7 @@ class LinuxcncPid(Law):
         """Return the sample time, which a start in motion needs."""
         return self.Prepared(T)
 
-    def settled(self) -> LinuxcncPid:
+    def settled(self) -> Self:
         """Return the law without the limits of its pids."""
         velocity = None if self.velocity is None else self.velocity.unlimited()
         return replace(self, position=self.position.unlimited(), velocity=velocity)
@@ -131,7 +129,7 @@ class LinuxcncPid(Law):
         filters, output = self._filtered(state.filters, output, forward)
         return self.State(position, velocity, motor, filters), self.force_per_output * output
 
-    def retune(self, state: State, old: LinuxcncPid, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state unchanged, as LinuxCNC does: a pid keeps the integral of the error, not of the force."""
         return state
 

@@ -1,9 +1,7 @@
 """Linear-quadratic-Gaussian control of a rigid axis."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.families import Law, Plant
@@ -292,7 +290,7 @@ class LQG(Law):
         plans = (planned, *state.planned)[: late + 1]
         return self.State(tuple(motion), disturbance, offset, commands[:late], plans), force
 
-    def retune(self, state: State, old: LQG, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the state so that the force is continuous: another friction is not counted as a disturbance, and
         another spring takes the deflection that it now needs.
         """

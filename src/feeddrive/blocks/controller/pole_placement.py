@@ -1,9 +1,7 @@
 """Pole placement for screw and table: active damping of the axial mode with two encoders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.families import Law, Nothing, Plant
@@ -234,7 +232,7 @@ class PolePlacement(Law):
         after = self.State(reading.position_motor, reading.position_load, state.offset, integral, added, lead)
         return after, force
 
-    def retune(self, state: State, old: PolePlacement, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Keep Ki Σ T e continuous as a force, including the force of K1 on the deflected spring.
 
         At standstill under load the error of the screw is the deflection of the spring, not 0, and K1 acts on it.

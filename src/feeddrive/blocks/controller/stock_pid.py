@@ -1,9 +1,7 @@
 """The `pid` component of LinuxCNC, with the arithmetic of its source."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, choice, parameter
@@ -71,7 +69,7 @@ class StockPid(Block):
         rate, back = zero + commandD, zero + feedbackD
         return self.State(command, feedback, rate, back, limited(rate, self.maxcmdD), zero, zero, zero, zero)
 
-    def unlimited(self) -> StockPid:
+    def unlimited(self) -> Self:
         """Return the pid without its limits but with its dead band."""
         return replace(
             self, maxerror=0.0, maxerrorI=0.0, maxerrorD=0.0, maxcmdD=0.0, maxcmdDD=0.0, maxcmdDDD=0.0, maxoutput=0.0

@@ -1,10 +1,8 @@
 """Super-twisting sliding-mode control in three sampled forms."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start, begun
 from feeddrive.blocks.controller.polynomial_stability import is_stable, largest_share, product
@@ -119,7 +117,7 @@ class SuperTwisting(Law):
         """Return λ: s contains λ e_x + e_v."""
         return self.tracking_rate
 
-    def settled(self) -> SuperTwisting:
+    def settled(self) -> Self:
         """Return the law with an unbounded zone."""
         return self if self.form == "explicit" else replace(self, disturbance_rate=None)
 
@@ -175,7 +173,7 @@ class SuperTwisting(Law):
         y = 2.0 * beyond / (root + ops.sqrt(root * root + 4.0 * beyond))
         return held, k1 * y * ops.sign(s)
 
-    def retune(self, state: State, old: SuperTwisting, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert w so that its force is continuous."""
         return state._replace(twist=state.twist * (old.mass / self.mass))
 

@@ -3,10 +3,8 @@
 The angle v of an edge is measured from the normal n = spindle axis x feed t towards t, clockwise seen from the spindle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.machine_families import Edge
 from feeddrive.language import ops
@@ -183,7 +181,7 @@ class _Arms(NamedTuple):
     exit: tuple[Any, Any]
 
     @classmethod
-    def of(cls, edge: Edge) -> _Arms:
+    def of(cls, edge: Edge) -> Self:
         """Return entry and exit of an edge."""
         begin, end = edge.entry, edge.exit
         return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))

@@ -1,9 +1,7 @@
 """A helical end mill, with the force of each edge in closed form."""
 
-from __future__ import annotations
-
 import warnings
-from typing import Any
+from typing import Any, Self
 
 from feeddrive.blocks.cutting.engagement import arc, lag
 from feeddrive.blocks.machine_families import Cutter, Edge
@@ -64,7 +62,7 @@ class HelicalCutter(Cutter):
             )
 
     @classmethod
-    def beltran2013(cls) -> HelicalCutter:
+    def beltran2013(cls) -> Self:
         """Return the paper's tool in a slot, with u_s = 3 GJ/m³, the value for steel at a chip load of 0.05 mm."""
         return cls(
             teeth=2,
@@ -77,7 +75,7 @@ class HelicalCutter(Cutter):
         )
 
     @classmethod
-    def beltran2013_as_printed(cls) -> HelicalCutter:
+    def beltran2013_as_printed(cls) -> Self:
         """Return the paper's tool with the printed u_s = 0.5 kW/(cm³/min) = 30 GJ/m³, and warn.
 
         This is ten times the handbook value for steel; with the printed chip load of 1 mm the force reaches 141 kN and

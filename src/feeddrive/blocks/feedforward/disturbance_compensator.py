@@ -1,9 +1,7 @@
 """Feedforward of motion and friction that is linear in its parameters, for tuning by iterative learning."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 from feeddrive.blocks.axis_model import AxisModel, begun
 from feeddrive.blocks.families import Feedforward, Law
@@ -46,7 +44,7 @@ class DisturbanceCompensator(Feedforward):
         return not law.feeds and law.encoders == 1
 
     @classmethod
-    def begin(cls, axis: AxisModel) -> DisturbanceCompensator:
+    def begin(cls, axis: AxisModel) -> Self:
         """Return start values: the axis's mass and viscous friction, and friction columns fitted to its steady curve.
 
         The least-squares fit uses speeds from 0.1 mm/s to 0.3 m/s, evenly spaced on a logarithmic scale and equal in

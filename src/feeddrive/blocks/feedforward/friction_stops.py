@@ -2,9 +2,7 @@
 residual.
 """
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
@@ -50,7 +48,7 @@ class FrictionStops(Feedforward):
         return issubclass(law, CascadePPI)
 
     @classmethod
-    def begin(cls, axis: AxisModel) -> FrictionStops:
+    def begin(cls, axis: AxisModel) -> Self:
         """Return stops without force, to be learned.
 
         Raises StructureError if the axis has no dry friction.
@@ -115,7 +113,7 @@ class FrictionStops(Feedforward):
             force = force + self.residual(middle.velocity)
         return self.State(x, lowest, highest, tuple(stretch)), known * force
 
-    def retune(self, state: State, old: FrictionStops) -> State:
+    def retune(self, state: State, old: Self) -> State:
         """Return the state unchanged: positions and distances in m."""
         return state
 

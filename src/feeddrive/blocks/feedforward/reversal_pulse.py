@@ -1,8 +1,6 @@
 """A force pulse after each reversal to reduce the quadrant glitch."""
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.families import Feedforward
 from feeddrive.blocks.signals import Setpoint
@@ -41,6 +39,6 @@ class ReversalPulse(Feedforward):
         direction = ops.where(ops.equal(direction, 0.0), state.direction, direction)
         return self.State(direction, level), level
 
-    def retune(self, state: State, old: ReversalPulse) -> State:
+    def retune(self, state: State, old: Self) -> State:
         """Return the state unchanged: a pulse continues from its present force."""
         return state

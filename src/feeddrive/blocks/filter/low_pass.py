@@ -1,9 +1,7 @@
 """A first-order low-pass filter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.families import Filter
 from feeddrive.blocks.filter.biquad import below_nyquist, prewarped
@@ -49,7 +47,7 @@ class LowPass(Filter):
         output = prepared.b * value + state.delayed
         return self.State(prepared.b * value - prepared.a * output, output), output
 
-    def retune(self, state: State, old: LowPass, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Keep the output continuous: convert the steady part of the state from the old start state to the new one."""
         steady = (prepared.b - prepared.a) - (old_prepared.b - old_prepared.a)
         return state._replace(delayed=state.delayed + steady * state.output)

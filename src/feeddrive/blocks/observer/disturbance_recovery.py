@@ -1,9 +1,7 @@
 """Disturbance estimate from the inverse model of a rigid axis."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, begun
 from feeddrive.blocks.families import Observer
@@ -49,7 +47,7 @@ class DisturbanceRecovery(Observer):
     encoder: str = choice("encoder whose reading is inverted", options=("load", "motor"), default="load")
 
     @classmethod
-    def begin(cls, axis: AxisModel) -> DisturbanceRecovery:
+    def begin(cls, axis: AxisModel) -> Self:
         """Return start values with a corner well below the rate of the loop, on the velocity encoder."""
         return begun(cls, axis, frequency=0.2 * axis.rate, encoder=axis.velocity_encoder)
 
@@ -110,7 +108,7 @@ class DisturbanceRecovery(Observer):
         after = self.State(position, velocity, commands[: self.delay_samples], kept)
         return after, Estimate(position, velocity, force)
 
-    def retune(self, state: State, old: DisturbanceRecovery, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the state so that the filtered force is continuous."""
         if not prepared.section:
             return state

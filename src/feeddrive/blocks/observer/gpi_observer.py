@@ -1,12 +1,10 @@
 """The observer of generalized proportional integral (GPI) control, with a Taylor polynomial in time as disturbance."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Iterator
 from functools import cache
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.signals import Estimate, Reading
@@ -154,7 +152,7 @@ class GpiObserver(Observer):
         state = self.State(z, y, commands[:-1], tuple(ops.zero(y) for _ in state.brake))
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
-    def retune(self, state: State, old: GpiObserver, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Keep velocity in m/s, disturbance in N and its derivatives: z_i omega_o^i, for the disturbance times mass."""
         slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
         z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower

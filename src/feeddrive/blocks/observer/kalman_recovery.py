@@ -1,8 +1,6 @@
 """Disturbance estimate by a Kalman filter of a rigid axis."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.signals import Estimate, Reading
@@ -93,7 +91,7 @@ class KalmanRecovery(Observer):
         after = self.State(position, velocity, disturbance, commands[: self.delay_samples])
         return after, Estimate(position, velocity, disturbance)
 
-    def retune(self, state: State, old: KalmanRecovery, old_prepared: Prepared, prepared: Prepared) -> State:
+    def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state unchanged: position, velocity and forces."""
         return state
 

@@ -3,10 +3,9 @@
 A record holds input, output and reference on one clock, cut into periods if periodic.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -268,7 +267,7 @@ class FrequencyEstimate(Result):
         """The frequencies of the lines, Hz."""
         return self.frf.frequency
 
-    def lines(self, kept: np.ndarray, *remarks: str) -> FrequencyEstimate:
+    def lines(self, kept: np.ndarray, *remarks: str) -> Self:
         """Return the estimate on the lines where `kept` (bool, shape (n,)) is True, with further remarks."""
         f = self.frf
 
@@ -286,7 +285,7 @@ class FrequencyEstimate(Result):
             self, frf=frf, freedom=self.freedom[kept], noise=self.noise[kept], remarks=(*self.remarks, *remarks)
         )
 
-    def where_excited(self, doubt: np.ndarray) -> FrequencyEstimate:
+    def where_excited(self, doubt: np.ndarray) -> Self:
         """Return the estimate on lines with sufficient excitation: `doubt`, the relative variance of the input, <= 0.1.
 
         The variance of a quotient is undefined if the denominator may be 0.  Raises LogError if no line is left.

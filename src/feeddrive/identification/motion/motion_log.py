@@ -1,10 +1,8 @@
 """Input of an identification: a checked motion log, and its preparation for least squares."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -171,7 +169,7 @@ class MotionLog:
                 "moves so; repair these rows, or cut the log there"
             )
 
-    def without_spikes(self) -> tuple[MotionLog, tuple[str, ...]]:
+    def without_spikes(self) -> tuple[Self, tuple[str, ...]]:
         """Replace smaller spikes of the force by interpolation, and return the log with a remark on them.
 
         A spike lasts at most three samples and deviates from the median of 9 rows by more than the usual force F, which

@@ -1,8 +1,7 @@
 """Identification of a rigid drive with friction by inverse dynamics, and of the dead time of its force."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -82,7 +81,7 @@ class RigidFit(Result):
         )
         return regression.estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
 
-    def at_table(self, lead: float, gear: float = 1.0) -> RigidFit:
+    def at_table(self, lead: float, gear: float = 1.0) -> Self:
         """Return the drive in kg and N at a table with a screw of `lead` (m); `gear`: motor turns per screw turn."""
         if self.frame is not regression.SHAFT:
             return self

@@ -1,10 +1,8 @@
 """Agreement of a model with frequency responses, unidentifiable parameters, and what to measure next."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -118,7 +116,7 @@ class LineModel(Protocol):
         """Return each response and its derivatives with respect to the parameters."""
         ...
 
-    def on(self, frequencies: Sequence[np.ndarray], /) -> LineModel:
+    def on(self, frequencies: Sequence[np.ndarray], /) -> Self:
         """Return the model on other lines in Hz, one array per response."""
         ...
 

@@ -1,10 +1,8 @@
 """Modal fit of one or several frequency responses without start values: frequencies, damping ratios, residues."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -132,7 +130,7 @@ class ModalResponse:
         """The number of separate parameters of each output."""
         return 2 * self.modes + 2
 
-    def on(self, frequencies: Sequence[np.ndarray], /) -> ModalResponse:
+    def on(self, frequencies: Sequence[np.ndarray], /) -> Self:
         """Return the model on other lines in Hz."""
         return replace(self, s=tuple(2j * np.pi * f for f in frequencies))
 
