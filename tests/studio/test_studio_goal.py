@@ -160,7 +160,7 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
     assert done(session) == DONE
     said = do(session, "goal.show").words
     assert said["found"]["verdict"]
-    assert {"cascade", "time"} <= {*do(session, "goal.show").charts}  # of the report; the others the room draws
+    assert "cascade" in do(session, "goal.show").charts  # of the report; the others the room draws
     assert not said["unfinished"]
     found = session.rooms["goal"].result.result  # type: ignore[attr-defined]
     do(session, "goal.accept")

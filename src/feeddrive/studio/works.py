@@ -115,7 +115,7 @@ def tuned(request: TuneRequest, progress: Progress) -> Shown:
     outcome = perform("tune", request, progress)
     progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
-    return replace(shown(outcome, ("cascade", "time")), files=files, result=outcome.result.control)
+    return replace(shown(outcome, ("cascade",)), files=files, result=outcome.result.control)
 
 
 def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:
