@@ -195,7 +195,7 @@ def test_values_and_radii_go_over_the_wire_behind_their_places(session: Session)
     assert said["shown"] == {}
     done(session, "prove.certify")
     said, numbers = read(session.answer({"number": 1, "do": "prove.show"}))
-    (may,) = [each for each in said["charts"]["certificate.certificate"]["panels"][0]["curves"] if each["reach"]]
+    (may,) = [each for each in said["charts"]["certificate.discs"]["panels"][0]["curves"] if each["reach"]]
     at, n = may["at"], may["n"]
     x, y, reach = numbers[at : at + n], numbers[at + n : at + 2 * n], numbers[at + 2 * n : at + 3 * n]
     assert np.all(np.hypot(x + 1.0, y) > reach)  # no disc holds -1
