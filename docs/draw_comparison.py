@@ -8,14 +8,14 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from feeddrive.comparison import pictures
 from feeddrive.comparison.compare import Comparison, compare_laws
-from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.report import figure
 from feeddrive.evaluation import Engine, Folder
+from feeddrive.figures.ranking import CRITERIA
 from feeddrive.files.machine import read_machine
 from feeddrive.language.text import Text
 from feeddrive.plot.drawing import drawn
+from feeddrive.plot.laws import ratios_chart
 from feeddrive.tuning.candidates import PLAIN
 
 IMAGES = Path(__file__).parent / "images"
@@ -52,7 +52,7 @@ def main() -> None:
         store = None if keep is None else Folder(keep / machine)
         found = compare_laws(read_machine(machine), axis, engine=Engine.of(None, store=store))
         found.plot().savefig(IMAGES / f"tradeoff_{machine}.svg", metadata={"Date": None})
-        ratios = pictures.ratios_chart([(each.name, each.figures) for each in found.competitors], PLAIN)
+        ratios = ratios_chart([(each.name, each.figures) for each in found.competitors], PLAIN)
         drawn(ratios).savefig(IMAGES / f"comparison_{machine}.svg", metadata={"Date": None})
         print(f"\n## {found.title}\n\n{found.rule}\n\n{markdown(found)}\n")
         for each in found.competitors:

@@ -29,7 +29,7 @@ MODULES = {
     "feeddrive.machining.lobes": "test_thresholds.py machining/test_chatter_signs.py machining/test_lobes.py",
     "feeddrive.workflow.friction": "test_thresholds.py cli/test_friction_command.py",
     "feeddrive.tuning.criteria": "test_thresholds.py tuning/test_shaping.py",
-    "feeddrive.comparison.figures": "test_thresholds.py",
+    "feeddrive.figures.ranking": "test_thresholds.py",
     "feeddrive.loop.guard": "test_thresholds.py loop/test_guard.py",
 }
 

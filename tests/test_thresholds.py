@@ -20,9 +20,9 @@ from feeddrive.blocks.plant.two_bodies import TwoBodies
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.comparison.figures import beats, ranks
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.figures.of_loops import ROPE_SNAP
+from feeddrive.figures.ranking import beats, ranks
 from feeddrive.identification.regression import TABLE
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.learning.trajectory_prefilter import PrefilterFit

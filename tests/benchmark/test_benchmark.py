@@ -14,14 +14,16 @@ from feeddrive import cli
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
-from feeddrive.benchmark.benchmark import FIGURES, ROBUST, Benchmark, Row, robust_peak, score
-from feeddrive.benchmark.designs import Design, Designs, search, searched
+from feeddrive.benchmark.benchmark import FIGURES, Benchmark, score
+from feeddrive.benchmark.designs import Designs, search, searched
 from feeddrive.benchmark.report import latex, markdown, summary, write_benchmark
 from feeddrive.benchmark.rules import folder, read_rules
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.comparison import tune_all
-from feeddrive.comparison.figures import worst
+from feeddrive.comparison.competitor import ROBUST, Competitor, robust_peak
+from feeddrive.evaluation import robustness
 from feeddrive.evaluation.engine import Engine
+from feeddrive.evaluation.robustness import Design
+from feeddrive.figures.ranking import worst
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.tuning.candidates import PLAIN
@@ -54,8 +56,8 @@ def test_seeds_are_those_of_one_use_each() -> None:
 @pytest.mark.parametrize("name", RULES.plants)
 def test_a_plant_has_a_source_and_stands_under_its_own_control(name: str) -> None:
     plant = RULES.plants[name]
-    assert plant.source
-    assert plant.title
+    assert plant.job.machine.source
+    assert plant.job.title
     assert plant.duty.cut is not None
     for _, model in plant.loops(plant.loop.control):
         assert stability(model, velocity=RULES.rule(plant).velocity).stable
@@ -85,18 +87,22 @@ def test_the_long_screw_is_as_soft_as_its_source_says() -> None:
     assert found == pytest.approx(expected, rel=5e-3)
 
 
-def made(*rows: Row) -> Benchmark:
+def row(plant: str, law: str, figures: dict[str, float | None], unplaced: str = "") -> Competitor:
+    return Competitor(law, RULES.plants[QUICK].loop, figures, unplaced, plant=plant)
+
+
+def made(*rows: Competitor) -> Benchmark:
     return Benchmark(RULES, ("a", "b"), rows, 0, {"feeddrive": "0"})
 
 
 def test_a_score_is_the_geometric_mean_of_ratios_by_hand() -> None:
     found = made(
-        Row("a", PLAIN, {SNAP.key: 2.0, STIFF.key: 10.0, SETTLING.key: 1.0}),
-        Row("b", PLAIN, {SNAP.key: 6.0, STIFF.key: 10.0, SETTLING.key: 2.0}),
-        Row("a", "new", {SNAP.key: 1.0, STIFF.key: 20.0, SETTLING.key: math.inf}),
-        Row("b", "new", {SNAP.key: 12.0, STIFF.key: 5.0, SETTLING.key: 1.0}),
-        Row("a", "lame", {SNAP.key: 1.0}, unplaced="not settled: by hand"),
-        Row("b", "lame", {SNAP.key: 3.0}),
+        row("a", PLAIN, {SNAP.key: 2.0, STIFF.key: 10.0, SETTLING.key: 1.0}),
+        row("b", PLAIN, {SNAP.key: 6.0, STIFF.key: 10.0, SETTLING.key: 2.0}),
+        row("a", "new", {SNAP.key: 1.0, STIFF.key: 20.0, SETTLING.key: math.inf}),
+        row("b", "new", {SNAP.key: 12.0, STIFF.key: 5.0, SETTLING.key: 1.0}),
+        row("a", "lame", {SNAP.key: 1.0}, unplaced="not settled: by hand"),
+        row("b", "lame", {SNAP.key: 3.0}),
     )
     assert found.score("new", SNAP).value == pytest.approx(math.sqrt((2.0 / 1.0) * (6.0 / 12.0)))
     assert found.score("new", STIFF).value == pytest.approx(math.sqrt((20.0 / 10.0) * (5.0 / 10.0)))
@@ -106,8 +112,8 @@ def test_a_score_is_the_geometric_mean_of_ratios_by_hand() -> None:
     assert (lame.value, lame.plants) == (2.0, 1)
     assert found.laws == ("lame", PLAIN, "new")
     assert found.unplaced() == {"lame": {"not settled: by hand": ["a"]}}
-    row = next(each for each in found.table().rows if each[0] == "lame")
-    assert row[1] == "1/2"
+    line = next(each for each in found.table().rows if each[0] == "lame")
+    assert line[1] == "1/2"
 
 
 def test_the_worst_is_by_what_is_better() -> None:
@@ -236,7 +242,7 @@ def test_a_search_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pyte
     plants = [rules.plants[QUICK]]
     search(rules, plants, tmp_path, laws=[PLAIN])
     before = (tmp_path / QUICK / "p_pi.json").read_bytes()
-    monkeypatch.setattr(tune_all, "tune_control", None)  # a search would fail
+    monkeypatch.setattr(robustness, "tune_control", None)  # a search would fail
     search(rules, plants, tmp_path, laws=[PLAIN])
     assert (tmp_path / QUICK / "p_pi.json").read_bytes() == before
 
@@ -245,7 +251,7 @@ def test_whole_tunings_that_disagree_are_not_settled(monkeypatch: pytest.MonkeyP
     plant = RULES.plants[QUICK]
     rule = replace(RULES.rule(plant), repeats=3, starts=1)
     candidate = searched(plant)[0]
-    tune, limits = tune_all.tune_control, rule.limits()
+    tune, limits = robustness.tune_control, rule.limits()
     one = tune(candidate.loop, limits=limits, filters="kept", starts=1, velocity=rule.velocity)
     goals = {0: 1.0, 1: 1.04, 2: 1.0}
 
@@ -255,15 +261,15 @@ def test_whole_tunings_that_disagree_are_not_settled(monkeypatch: pytest.MonkeyP
         first = replace(one.after[0], rope_snap=goals[seed])
         return replace(one, after=(first,))
 
-    monkeypatch.setattr(tune_all, "tune_control", fake)
-    found = tune_all.Tuning(candidate, rule).repeated(Progress())
+    monkeypatch.setattr(robustness, "tune_control", fake)
+    found = robustness.Tuning(candidate, rule).repeated(Progress())
     assert found.unsettled == ""
     assert found.spread == pytest.approx(math.log(1.04))
     goals[1] = 1.06
-    said = tune_all.Tuning(candidate, rule).repeated(Progress()).unsettled
+    said = robustness.Tuning(candidate, rule).repeated(Progress()).unsettled
     assert said == "3 whole tunings end up to 6 % apart"
     del goals[2]
-    assert "1 of 3" in tune_all.Tuning(candidate, rule).repeated(Progress()).unsettled
+    assert "1 of 3" in robustness.Tuning(candidate, rule).repeated(Progress()).unsettled
 
 
 @pytest.mark.parametrize(

@@ -24,12 +24,12 @@ from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
 from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, _wanted, advice, compare_laws, name_of
-from feeddrive.comparison.figures import CRITERIA, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
 from feeddrive.evaluation.duty import duty_of
 from feeddrive.evaluation.engine import Engine
 from feeddrive.evaluation.store import Folder
 from feeddrive.figures.figure import Figure
+from feeddrive.figures.ranking import CRITERIA, ranks
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, ParameterError
@@ -378,7 +378,7 @@ def test_the_screen_of_a_comparison_is_one_screen(found: Comparison) -> None:
     assert all(any(line.lstrip().startswith(each.name) for line in lines) for each in found.competitors)
     # none of these is ranked but today's, since one search confirms nothing
     assert advice(found).sentence == "No law that was tuned is ranked: nothing is recommended."
-    rows = [replace(each, tuned=None) for each in found.competitors]
+    rows = [replace(each, unplaced="") for each in found.competitors]
     said = advice(replace(found, competitors=tuple(rows))).sentence
     assert said.startswith("Worse than with ")
     assert "has the least rope-snap error of all that are ranked" in said

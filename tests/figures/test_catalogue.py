@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.comparison.figures import LINEAR
 from feeddrive.figures import catalogue, of_loops
 from feeddrive.figures.figure import HIGHER, MODEL, Figure, Goal, Limit
 from feeddrive.figures.of_loops import (
@@ -23,6 +22,7 @@ from feeddrive.figures.of_loops import (
     STIFFNESS_LEAST,
     LinearLoop,
 )
+from feeddrive.figures.ranking import LINEAR
 from feeddrive.figures.slopes import (
     _near,
     _tilts,

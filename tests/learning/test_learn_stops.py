@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.comparison.judge import alike
 from feeddrive.evaluation.duty import duty_of
 from feeddrive.learning.stops import _swings, learn_stops
 from feeddrive.tuning.candidates import candidates
@@ -40,7 +39,7 @@ def test_a_comparison_tries_them_beside_the_cascade_with_its_gains() -> None:
     row = made["P-PI + learned stops"]
     assert (row.like, row.then) == ("P-PI", "stops")
     assert not any(name.endswith("learned stops") for name in made if not name.startswith("P-PI"))
-    ready = alike(row, loop.control.law, duty_of(loop), 0)
+    ready = row.tuned(loop.control).adapted(duty_of(loop).move, 0)
     assert ready.control.law == loop.control.law
     assert [block.kind for block in ready.control.feedforward] == ["inertia", "friction_stops"]
 

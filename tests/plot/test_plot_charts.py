@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.comparison.pictures import HEIGHTS, X, tradeoff_chart
 from feeddrive.language.quantity import DRAWN, number
 from feeddrive.machining.circle_test import (
     NEAR,
@@ -26,6 +25,7 @@ from feeddrive.machining.contour import ContourError, contour_error
 from feeddrive.plot import style
 from feeddrive.plot.chart import THIN
 from feeddrive.plot.complex_plane import certificate_chart, certificate_discs_chart
+from feeddrive.plot.laws import HEIGHTS, X, tradeoff_chart
 from feeddrive.plot.machining import circle_chart, unrolled_chart
 from feeddrive.plot.part_program import contour_on_path, contour_on_path_chart, place_chart, place_view
 from feeddrive.workflow.certify import certify

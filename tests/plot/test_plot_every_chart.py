@@ -18,8 +18,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive import plot
-from feeddrive.comparison import pictures as of_comparison
-from feeddrive.comparison.figures import CRITERIA
+from feeddrive.figures.ranking import CRITERIA
 from feeddrive.language.lazy_package import public_names
 from feeddrive.language.quantity import DRAWN, Quantity, Units
 from feeddrive.language.table import chart_of
@@ -27,6 +26,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.papers.gordon2013 import frequency, motion
 from feeddrive.papers.wu2017 import testbed as of_trials
+from feeddrive.plot import laws as of_laws
 from feeddrive.plot import registry
 from feeddrive.plot.chart import (
     ABOVE,
@@ -285,12 +285,12 @@ OF_PLOT: dict[str, Callable[[], Chart]] = {
     "over_time:log": lambda: plot.log_chart(Stand(channels={"force": S, "state": S}, units={"force": "N"}, time=T)),
 }
 OF_ROOMS: dict[str, Callable[[], Chart]] = {
-    "trade-off": lambda: of_comparison.tradeoff_chart([(name, row, "") for name, row in laws()]),
-    "ratios": lambda: of_comparison.ratios_chart(laws(), "law 0"),
-    "recovery": lambda: of_comparison.recovery_chart(
+    "trade-off": lambda: of_laws.tradeoff_chart([(name, row, "") for name, row in laws()]),
+    "ratios": lambda: of_laws.ratios_chart(laws(), "law 0"),
+    "recovery": lambda: of_laws.recovery_chart(
         [(f"law {i}", recorded(), recorded()) for i in range(8)], begin=0.5, near=5e-7, span=0.3
     ),
-    "benchmark": lambda: of_comparison.scores_chart(["a", "b"], {"tracking": [([0.8, 1.2], 0.9), ([2.0], None)]}),
+    "benchmark": lambda: of_laws.scores_chart(["a", "b"], {"tracking": [([0.8, 1.2], 0.9), ([2.0], None)]}),
     "robust": lambda: of_robust.shares_chart(machines(), machines()),
     "yields": lambda: of_study.yields_chart(yields()),
     "histograms": lambda: of_study.histograms_chart(judged()),

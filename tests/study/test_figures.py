@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from feeddrive.analysis.loop_model import loop_model
-from feeddrive.comparison.figures import linear
 from feeddrive.figures.catalogue import figure, figures, measurable
 from feeddrive.figures.figure import Figure, Statistics
 from feeddrive.figures.of_loops import LinearLoop
+from feeddrive.figures.ranking import linear
 from feeddrive.files.job import read_job
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError

@@ -29,7 +29,7 @@ from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.comparison.tune_all import Rule
+from feeddrive.evaluation.robustness import Rule
 from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, UnstableError

@@ -5,8 +5,8 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "benchmark": "Benchmark Row score",
-        "designs": "Design Designs search",
+        "benchmark": "Benchmark score",
+        "designs": "Designs search",
         "rules": "Plant Rules read_rules",
     },
 )

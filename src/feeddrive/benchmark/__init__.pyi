@@ -3,9 +3,7 @@
 # written by `make stubs`
 
 from feeddrive.benchmark.benchmark import Benchmark as Benchmark
-from feeddrive.benchmark.benchmark import Row as Row
 from feeddrive.benchmark.benchmark import score as score
-from feeddrive.benchmark.designs import Design as Design
 from feeddrive.benchmark.designs import Designs as Designs
 from feeddrive.benchmark.designs import search as search
 from feeddrive.benchmark.rules import Plant as Plant

@@ -9,41 +9,30 @@ neither summed nor weighted: stiffness, tracking and computing effort are separa
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from itertools import product
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, NamedTuple
 
-from feeddrive.analysis.loop_model import loop_model
-from feeddrive.analysis.margins import margins
-from feeddrive.analysis.stability import stability
-from feeddrive.benchmark.designs import Design, Designs
+from feeddrive.benchmark.designs import Designs
 from feeddrive.benchmark.rules import Plant, Rules, folder, read_rules
-from feeddrive.comparison.figures import Values, frame_of_figures
-from feeddrive.comparison.judge import Competitor, alike, judged
-from feeddrive.comparison.tune_all import Rule
-from feeddrive.evaluation.case import Case, content_digest
+from feeddrive.comparison.competitor import ROBUST, AtWork, Competitor, at_work
 from feeddrive.evaluation.engine import Engine
+from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
-from feeddrive.figures.of_loops import LinearLoop
 from feeddrive.files.run_files import versions
-from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
-from feeddrive.language.text import Text, capitalized, joined, marked
-from feeddrive.loop.control import Control
-from feeddrive.loop.linearize import MOST
-from feeddrive.loop.loop import Loop
+from feeddrive.language.text import Text, capitalized
 from feeddrive.plot.chart import Chart
-from feeddrive.tuning.candidates import PLAIN, Candidate, candidates
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.tuning.recipes import RECIPES
 from feeddrive.tuning.tune import own_tunables
 
-ROBUST = f"{of_loops.SENSITIVITY_PEAK.key}_varied"
 FIGURES = (
     of_loops.ROPE_SNAP,
     *of_loops.STIFFNESS_AT,
@@ -56,162 +45,78 @@ FIGURES = (
 HEADS = tuple(figure.short for figure in FIGURES)
 _DRAWN = 5  # number of figures in the picture, starting with the first
 _MANY = 1.02  # improvement factor over P-PI above which a law counts as better
-# units of a plant's numbers that are wrong together, and the power of the share that they take: a frequency is a root
-_WRONG = ({"kg": 1.0, "kg m2": 1.0}, {"N/m": 1.0, "Hz": 0.5})
 
 
-@dataclass(frozen=True)
-class Row:
-    """A row for one law on one plant: its worst figures over positions and seeds in SI units, and why it is not ranked.
+class Trial(NamedTuple):
+    """A law on a plant, which is evaluated with its stored design unless it is refused.
 
-    recipe    True for gains from a tuning recipe: the row is shown separately and may violate the rule
-    unplaced  empty for a ranked law
+    design  None for a law without tunables, and for a recipe
     """
 
-    plant: str
-    law: str
-    figures: Values = field(default_factory=dict[str, float | None])
-    unplaced: str = ""
-    remark: str = ""
-    recipe: bool = False
-    tunables: Mapping[str, float] = field(default_factory=dict[str, float])
-    spread: float | None = None
-    held: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Trial(Case[Row]):
-    """The case of one law on one plant, simulated with its stored design at every position and with every seed.
-
-    candidate  the law with the tunables of its design; for a recipe, P-PI
-    design     None for a law without tunables, and for a recipe
-    recipe     name of the recipe that sets the gains; empty for a law
-    rule       the rule of equal robustness, with the noise limit from P-PI
-    own        a user's seed; 0 for the seeds of the rules
-    """
-
-    kind: ClassVar[str] = "law_on_plant"
-    common: ClassVar[tuple[str, ...]] = ("rules",)
-
-    rules: Rules
-    plant: str
-    candidate: Candidate
-    design: Design | None
-    rule: Rule
-    own: int
-    recipe: str = ""
-
-    @property
-    def name(self) -> str:
-        """The name of the case: plant and law."""
-        return f"{self.plant}: {self.law}"
+    plant: Plant
+    work: AtWork | Refusal
+    design: Design | None = None
 
     @property
     def law(self) -> str:
-        """The name of the law, or of P-PI with its recipe."""
-        return f"{PLAIN} by {self.recipe.replace('-', ' ')}" if self.recipe else self.candidate.name
+        """The name of the law."""
+        return self.work.name if isinstance(self.work, Refusal) else self.work.candidate.name
 
-    @property
-    def digest(self) -> str:
-        """The digest of the case; the plant enters through the files of the rules."""
-        rules = self.rules.digest()
-        return content_digest(rules, self.plant, self.candidate, self.design, self.rule, self.own, self.recipe)
-
-    def record(self, outcome: Row) -> dict[str, Any]:
-        """Return the row as a record, keeping the quantities in its texts."""
-        return {name: marked(value) if isinstance(value, str) else value for name, value in asdict(outcome).items()}
-
-    def restored(self, record: Any, progress: Progress) -> Row:
-        """Restore the row from a record."""
-        entries: dict[str, Any] = {
-            name: Text(value) if isinstance(value, str) else value for name, value in record.items()
-        }
-        entries["held"] = tuple(map(Text, record["held"]))
-        return Row(**entries)
-
-    def outcome(self, progress: Progress) -> Row:
-        """Evaluate the law and return its row."""
-        plant, design = self.rules.plants[self.plant], self.design
-        row = Row(plant.name, self.law, recipe=bool(self.recipe))
-        try:
-            control, remark = self._control(plant)
-            law, figures = self._judged(plant, control)
-        except FeeddriveError as error:
-            return replace(row, unplaced=Text(f"refused: {error}"))
-        row = replace(row, figures=figures, remark=joined("; ", filter(None, (remark, law.remark))))
+    def row(self, law: Competitor | Refusal) -> Competitor:
+        """Return the row of the evaluated law, with the reason why it is not ranked."""
+        plant, design = self.plant, self.design
+        recipe = isinstance(self.work, AtWork) and bool(self.work.recipe)
+        if isinstance(law, Refusal):
+            why = law.reason if law is self.work else Text(f"refused: {law.reason}")
+            return Competitor(law.name, plant.model, unplaced=why, plant=plant.name, recipe=recipe)
         reasons = [Text(f"unfit: {law.unfit}") if law.unfit else ""]
         if design is not None:
-            row = replace(row, tunables=design.tunables, spread=design.spread, held=design.held)
-            nominal = not self.candidate.like and len(plant.places) == 1
-            moved = design.moved(figures) if nominal else ""
+            moved = design.moved(law.figures) if design.law == law.name and len(plant.places) == 1 else ""
             reasons.append(f"stale: {moved}: --retune searches it anew" if moved else "")
             reasons.append(f"not settled: {design.unsettled}" if design.unsettled else "")
         reasons.append(Text(f"outside of the rule: {law.outside}") if law.outside else "")
-        return replace(row, unplaced=next(filter(None, reasons), ""))
-
-    def _control(self, plant: Plant) -> tuple[Control, str]:
-        """Return the controller adapted to the task, and a remark on it."""
-        control = self.candidate.loop.control
-        if self.recipe:
-            recipe = RECIPES[self.recipe](plant.model, control)
-            return replace(control, law=recipe.law), recipe.reason
-        if self.candidate.like:
-            whole = replace(self.candidate, loop=replace(plant.loop, control=control))
-            seed = self.rules.seed(plant, "learning", self.own)
-            control = alike(whole, control.law, plant.duty, seed).control
-        return control, self.candidate.remark
-
-    def _judged(self, plant: Plant, control: Control) -> tuple[Competitor, Values]:
-        """Evaluate the law at all positions with all seeds; return it with its figures and the Ms of perturbed
-        plants.
-        """
-        places = plant.loops(control)
-        seeds = [self.rules.seed(plant, f"run {run}", self.own) for run in range(self.rules.seeds)]
-        law = judged(Competitor(self.law, places[0][0], None, "", {}), places, plant.duty, self.rule, seeds)
-        if law.unfit or control.law.period() > MOST:
-            return law, law.figures
-        peaks = (robust_peak(model, self.rule.velocity, self.rules.varied) for _, model in places)
-        return law, {**law.figures, ROBUST: max(peaks)}
+        unplaced = next(filter(None, reasons), "")
+        return replace(law, unplaced=unplaced, design=design, plant=plant.name, recipe=recipe)
 
 
-def trials(
-    rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0
-) -> list[Trial | Row]:
-    """Return the laws of a plant, P-PI first, then the recipes if no laws are named: as trials, or as rows if nothing
-    has to be run.
+def trials(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0) -> list[Trial]:
+    """Return the laws of a plant, P-PI first, then the refused ones, then the recipes if no laws are named.
 
     Raises FileError for a damaged design.
     """
     possible, refused = candidates(plant.model)
-    wanted = {PLAIN, *laws} if laws else {law.name for law in (*possible, *refused)}
     tuned = {candidate.name: _tuned(candidate, designs) for candidate in possible if not candidate.like}
-    plain, noise = tuned.get(PLAIN, ""), None
-    if not isinstance(plain, str):
-        loop = plain[0].loop
-        noise = LinearLoop(loop, known=loop_model(loop, velocity=rules.rule(plant).velocity)).noise_gain
-    rule = rules.rule(plant, noise)
-    rows: list[Trial | Row] = []
+    plain, rule = tuned[PLAIN], rules.rule(plant)
+    if isinstance(plain, tuple):
+        rule = rules.rule(plant, rule.figures(plain[0].loop)[of_loops.NOISE_GAIN.key])
+    case = partial(
+        AtWork,
+        duty=plant.duty,
+        rule=rule,
+        seeds=tuple(rules.seed(plant, f"run {run}", own) for run in range(rules.seeds)),
+        lesson=rules.seed(plant, "learning", own),
+        places=tuple((place.axis, place.model) for place in plant.places),
+        varied=rules.varied,
+        plant=plant.name,
+    )
+    listed: list[Trial] = []
     for candidate in possible:
-        if candidate.name not in wanted:
-            continue
         base = tuned[candidate.like or candidate.name]
         if isinstance(base, str):
-            rows.append(Row(plant.name, candidate.name, unplaced=base))
+            listed.append(Trial(plant, Refusal(candidate.name, base)))
             continue
-        control = base[0].loop.control
-        if candidate.like:
-            control = replace(candidate.loop.control, law=control.law)
-        ready = replace(candidate, loop=replace(candidate.loop, control=control))
-        rows.append(Trial(rules, plant.name, ready, base[1], rule, own))
-    rows += [
-        Row(plant.name, refusal.name, unplaced=Text(f"refused: {refusal.reason}"))
-        for refusal in refused
-        if refusal.name in wanted
-    ]
-    if not laws:
-        start = next(candidate for candidate in possible if candidate.name == PLAIN)
-        rows += [Trial(rules, plant.name, start, None, rule, own, recipe) for recipe in RECIPES]
-    return rows
+        simulated = replace(candidate, loop=replace(candidate.loop, axis=plant.loop.axis))
+        ready = simulated.tuned(base[0].loop.control)
+        listed.append(Trial(plant, case(ready, candidate.remark), base[1]))
+    listed += [Trial(plant, Refusal(law.name, Text(f"refused: {law.reason}"))) for law in refused]
+    if laws:
+        return [trial for trial in listed if trial.law in (PLAIN, *laws)]
+    start = next(candidate for candidate in possible if candidate.name == PLAIN).loop.control
+    for recipe in RECIPES:
+        loop = replace(plant.loop, control=start)
+        law = Candidate(f"{PLAIN} by {recipe.replace('-', ' ')}", loop)
+        listed.append(Trial(plant, case(law, "", recipe=recipe)))
+    return listed
 
 
 def _tuned(candidate: Candidate, designs: Designs) -> tuple[Candidate, Design | None] | str:
@@ -224,32 +129,9 @@ def _tuned(candidate: Candidate, designs: Designs) -> tuple[Candidate, Design | 
     if design.refused:
         return f"refused: {design.refused}"
     try:
-        control = design.control(candidate)
+        return candidate.tuned(design.control(candidate)), design
     except FeeddriveError as error:
         return f"stale: {error}"
-    return replace(candidate, loop=replace(candidate.loop, control=control)), design
-
-
-def robust_peak(loop: Loop, velocity: float, share: float) -> float:
-    """Return the largest Ms with all masses, or all stiffnesses, of the plant perturbed by ±`share`; infinite if
-    unstable.
-    """
-    peaks: list[float] = []
-    for powers, factor in product(_WRONG, (1.0 - share, 1.0 + share)):
-        plant = loop.axis.plant
-        changes = {
-            name: value * factor ** powers[unit]
-            for name, value in tree.leaves(plant)
-            if (unit := tree.declaration(plant, name).unit) in powers
-        }
-        if not changes:
-            continue
-        wrong = replace(loop, axis=replace(loop.axis, plant=tree.vary(plant, changes)))
-        if not stability(wrong, velocity=velocity).stable:
-            return math.inf
-        both = loop_model(wrong, velocity=velocity)
-        peaks.append(margins(both.loop_gain(both.lines(200))).sensitivity_peak)
-    return max(peaks)
 
 
 @dataclass(frozen=True)
@@ -277,7 +159,7 @@ class Benchmark(Result):
 
     rules: Rules
     plants: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[Competitor, ...]
     own: int
     versions: Mapping[str, str]
 
@@ -292,16 +174,16 @@ class Benchmark(Result):
         return self._ordered(recipe=True)
 
     def _ordered(self, *, recipe: bool) -> tuple[str, ...]:
-        names = dict.fromkeys(row.law for row in self.rows if row.recipe == recipe)
+        names = dict.fromkeys(row.name for row in self.rows if row.recipe == recipe)
         return tuple(sorted(filter(self.counted, names), key=lambda law: -(self.score(law, FIGURES[0]).value or 0.0)))
 
-    def row(self, plant: str, law: str) -> Row | None:
+    def row(self, plant: str, law: str) -> Competitor | None:
         """Return the row of a law on a plant; None if there is none."""
-        return next((row for row in self.rows if (row.plant, row.law) == (plant, law)), None)
+        return next((row for row in self.rows if (row.plant, row.name) == (plant, law)), None)
 
-    def counted(self, law: str) -> list[Row]:
+    def counted(self, law: str) -> list[Competitor]:
         """Return the rows of a law that count: all ranked ones, and for a recipe all with figures."""
-        rows = [row for row in self.rows if row.law == law]
+        rows = [row for row in self.rows if row.name == law]
         return [row for row in rows if not row.unplaced or (row.recipe and FIGURES[0].key in row.figures)]
 
     def ratios(self, law: str, criterion: Figure) -> dict[str, float]:
@@ -331,13 +213,10 @@ class Benchmark(Result):
         """Return the scores of the tuned laws, at equal robustness."""
         return self.scores(self.laws, f"Rules {self.rules.version}: times better than {PLAIN} at equal robustness")
 
-    def recipe_table(self) -> Table:
-        """Return the scores of the recipes, which may violate the rule."""
-        return self.scores(self.recipes, f"Recipes without a search, against tuned {PLAIN}; not at equal robustness")
-
     def tables(self) -> list[Table]:
-        """Return the score tables of the laws, and of the recipes if there are any."""
-        return [self.table(), *([self.recipe_table()] if self.recipes else [])]
+        """Return the score tables of the laws, and of the recipes, which may violate the rule, if there are any."""
+        title = f"Recipes without a search, against tuned {PLAIN}; not at equal robustness"
+        return [self.table(), *([self.scores(self.recipes, title)] if self.recipes else [])]
 
     def scores(self, laws: Sequence[str], title: str) -> Table:
         """Return a table with one row per law: number of plants, score by each figure, robust Ms."""
@@ -358,7 +237,7 @@ class Benchmark(Result):
 
     def _winner(self, plant: str, criterion: Figure) -> Cell:
         placed = (row for row in self.rows if row.plant == plant and not row.unplaced and not row.recipe)
-        values = [(value, row.law) for row in placed if (value := row.figures.get(criterion.key)) is not None]
+        values = [(value, row.name) for row in placed if (value := row.figures.get(criterion.key)) is not None]
         finite = [entry for entry in values if math.isfinite(entry[0])]
         if not finite:
             return None
@@ -374,7 +253,7 @@ class Benchmark(Result):
         plants: dict[str, dict[str, list[str]]] = {}
         for row in self.rows:
             if row.unplaced and not row.recipe:
-                plants.setdefault(row.law, {}).setdefault(row.unplaced, []).append(row.plant)
+                plants.setdefault(row.name, {}).setdefault(row.unplaced, []).append(row.plant)
         return plants
 
 
@@ -385,22 +264,24 @@ def _times_better(criterion: Figure, ours: float, theirs: float) -> float:
 @chart_of.register
 def _chart(benchmark: Benchmark) -> Chart:
     """Plot every law relative to P-PI, plant by plant."""
-    from feeddrive.comparison import pictures
+    from feeddrive.plot.laws import scores_chart
 
     def row(law: str, criterion: Figure) -> tuple[list[float], float | None]:
         finite = [ratio for ratio in benchmark.ratios(law, criterion).values() if math.isfinite(ratio)]
         return finite, benchmark.score(law, criterion).value
 
     panels = {figure.short: [row(law, figure) for law in benchmark.laws] for figure in FIGURES[:_DRAWN]}
-    return pictures.scores_chart(benchmark.laws, panels)
+    return scores_chart(benchmark.laws, panels)
 
 
 @frame_of.register
 def _frame(benchmark: Benchmark) -> Any:
     """Return a data frame with one row per law and plant, in SI units."""
-    names = [f"{row.plant}: {row.law}" for row in benchmark.rows]
+    from feeddrive.plot import frames
+
+    names = [f"{row.plant}: {row.name}" for row in benchmark.rows]
     keys = [*(figure.key for figure in FIGURES), ROBUST]
-    return frame_of_figures("row", names, [row.figures for row in benchmark.rows], keys)
+    return frames.laws(names, [row.figures for row in benchmark.rows], keys, "row")
 
 
 def score(
@@ -427,17 +308,17 @@ def score(
     rules = rules or read_rules()
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
     first, *also = (*designs, folder(rules.version) / "designs")
-    work = [
-        row
+    listed = [
+        trial
         for plant in chosen
-        for row in trials(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
+        for trial in trials(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
     ]
-    names = {row.law for row in work}
+    names = {trial.law for trial in listed}
     for law in laws:
         if law not in names:
             raise ParameterError(f"law '{law}' is not known here{nearest(law, names)}")
-    judged_rows = iter((engine or Engine()).evaluate([row for row in work if isinstance(row, Trial)], progress))
-    rows = tuple(next(judged_rows) if isinstance(row, Trial) else row for row in work)
+    evaluated = at_work([trial.work for trial in listed], engine or Engine(), progress)
+    rows = tuple(trial.row(law) for trial, law in zip(listed, evaluated, strict=True))
     return Benchmark(rules, tuple(plant.name for plant in chosen), rows, own, versions())
 
 
@@ -447,7 +328,7 @@ def advice(benchmark: Benchmark, *, asked: bool = False) -> Advice:
     asked  True if laws were named explicitly: it is then a failure if none of them is ranked
     """
     snap, laws, plants = FIGURES[0], benchmark.laws, benchmark.plants
-    tried = {row.law for row in benchmark.rows if not row.recipe and row.law != PLAIN}
+    tried = {row.name for row in benchmark.rows if not row.recipe and row.name != PLAIN}
     if asked and tried and not tried & {*laws}:
         return Judgment.NO_PLACE.because("the table above says why")
     whole = [law for law in laws if len(benchmark.ratios(law, snap)) == len(plants)]

@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from feeddrive.benchmark.benchmark import FIGURES, ROBUST, Benchmark, advice
-from feeddrive.comparison.figures import csv_of, plain
-from feeddrive.comparison.report import write_page
-from feeddrive.files.run_files import summary_text
+from feeddrive.benchmark.benchmark import FIGURES, Benchmark, advice
+from feeddrive.comparison.competitor import ROBUST
+from feeddrive.files.run_files import figures_text, plain, summary_text
 from feeddrive.language.quantity import DRAWN, Quantity, Units
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text
+from feeddrive.report.page import write_page
 from feeddrive.report.report import Facts, Picture, Report, Section, Verdict, facts
 
 CITE = "feeddrive benchmark of feed-drive control laws"
@@ -24,9 +24,13 @@ def write_benchmark(benchmark: Benchmark, out: str | Path) -> Path:
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
-    tables = {"table.md": markdown(benchmark), "table.tex": latex(benchmark)}
-    numbers = summary_text(summary(benchmark))
-    return write_page(out, benchmark_report(benchmark), numbers, figures_csv(benchmark), tables)
+    texts = {
+        "summary.json": summary_text(summary(benchmark)),
+        "figures.csv": figures_csv(benchmark),
+        "table.md": markdown(benchmark),
+        "table.tex": latex(benchmark),
+    }
+    return write_page(out, benchmark_report(benchmark), texts)
 
 
 def citation(benchmark: Benchmark) -> str:
@@ -63,10 +67,9 @@ def benchmark_report(benchmark: Benchmark) -> Report:
         ("Runs", f"{rules.seeds} with different noise at each position; the worst figure counts"),
         ("Versions", ", ".join(f"{name} {value}" for name, value in benchmark.versions.items())),
     ]
-    plants = [(name, rules.plants[name]) for name in benchmark.plants]
     # units by plant: the page has linear and rotary axes
     grids = [plant_table(benchmark, name).grid(_units(benchmark, name)) for name in benchmark.plants]
-    described = Facts((name, f"{plant.title}. {plant.source}. {plant.remark}") for name, plant in plants)
+    described = Facts((name, rules.plants[name].description) for name in benchmark.plants)
     unplaced = Facts((f"{law}, {where}", why) for law, where, why in reasons(benchmark).marked().rows)
     return Report(
         f"Control laws on {count} plant{'s' if count > 1 else ''}",
@@ -104,7 +107,7 @@ def plant_table(benchmark: Benchmark, plant: str) -> Table:
         if row.plant == plant and row.figures.get(FIGURES[0].key):
             values = (row.figures.get(key) for key in (*(figure.key for figure in FIGURES), ROBUST))
             cells = ("never" if value is not None and math.isinf(value) else value for value in values)
-            rows.append([row.law, *cells, row.unplaced.partition(":")[0]])
+            rows.append([row.name, *cells, row.unplaced.partition(":")[0]])
     columns = ["law", *(figure.column() for figure in FIGURES), Column("Ms varied", form="3"), ""]
     return Table(f"{plant}: figures", columns, rows)
 
@@ -124,13 +127,13 @@ def summary(benchmark: Benchmark) -> dict[str, Any]:
         "rows": [
             {
                 "plant": row.plant,
-                "law": row.law,
+                "law": row.name,
                 "recipe": row.recipe,
                 "unplaced": row.unplaced or None,
                 "remark": row.remark or None,
-                "spread": row.spread,
-                "held": list(row.held),
-                "tunables": dict(row.tunables),
+                "spread": None if row.design is None else row.design.spread,
+                "held": [] if row.design is None else list(row.design.held),
+                "tunables": {} if row.design is None else dict(row.design.tunables),
                 "figures": {key: plain(value) for key, value in row.figures.items()},
             }
             for row in benchmark.rows
@@ -140,8 +143,12 @@ def summary(benchmark: Benchmark) -> dict[str, Any]:
 
 def figures_csv(benchmark: Benchmark) -> str:
     """Return CSV with one line per plant and law, in SI units; for rotary axes read rad for m, and N m for N."""
-    labels = {name: [getattr(row, name) for row in benchmark.rows] for name in ("plant", "law", "unplaced")}
-    return csv_of(labels, [row.figures for row in benchmark.rows], Units())
+    labels = {
+        "plant": [row.plant for row in benchmark.rows],
+        "law": [row.name for row in benchmark.rows],
+        "unplaced": [row.unplaced for row in benchmark.rows],
+    }
+    return figures_text(labels, [row.figures for row in benchmark.rows], Units())
 
 
 def markdown(benchmark: Benchmark) -> str:

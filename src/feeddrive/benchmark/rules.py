@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.blocks.families import Reference
-from feeddrive.comparison.tune_all import Rule
 from feeddrive.evaluation.duty import Duty
-from feeddrive.files.job import read_job
+from feeddrive.evaluation.robustness import Rule
+from feeddrive.files.job import Job, read_job
 from feeddrive.files.section import Section, numbers, read_section, text
-from feeddrive.files.toml_file import TomlFile, read_toml
+from feeddrive.files.toml_file import read_toml
 from feeddrive.language import tree
 from feeddrive.language.block import Number, choice, declarations, parameter, part
 from feeddrive.language.errors import ParameterError, nearest
@@ -40,19 +40,20 @@ class Place:
 class Plant:
     """A benchmark axis with its task; `places` are its positions, the nominal one first.
 
+    job      the job of its name, with the machine, the move and the cut
     loop     the axis with the control of its machine file; all laws keep its filters, force limit and guard
-    without  kinds of forces that act in the runs and not in the model of margins and tuning
     """
 
     name: str
-    title: str
+    job: Job
     loop: Loop
     duty: Duty
     places: tuple[Place, ...]
-    without: tuple[str, ...]
-    source: str
-    remark: str
-    files: tuple[TomlFile, ...]
+
+    @property
+    def description(self) -> str:
+        """The title of the job, the source of the numbers, and the remark on them."""
+        return f"{self.job.title}. {self.job.machine.source}. {self.job.machine.remark}"
 
     @property
     def model(self) -> Loop:
@@ -91,20 +92,12 @@ class PlantSection(Section):
         loop = _noisy(job.machine.loop(job.axis), noise)
         axes = {"nominal": loop.axis}
         axes |= {position.name: tree.vary(loop.axis, dict(position.set)) for position in self.position}
-        return Plant(
-            self.job,
-            job.title,
-            loop,
-            Duty(job.reference, float(self.force), float(self.near), cut=job.load),
-            tuple(Place(name, axis, self._model(axis)) for name, axis in axes.items()),
-            self.without,
-            job.machine.source,
-            job.machine.remark,
-            (job.file, job.machine.file),
-        )
+        duty = Duty(job.reference, float(self.force), float(self.near), cut=job.load)
+        return Plant(self.job, job, loop, duty, tuple(self._place(name, axis) for name, axis in axes.items()))
 
-    def _model(self, axis: Axis) -> Axis:
-        return replace(axis, forces=tuple(force for force in axis.forces if force.kind not in self.without))
+    def _place(self, name: str, axis: Axis) -> Place:
+        linear = tuple(force for force in axis.forces if force.kind not in self.without)
+        return Place(name, axis, replace(axis, forces=linear))
 
 
 class Rules(Section):
@@ -151,7 +144,7 @@ class Rules(Section):
 
     def digest(self) -> str:
         """Return the SHA-256 of all files of the rules and machines; tables with the same digest are comparable."""
-        texts = [file.text for plant in self.plants.values() for file in plant.files]
+        texts = [file.text for plant in self.plants.values() for file in (plant.job.file, plant.job.machine.file)]
         return hashlib.sha256("\0".join([repr(self.numbers()), *texts]).encode()).hexdigest()
 
     def numbers(self) -> dict[str, Any]:

@@ -4,18 +4,19 @@ motions and loads.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from feeddrive.analysis.stability import stability
 from feeddrive.blocks.catalogue import members
 from feeddrive.blocks.families import Law, Reference
-from feeddrive.comparison.figures import CRITERIA, beats, frame_of_figures, keys_of, ranks
-from feeddrive.comparison.judge import AtWork, Competitor
-from feeddrive.comparison.tune_all import Rule, Tuning, tuned_all
+from feeddrive.comparison.competitor import AtWork, Competitor, at_work
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.evaluation.engine import Bar, Engine
+from feeddrive.evaluation.robustness import Rule, Tuning, tuned_all
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
+from feeddrive.figures.ranking import CRITERIA, beats, ranks
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
@@ -28,7 +29,7 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
-from feeddrive.tuning.tune import own_tunables, two_digits
+from feeddrive.tuning.tune import Tuned, own_tunables, two_digits
 
 TODAY = "today's gains"
 FIXED = "it has nothing to tune and is judged as it is"
@@ -122,15 +123,17 @@ class Comparison(Result):
 @chart_of.register
 def _chart(comparison: Comparison) -> Chart:
     """Plot stiffness versus tracking error, one dot per law."""
-    from feeddrive.comparison import pictures
+    from feeddrive.plot.laws import tradeoff_chart
 
-    return pictures.tradeoff_chart([(law.name, law.figures, law.unplaced) for law in comparison.competitors])
+    return tradeoff_chart([(law.name, law.figures, law.unplaced) for law in comparison.competitors])
 
 
 @frame_of.register
 def _frame(comparison: Comparison) -> Any:
     """Return a data frame with one row per law, in SI units."""
-    return frame_of_figures("law", comparison.names, comparison.figures, keys_of(comparison.figures))
+    from feeddrive.plot import frames
+
+    return frames.laws(comparison.names, comparison.figures)
 
 
 def compare_laws(
@@ -177,24 +180,29 @@ def compare_laws(
     if not noise_ratio >= 1.0:
         raise ParameterError(f"noise_ratio = {number(noise_ratio, 6)} must be >= 1: P-PI itself has 1")
     rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, duty.sliding(loop), starts)
+    stability(loop, velocity=rule.velocity)  # an error of the present control ends the comparison before the searches
     searched = [candidate for candidate in possible if not candidate.like and own_tunables(candidate.loop.control)]
     bar = Bar(progress or Progress(), Tuning.stages * len(searched) + len(possible) + 1)
     tunings, rule = tuned_all(searched, rule, engine, bar)
     refusals = [*refused, *(tuned for tuned in tunings.values() if isinstance(tuned, Refusal))]
-    work: list[AtWork | Refusal] = [AtWork(Candidate(TODAY, loop), None, "as in the machine file", duty, rule, seed)]
-    for candidate in possible:
-        tuned = tunings.get(candidate.like or candidate.name)  # None: the law has nothing to tune
+    work: list[AtWork | Refusal] = []
+    tuned_as: dict[str, Tuned] = {}
+    for candidate in (Candidate(TODAY, loop, "as in the machine file"), *possible):
+        tuned, remark = tunings.get(candidate.like or candidate.name), candidate.remark
         if isinstance(tuned, Refusal):
             bar.step(candidate.name)
             if candidate.like:
                 work.append(Refusal(candidate.name, f"'{tuned.name}', whose gains it takes, cannot control it"))
             continue
-        remark = candidate.remark if tuned else joined("; ", filter(None, (candidate.remark, FIXED)))
-        work.append(AtWork(candidate, tuned, remark, duty, rule, seed))
-    judged = iter(engine.evaluate([case for case in work if isinstance(case, AtWork)], bar))
-    rows = [next(judged) if isinstance(case, AtWork) else case for case in work]
+        if tuned is not None:
+            tuned_as[candidate.name] = tuned
+        elif candidate.name != TODAY:
+            remark = joined("; ", filter(None, (remark, FIXED)))
+        ready = candidate if tuned is None else candidate.tuned(tuned.control)
+        work.append(AtWork(ready, remark, duty, rule, (seed,), seed))
+    rows = at_work(work, engine, bar)
     refusals += [row for row in rows if isinstance(row, Refusal)]
-    competitors = tuple(row for row in rows if isinstance(row, Competitor))
+    competitors = tuple(_ranked(row, tuned_as.get(row.name)) for row in rows if isinstance(row, Competitor))
     if all(competitor.move is None for competitor in competitors):
         reasons = joined("; ", [f"{competitor.name}: {competitor.unfit}" for competitor in competitors])
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
@@ -202,6 +210,12 @@ def compare_laws(
     return Comparison(
         machine, name, duty, rule.velocity, seed, rule.sentence, competitors, tuple(refusals), remarks, versions()
     )
+
+
+def _ranked(row: Competitor, tuned: Tuned | None) -> Competitor:
+    """Return a row with its tuning, and why it is not ranked."""
+    outside = Text(f"outside of the rule: {row.outside}") if row.outside else ""
+    return replace(row, tuned=tuned, unplaced=outside if tuned is None or tuned.settled else "not settled")
 
 
 def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
@@ -281,24 +295,19 @@ def _against(rows: tuple[Competitor, ...]) -> list[str]:
     for row in rows[1:]:
         if plain is None or row is plain or row.unfit:
             continue
+        won = [(criterion, ours, theirs) for criterion, theirs, ours in losses(plain, row)]
         lost, won = (
             joined(", ", [f"{criterion.title} ({_ratio(ours, theirs)})" for criterion, ours, theirs in some])
-            for some in (losses(row, plain), losses(plain, row, swapped=True))
+            for some in (losses(row, plain), won)
         )
         remarks.append(Text(f"'{row.name}' loses to P-PI in {lost or 'nothing'}; wins in {won or 'nothing'}."))
     return remarks
 
 
-def losses(ours: Competitor, other: Competitor, *, swapped: bool = False) -> list[tuple[Figure, float, float]]:
-    """Return the criteria by which a law is worse than another one, with the values of both (in reverse order if
-    `swapped`).
-    """
-    worse: list[tuple[Figure, float, float]] = []
-    for criterion in CRITERIA:
-        a, b = ours.figures.get(criterion.key), other.figures.get(criterion.key)
-        if a is not None and b is not None and beats(criterion, b, a):
-            worse.append((criterion, b, a) if swapped else (criterion, a, b))
-    return worse
+def losses(ours: Competitor, other: Competitor) -> list[tuple[Figure, float, float]]:
+    """Return the criteria by which a law is worse than another one, with the values of both."""
+    both = ((criterion, ours.figures.get(criterion.key), other.figures.get(criterion.key)) for criterion in CRITERIA)
+    return [(c, a, b) for c, a, b in both if a is not None and b is not None and beats(c, b, a)]
 
 
 def _ratio(a: float, b: float) -> str:

@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.comparison import pictures
 from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, advice
-from feeddrive.comparison.figures import CRITERIA, csv_of, plain
-from feeddrive.comparison.judge import Competitor
+from feeddrive.comparison.competitor import Competitor
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import CROSSOVER, DELAY_MARGIN, NOISE_GAIN, SENSITIVITY_PEAK
 from feeddrive.figures.of_runs import SNAP_SETTLING
-from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.run_files import file_names, summary_text
+from feeddrive.figures.ranking import CRITERIA
+from feeddrive.files.run_files import figures_text, file_names, plain, summary_text
 from feeddrive.files.section import to_toml
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, Units
@@ -24,9 +22,10 @@ from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, tracking
-from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents, block_sentence, described
+from feeddrive.plot.laws import ratios_chart, recovery_chart
+from feeddrive.report.laws import Entry, LawsContents, block_sentence, described, facts_of, response_lines
 from feeddrive.report.laws_report import laws_report
-from feeddrive.report.page import html
+from feeddrive.report.page import write_page
 from feeddrive.report.report import Marked, Picture, Report, Section, Verdict
 
 _TABLES = (CRITERIA[:5], CRITERIA[5:9], CRITERIA[9:])  # that fit side by side
@@ -35,12 +34,8 @@ _ROBUSTNESS = (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN, CROSSOVER)
 
 def contents(comparison: Comparison) -> LawsContents:
     """Return the contents of the report."""
-    loop = comparison.competitors[0].loop
-    duty = comparison.duty
-    facts = {
-        "Machine": f"{comparison.machine.name}, axis {comparison.axis}",
-        "Source of its numbers": comparison.machine.source or "not stated",
-        "Sample time": Text(f"{Quantity(loop.sample_time, 's'):6}, {loop.axis.substeps} substep(s) of exact hold"),
+    machine, duty = comparison.machine, comparison.duty
+    work = {
         "Move": Text(f"{block_sentence(duty.move)}; the first {Quantity(duty.skip, 's'):6 SI} do not count"),
         "Rope snap": Text(
             f"the table pulled back by {Quantity(duty.force, 'N'):6}, let go after {Quantity(duty.begin, 's'):6 SI}"
@@ -51,19 +46,17 @@ def contents(comparison: Comparison) -> LawsContents:
             "force changed"
         ),
         "Noise": f"seed {comparison.seed}, the same for all laws; in the force: from counts and noise of the encoders",
-        "Linear model": Text(f"sliding at {Quantity(comparison.velocity, 'm/s')}"),
     }
-    if comparison.machine.remark:
-        facts["Remark"] = comparison.machine.remark
+    name, loop = f"{machine.name}, axis {comparison.axis}", comparison.competitors[0].loop
     return LawsContents(
         title=comparison.title,
         entries=[_entry(comparison, law) for law in comparison.competitors if law.move is not None],
-        facts=facts,
+        facts=facts_of(machine, name, loop, comparison.velocity, work),
         rule=comparison.rule,
         versions=comparison.versions,
         notes=comparison.remarks,
         extras=(
-            *(_ranked(comparison, some) for some in (CRITERIA[:5], CRITERIA[5:9], CRITERIA[9:])),
+            *(_ranked(comparison, criteria) for criteria in _TABLES),
             _tuning(comparison),
         ),
         details=(Section("tunables", "What was tuned, and what was refused", _tunables(comparison), folded=True),),
@@ -90,8 +83,7 @@ def comparison_report(comparison: Comparison) -> Report:
 def _entry(comparison: Comparison, law: Competitor) -> Entry:
     """Return the report entry of a competitor."""
     assert law.move is not None
-    nyquist = 0.5 / law.loop.sample_time
-    frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
+    frequency = response_lines(law.loop)
     remark = f" ({law.remark})" if law.remark and law.name != TODAY else ""
     return Entry(
         law.name,
@@ -154,7 +146,7 @@ def _tunables(comparison: Comparison) -> list[Marked]:
         for law in comparison.competitors
         if law.tuned is not None
         for name, value in law.tuned.tunables.items()
-        for unit in [_unit(law.tuned.control, name)]
+        for unit in [_unit(law.loop.control, name)]
     ]
     heads = ["law", "tunable", "begun at", "tuned", "unit"]
     tables = [Marked(Table("Knobs, where the search began and where it ended.", heads, rows))]
@@ -178,7 +170,7 @@ def _pictures(comparison: Comparison) -> list[Picture]:
             "Each figure divided by that of P-PI under the same rule. Blue: better, orange: worse; for stiffness more "
             "is better, for all else less.",
             "Ratios of all figures of all laws to those of P-PI.",
-            lambda: pictures.ratios_chart(list(zip(comparison.names, comparison.figures, strict=True)), PLAIN),
+            lambda: ratios_chart(list(zip(comparison.names, comparison.figures, strict=True)), PLAIN),
         )
     ]
     rows = [(law.name, law.snap, law.step) for law in comparison.competitors if law.snap and law.step]
@@ -194,7 +186,7 @@ def _pictures(comparison: Comparison) -> list[Picture]:
                 "Recovery after a rope snap and a force step",
                 "Position of the table against its setpoint. Dashed: within it a law counts as settled.",
                 "Position of the table after a force was taken away and after it was switched on, of all laws.",
-                lambda: pictures.recovery_chart(rows, begin=duty.begin, near=duty.near, span=span),
+                lambda: recovery_chart(rows, begin=duty.begin, near=duty.near, span=span),
             )
         )
     return drawn
@@ -212,24 +204,12 @@ def write_comparison(comparison: Comparison, out: str | Path, more: Mapping[str,
         f"controls/{name}.toml": to_toml(law.loop.control, place, rotary=rotary)
         for name, law in zip(file_names(comparison.competitors), comparison.competitors, strict=True)
     }
-    numbers = summary_text(summary(comparison), rotary=rotary, quoted=comparison.quoted)
-    machine = {"machine.toml": comparison.machine.file.text}
-    return write_page(
-        out, comparison_report(comparison), numbers, figures_csv(comparison), machine | dict(more or {}) | controls
-    )
-
-
-def write_page(out: str | Path, report: Report, summary: str, figures: str, more: Mapping[str, str]) -> Path:
-    """Write a directory with a report, its figures as JSON and CSV, and further texts; return the path of the report.
-
-    Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
-    """
-    texts = {"report.html": html(report), "summary.json": summary, "figures.csv": figures, **more}
-    with new_directory(out) as folder:
-        for name, text in texts.items():
-            (folder / name).parent.mkdir(exist_ok=True)
-            (folder / name).write_text(text, encoding="utf-8")
-    return Path(out) / "report.html"
+    texts = {
+        "summary.json": summary_text(summary(comparison), rotary=rotary, quoted=comparison.quoted),
+        "figures.csv": figures_csv(comparison),
+        "machine.toml": comparison.machine.file.text,
+    }
+    return write_page(out, comparison_report(comparison), {**texts, **(more or {}), **controls})
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:
@@ -278,4 +258,4 @@ def _tuned(law: Competitor) -> dict[str, Any]:
 
 def figures_csv(comparison: Comparison) -> str:
     """Return the figures as CSV; missing ones are empty cells."""
-    return csv_of({"law": comparison.names}, comparison.figures, Units(rotary=comparison.rotary))
+    return figures_text({"law": comparison.names}, comparison.figures, Units(rotary=comparison.rotary))

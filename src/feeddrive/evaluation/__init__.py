@@ -7,6 +7,7 @@ make_lazy(
     {
         "case": "Case content_digest",
         "engine": "Bar Engine",
+        "robustness": "Design Rule",
         "store": "Folder Store",
     },
 )

@@ -8,6 +8,7 @@ import contextlib
 import csv
 import io
 import json
+import math
 import platform
 import re
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
@@ -53,6 +54,24 @@ def _in_units(value: Any, units: Units, quoted: frozenset[str]) -> Any:
 def figure_key(key: str, units: Units) -> str:
     """Return the key of a figure with its SI unit as suffix: force_peak_N becomes force_peak_N_m on a rotary axis."""
     return turning_key(key) if units.rotary else key
+
+
+def plain(value: float | None) -> float | str | None:
+    """Return a figure in its JSON form: infinity becomes the text "infinite"."""
+    return "infinite" if value is not None and math.isinf(value) else value
+
+
+def figures_text(
+    labels: Mapping[str, Sequence[str]], figures: Sequence[Mapping[str, float | None]], units: Units
+) -> str:
+    """Return columns of labels and all figures by name as CSV; missing figures are empty cells."""
+    keys, text = list(dict.fromkeys(key for row in figures for key in row)), io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*labels, *(figure_key(key, units) for key in keys)])
+    for names, row in zip(zip(*labels.values(), strict=True), figures, strict=True):
+        cells = (row.get(key) for key in keys)
+        writer.writerow([*names, *("" if cell is None else repr(float(cell)) for cell in cells)])
+    return text.getvalue()
 
 
 def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:

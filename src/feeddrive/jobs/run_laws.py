@@ -42,7 +42,7 @@ from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.machining.part_run import PartRun
 from feeddrive.plot.chart import Chart
-from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents, block_sentence, described
+from feeddrive.report.laws import Entry, LawsContents, block_sentence, described, facts_of, response_lines
 from feeddrive.report.laws_report import laws_report
 from feeddrive.report.machining_report import laws_table
 from feeddrive.report.report import Report
@@ -109,23 +109,13 @@ class JobResult(Result):
 
     def contents(self) -> LawsContents:
         """Return the contents of the report."""
-        job, loop = self.job, self.rows[0].loop
-        facts = {
-            "Machine": job.machine.name,
-            "Source of its numbers": job.machine.source or "not stated",
-            "Sample time": Text(f"{Quantity(loop.sample_time, 's'):6}, {loop.axis.substeps} substep(s) of exact hold"),
-            "Work": _work(job, self.log),
-            "Load": load_text(job, self.log),
-            **_couplings(job),
-            "Noise": f"seed {job.seed}",
-            "Linear model": Text(f"sliding at {Quantity(self.velocity, 'm/s')}"),
-        }
-        if job.machine.remark:
-            facts["Remark"] = job.machine.remark
+        job = self.job
+        work = {"Work": _work(job, self.log), "Load": load_text(job, self.log), **_couplings(job)}
+        work["Noise"] = f"seed {job.seed}"
         return LawsContents(
             title=job.title,
             entries=self.rows,
-            facts=facts,
+            facts=facts_of(job.machine, job.machine.name, self.rows[0].loop, self.velocity, work),
             rule=job.rule,
             job=job.file.text,
             versions=self.versions,
@@ -182,11 +172,9 @@ def _chart(result: JobResult) -> Chart:
 @frame_of.register
 def _frame(result: JobResult) -> Any:
     """Return a data frame with one row per law, in SI units."""
-    from feeddrive.plot.frames import frame
+    from feeddrive.plot import frames
 
-    figures = [numbers(row) for row in result.rows]
-    columns = {key: np.array([row[key] for row in figures], float) for key in figures[0]}
-    return frame([row.name for row in result.rows], columns, "law")
+    return frames.laws([row.name for row in result.rows], [numbers(row) for row in result.rows])
 
 
 def numbers(row: Entry) -> dict[str, float | None]:
@@ -265,8 +253,7 @@ class LawRun(Case[Entry]):
                 run = dataclasses.replace(together.axis(loop.name), name=name)
             else:
                 run = _simulated(job, loop, name, progress)
-            nyquist = 0.5 / loop.sample_time
-            frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
+            frequency = response_lines(loop)
             with_gain = not no_model and period_of(idle) <= MOST
             gain = loop_gain(idle, frequency, velocity=velocity, axis=loop.name) if with_gain else None
             if job.program is not None:

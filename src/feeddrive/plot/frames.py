@@ -14,7 +14,7 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import MissingExtraError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from feeddrive.analysis.effort import Effort
     from feeddrive.analysis.friction_map import FrictionMap
@@ -65,6 +65,17 @@ def frame(index: Sequence[Any] | np.ndarray, columns: Mapping[str, Any], index_n
     except ImportError as error:
         raise MissingExtraError("pandas", "pandas", "a DataFrame") from error
     return pandas.DataFrame(dict(columns), index=pandas.Index(index, name=index_name))
+
+
+def laws(
+    names: Sequence[str],
+    figures: Sequence[Mapping[str, float | None]],
+    keys: Iterable[str] | None = None,
+    index_name: str = "law",
+) -> Any:
+    """Return a data frame with one row per law, in SI. `keys` selects the figures; default: all."""
+    keys = dict.fromkeys(key for row in figures for key in row) if keys is None else keys
+    return frame(names, {key: np.array([row.get(key) for row in figures], float) for key in keys}, index_name)
 
 
 def run(run: Run) -> Any:

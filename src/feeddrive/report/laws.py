@@ -10,6 +10,7 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.analysis.stiffness import Stiffness, stiffness
+from feeddrive.files.machine import MachineFile
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
@@ -21,7 +22,25 @@ from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
 from feeddrive.report.report import Part, Picture, Section
 
-RESPONSE_LINES = 1500  # lines of a frequency response, from 1 Hz to Nyquist
+_LINES = 1500  # lines of a frequency response, from 1 Hz to Nyquist
+
+
+def response_lines(loop: Loop) -> np.ndarray:
+    """Return the frequency lines in Hz at which the responses of a loop are drawn."""
+    nyquist = 0.5 / loop.sample_time
+    return np.geomspace(min(1.0, 0.01 * nyquist), nyquist, _LINES)
+
+
+def facts_of(machine: MachineFile, name: str, loop: Loop, velocity: float, work: Mapping[str, str]) -> dict[str, str]:
+    """Return the facts of a report on laws by headline: the machine under its name, the work, and the linear model."""
+    facts = {
+        "Machine": name,
+        "Source of its numbers": machine.source or "not stated",
+        "Sample time": Text(f"{Quantity(loop.sample_time, 's'):6}, {loop.axis.substeps} substep(s) of exact hold"),
+        **work,
+        "Linear model": Text(f"sliding at {Quantity(velocity, 'm/s')}"),
+    }
+    return facts | ({"Remark": machine.remark} if machine.remark else {})
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from io import StringIO
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.errors import sentence
 from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.language.table import Grid, Table, drawn_in
@@ -57,6 +59,18 @@ def html(report: Report, units: Units | None = None) -> str:
     text = _environment().get_template("report.html").render(report=report, units=units, widths=_WIDTHS)
     # quantities are placeholders until here: units are chosen once, after all texts are in place
     return resolve(text.translate(_CONTROL), units)
+
+
+def write_page(out: str | Path, report: Report, texts: Mapping[str, str]) -> Path:
+    """Write a directory with a report and further texts by file name; return the path of the report.
+
+    Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
+    """
+    with new_directory(out) as folder:
+        for name, text in {"report.html": html(report), **texts}.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
+    return Path(out) / "report.html"
 
 
 @cache

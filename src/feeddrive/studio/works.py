@@ -187,13 +187,9 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:
     """Compare laws at equal robustness; return trade-off, table, and the control of each law."""
-    from feeddrive.comparison.pictures import tradeoff_chart
-
     outcome = perform("compare", request, progress)
     comparison = outcome.result
-    chart = tradeoff_chart(
-        [(competitor.name, competitor.figures, competitor.unplaced) for competitor in comparison.competitors]
-    )
+    chart = comparison.chart()
     drawn = {mark.key for panel in chart.panels for mark in panel.marks}
     laws = [
         {

@@ -6,13 +6,14 @@ declares with which laws it can be combined (`goes_beside`).
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 from feeddrive.analysis.stiffness import reading_deviation
 from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.catalogue import find, members
 from feeddrive.blocks.compensation.mode_compensation import ModeCompensation
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.blocks.families import Compensation, Feedforward, Law, Prefilter
+from feeddrive.blocks.families import Compensation, Feedforward, Law, Prefilter, Reference
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.feedforward.friction_stops import FrictionStops
 from feeddrive.blocks.feedforward.inertia import Inertia
@@ -21,11 +22,15 @@ from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.learning.iterative_feedforward import begin_compensation
+from feeddrive.learning.stops import learn_stops
+from feeddrive.learning.trajectory_prefilter import tune_prefilter
+from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 PLAIN = CascadePPI.title  # the reference law of the comparison
 _MOTION = ("acceleration", "velocity")
+_TRIALS = 6  # number of trials in which a compensator learns
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,23 @@ class Candidate:
     remark: str = ""
     like: str = ""
     then: str = ""
+
+    def tuned(self, control: Control) -> Self:
+        """Return the candidate with the gains of a tuned control: its own one, or that of the candidate `like`."""
+        if self.like:
+            control = replace(self.loop.control, law=control.law)
+        return replace(self, loop=replace(self.loop, control=control))
+
+    def adapted(self, move: Reference, seed: int) -> Loop:
+        """Return the loop after the step that follows tuning, in which it learns from a move."""
+        if self.then == "trials":
+            return iterate_trials(self.loop, move, _TRIALS, seed=seed).loop
+        if self.then == "stops":
+            return learn_stops(self.loop, seed=seed)[0]
+        if self.then == "prefilter":
+            fitted = tune_prefilter(self.loop, move, seed=seed)[-1].prefilter
+            return replace(self.loop, control=replace(self.loop.control, prefilter=fitted))
+        return self.loop
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.columns import Column
 from feeddrive.files.drive import Drive, drive_with
 from feeddrive.files.log import Log, LogLike
@@ -15,7 +14,7 @@ from feeddrive.files.read_log import OpenedFile, read_log
 from feeddrive.identification.regression import SHAFT
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
-from feeddrive.report.page import html
+from feeddrive.report.page import write_page
 from feeddrive.report.report import Report
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, option
@@ -155,11 +154,7 @@ def narrow(table: Table) -> Table:
 
 def write_report(report: Report, machine: str | None, out: str | Path) -> Path:
     """Write `report.html` and, if there is one, `machine.toml` into a directory; return the path of the report."""
-    with new_directory(out) as folder:
-        if machine is not None:
-            (folder / "machine.toml").write_text(machine, encoding="utf-8")
-        (folder / "report.html").write_text(html(report), encoding="utf-8")
-    return Path(out) / "report.html"
+    return write_page(out, report, {} if machine is None else {"machine.toml": machine})
 
 
 def written(report: Path, machine: str | None) -> dict[str, Path]:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.figures.of_loops import ROPE_SNAP
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.run_files import summary_text
 from feeddrive.files.section import to_toml
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
@@ -21,7 +20,7 @@ from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.report.page import html
+from feeddrive.report.page import write_page
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.study.robust import Measured, Robust, RobustTuner, bound_sentence, in_percent, is_limit
 from feeddrive.tuning.candidates import candidates, control_with
@@ -183,14 +182,12 @@ def _write(laws: Laws, page: Report, text: str | None, out: Path) -> Path:
         "not_tuned": dict(laws.refused),
         "tuning": summary(best.tuned, (), ()),
     }
-    with new_directory(out) as folder:
-        (folder / "report.html").write_text(html(page), encoding="utf-8")
-        (folder / "summary.json").write_text(summary_text(numbers, rotary=best.rotary), encoding="utf-8")
-        control = to_toml(best.tuned.control, f"axis.{base.axis}.control", rotary=best.rotary)
-        (folder / "control.toml").write_text(control, encoding="utf-8")
-        if text is not None:
-            (folder / "machine.toml").write_text(text, encoding="utf-8")
-    return Path(out) / "report.html"
+    texts = {
+        "summary.json": summary_text(numbers, rotary=best.rotary),
+        "control.toml": to_toml(best.tuned.control, f"axis.{base.axis}.control", rotary=best.rotary),
+    }
+    machine = {} if text is None else {"machine.toml": text}
+    return write_page(out, page, texts | machine)
 
 
 def _share(fresh: Measured) -> dict[str, Any]:

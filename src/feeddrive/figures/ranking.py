@@ -1,20 +1,14 @@
-"""The figures by which laws are ranked: computation from the linear model, and output as text and data frame."""
+"""The figures by which laws are ranked, and those of them that come from the linear model."""
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
-
-import numpy as np
 
 from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.catalogue import figures as catalogue
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import LinearLoop
-from feeddrive.files.run_files import figure_key
-from feeddrive.language.quantity import Units
 from feeddrive.loop.loop import Loop
 
 Values: TypeAlias = Mapping[str, float | None]
@@ -85,31 +79,3 @@ def worst(figures: Sequence[Values]) -> dict[str, float | None]:
         higher = key in known and known[key].higher
         worst_values[key] = None if len(values) < len(figures) else (min if higher else max)(values)
     return worst_values
-
-
-def plain(value: float | None) -> float | str | None:
-    """Return a figure in its JSON form: infinity becomes the text "infinite"."""
-    return "infinite" if value is not None and math.isinf(value) else value
-
-
-def keys_of(figures: Sequence[Values]) -> list[str]:
-    """Return the keys of all figures, in order of first occurrence."""
-    return list(dict.fromkeys(key for row in figures for key in row))
-
-
-def csv_of(labels: Mapping[str, Sequence[str]], figures: Sequence[Values], units: Units) -> str:
-    """Return label columns and all figures as CSV; missing figures are empty cells."""
-    keys, text = keys_of(figures), io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*labels, *(figure_key(key, units) for key in keys)])
-    for names, row in zip(zip(*labels.values(), strict=True), figures, strict=True):
-        cells = (row.get(key) for key in keys)
-        writer.writerow([*names, *("" if cell is None else repr(float(cell)) for cell in cells)])
-    return text.getvalue()
-
-
-def frame_of_figures(index: str, names: list[str], figures: Sequence[Values], keys: Sequence[str]) -> Any:
-    """Return a pandas data frame of figures in SI units."""
-    from feeddrive.plot.frames import frame
-
-    return frame(names, {key: np.array([row.get(key) for row in figures], float) for key in keys}, index)

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from feeddrive.comparison.figures import CRITERIA
 from feeddrive.figures.of_loops import STIFFNESS_AT
 from feeddrive.figures.of_runs import TRACKING_RMS
+from feeddrive.figures.ranking import CRITERIA
 from feeddrive.language.quantity import Quantity, number, unit_name
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run

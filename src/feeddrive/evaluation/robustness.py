@@ -1,23 +1,33 @@
-"""The rule of equal robustness, and the tuning of laws under it."""
-
-from __future__ import annotations
+"""The rule of equal robustness, the tuning of laws under it, and their designs as they are stored."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from feeddrive.analysis.loop_model import loop_model
 from feeddrive.evaluation.case import Case
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.figures.figure import Limit
-from feeddrive.figures.of_loops import DELAY_MARGIN, FORCE_NOISE, NOISE_GAIN, SENSITIVITY_PEAK
+from feeddrive.figures.of_loops import (
+    DELAY_MARGIN,
+    FORCE_NOISE,
+    NOISE_GAIN,
+    ROPE_SNAP,
+    SENSITIVITY_PEAK,
+    LinearLoop,
+)
+from feeddrive.figures.ranking import Values
+from feeddrive.files.run_files import versions
 from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, FeeddriveError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
+from feeddrive.language.units import rounded
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.criteria import Limits
@@ -25,6 +35,7 @@ from feeddrive.tuning.tune import HeldBack, Tuned, assess, goal_of, law_tunables
 
 _ROOM = 1e-3  # of a bound: tolerance for peaks between the frequency lines
 AGREE = 0.05  # of the goal: complete tunings this close to the best one agree with it
+STALE = 1e-4  # of a figure: a design whose figures differ by more belongs to another law, plant or rule
 NANO = 1e-9  # m: the reading noise for which the bound is stated
 
 
@@ -88,11 +99,112 @@ class Rule:
             exceeded.append(f"{Quantity(NANO * noise, 'N'):3} per nm of noise")
         return joined(", ", exceeded)
 
-    def with_noise_of(self, plain: Tuned | Refusal) -> Rule:
+    def figures(self, loop: Loop) -> dict[str, float]:
+        """Return the figures of a stable loop by which a stored design is recognized, by key."""
+        linear = LinearLoop(loop, known=loop_model(loop, velocity=self.velocity))
+        values = {figure.key: figure.value(linear) for figure in (ROPE_SNAP, SENSITIVITY_PEAK, NOISE_GAIN)}
+        return {key: float(value) for key, value in values.items() if value is not None}
+
+    def with_noise_of(self, plain: Tuned | Refusal) -> Self:
         """Return the rule for the other laws, with the noise limit taken from the tuned P-PI."""
         if not isinstance(plain, Tuned) or plain.after[0].force_noise is None:
             return self
         return replace(self, noise=self.noise_ratio * plain.after[0].force_noise / NANO)
+
+
+@dataclass(frozen=True)
+class Design:
+    """A tuned law as it is stored, by the engine and in the folders of the benchmark; `refused` is the reason if there
+    is none.
+
+    plant, rules        of the benchmark, to which a design in its folders belongs, and version of the rules
+    tunables, started   by dotted name within the control, and their values before the tuning
+    figures    by criterion key, at the nominal position; the design is stale once the recomputed figures differ
+    noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
+    held       the active constraints, as sentences; `bounds` has their numbers
+    """
+
+    law: str
+    plant: str = ""
+    rules: int = 0
+    tunables: Mapping[str, float] = field(default_factory=dict[str, float])
+    figures: Mapping[str, float] = field(default_factory=dict[str, float])
+    noise: float | None = None
+    refused: str = ""
+    unsettled: str = ""
+    spread: float = 0.0
+    repeats: int = 0
+    evaluations: int = 0
+    held: tuple[str, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=versions)
+    started: Mapping[str, float] = field(default_factory=dict[str, float])
+    bounds: tuple[HeldBack, ...] = ()
+    advice: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, law: str, outcome: Tuned | Refusal, rule: Rule) -> Self:
+        """Return the design of a law that was tuned under a rule."""
+        if isinstance(outcome, Refusal):
+            return cls(law, noise=rule.noise, refused=outcome.reason)
+        return cls(
+            law,
+            tunables=outcome.tunables,
+            figures=rule.figures(outcome.loops[0]),
+            noise=rule.noise,
+            unsettled=outcome.unsettled,
+            spread=outcome.spread,
+            repeats=rule.repeats,
+            evaluations=outcome.evaluations,
+            held=tuple(bound.sentence() for bound in outcome.held),
+            started=outcome.started,
+            bounds=outcome.held,
+            advice=outcome.advice,
+        )
+
+    def record(self) -> dict[str, Any]:
+        """Return the design for a JSON file, with the tunables exact and as six digits for a reader."""
+        exact = {name: float(value).hex() for name, value in self.tunables.items()}
+        return asdict(self) | {
+            "tunables": exact,
+            "values": {name: rounded(value, 6) for name, value in self.tunables.items()},
+        }
+
+    @classmethod
+    def read(cls, record: Any) -> Self:
+        """Return the design of a record, which may lack what earlier versions did not store.
+
+        Raises ValueError, KeyError, TypeError or AttributeError for anything else.
+        """
+        values: dict[str, Any] = {name: value for name, value in record.items() if name != "values"}
+        values["tunables"] = {name: float.fromhex(value) for name, value in record["tunables"].items()}
+        values["bounds"] = tuple(HeldBack(**bound) for bound in record.get("bounds", ()))
+        values |= {name: tuple(record.get(name, ())) for name in ("held", "advice")}
+        return cls(**values)
+
+    def control(self, candidate: Candidate) -> Control:
+        """Return the control of a candidate with these tunables. Raises ParameterError if its tunables are
+        different.
+        """
+        return tree.vary(candidate.loop.control, dict(self.tunables))
+
+    def moved(self, figures: Values) -> str:
+        """Return a sentence on the first stored figure whose value has changed; empty if none has."""
+        for key, stored in self.figures.items():
+            now = figures.get(key)
+            if now is None or abs(now - stored) > STALE * abs(stored):
+                present = None if now is None else number(now, 6)
+                return f"{key} was {number(stored, 6)} when its design was stored and is {present}"
+        return ""
+
+    def stale(self, loop: Loop, rule: Rule) -> str:
+        """Return why the design does not match the present code (a changed figure or noise limit); empty if it does."""
+        moved = self.moved(rule.figures(loop))
+        if moved or self.noise is None or rule.noise is None or abs(self.noise / rule.noise - 1.0) <= STALE:
+            return moved
+        return Text(
+            f"it was tuned to a noise bound of {Quantity(self.noise, 'N/m'):6 SI}, which is "
+            f"{Quantity(rule.noise, 'N/m'):6 SI} now"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,42 +238,30 @@ class Tuning(Case["Tuned | Refusal"]):
             return Refusal(self.name, Text(f"{error}"))
 
     def record(self, outcome: Tuned | Refusal) -> dict[str, Any]:
-        """Return a record with the exact values of the tunables and details of the search."""
-        if isinstance(outcome, Refusal):
-            return {"refused": outcome.reason}
-        return {
-            "refused": None,
-            "tunables": {name: float(value).hex() for name, value in outcome.tunables.items()},
-            "started": dict(outcome.started),
-            "held": [list(vars(bound).values()) for bound in outcome.held],
-            "advice": list(outcome.advice),
-            "evaluations": outcome.evaluations,
-            "spread": outcome.spread,
-            "unsettled": outcome.unsettled,
-        }
+        """Return the design of the law as a record."""
+        return Design.of(self.name, outcome, self.rule).record()
 
     def restored(self, record: Any, progress: Progress) -> Tuned | Refusal:
-        """Restore the tuning from a record; figures and proof are recomputed."""
-        if record["refused"] is not None:
-            return Refusal(self.name, str(record["refused"]))
-        tunables = {str(name): float.fromhex(value) for name, value in record["tunables"].items()}
-        held = tuple(HeldBack(*bound) for bound in record["held"])
-        return replace(
-            self.assessed(tunables, progress),
-            started=dict(record["started"]),
-            held=held,
-            advice=tuple(record["advice"]),
-            evaluations=int(record["evaluations"]),
-            spread=float(record["spread"]),
-            unsettled=str(record["unsettled"]),
-        )
+        """Restore the tuning from the record of its design."""
+        return self.as_designed(Design.read(record), progress)
 
-    def assessed(self, tunables: Mapping[str, float], progress: Progress) -> Tuned:
-        """Compute figures and proof of the law with known tunables, without a search."""
-        control = tree.vary(self.candidate.loop.control, dict(tunables))
+    def as_designed(self, design: Design, progress: Progress) -> Tuned | Refusal:
+        """Return the tuning of a stored design; figures and proof are recomputed, without a search."""
+        if design.refused:
+            return Refusal(self.name, design.refused)
         progress.step("as it was kept")
-        known = assess(control, self.points, rule="kept", limits=self.rule.limits(), velocity=self.rule.velocity)
-        return replace(known, tunables=dict(tunables), recipe="")
+        control, limits = design.control(self.candidate), self.rule.limits()
+        return replace(
+            assess(control, self.points, rule="kept", limits=limits, velocity=self.rule.velocity),
+            tunables=dict(design.tunables),
+            started=dict(design.started),
+            held=design.bounds,
+            advice=design.advice,
+            evaluations=design.evaluations,
+            spread=design.spread,
+            unsettled=design.unsettled,
+            recipe="",
+        )
 
     def repeated(self, progress: Progress) -> Tuned:
         """Return the best of several complete tunings, settled if all of them agree. Raises UnstableError if none
