@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -136,18 +137,17 @@ def test_ten_million_lines_are_read_again_and_a_million_without_a_motion(
 ) -> None:
     program = tmp_path / "loop.ngc"
     program.write_text("o1 while [1]\no1 endwhile\n")
-    flow = Flow(program, Parameters())
+    with closing(Flow(program, Parameters())) as flow:
 
-    def go_on() -> None:
-        for _ in range(3):
-            line = flow.next_line()
-            assert line is not None
-            flow.act(line.text.replace(" ", ""))
+        def go_on() -> None:
+            for _ in range(3):
+                line = flow.next_line()
+                assert line is not None
+                flow.act(line.text.replace(" ", ""))
 
-    go_on()
-    setattr(flow, counter, count)
-    assert refuses(go_on, "does a loop never end?") is refused
-    flow.close()
+        go_on()
+        setattr(flow, counter, count)
+        assert refuses(go_on, "does a loop never end?") is refused
 
 
 @pytest.mark.parametrize(("text", "reason"), [
