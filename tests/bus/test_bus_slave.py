@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus_bench import SCALING, T, bench_loop
+from feeddrive.bus import virtual_nodes
 from feeddrive.bus.cia402 import OBJECTS
-from feeddrive.bus.virtual_drive import DrivenAxis, Firmware
+from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, PdoMap
 from feeddrive.bus.virtual_nodes import (
     INIT,
     INPUTS,
@@ -22,6 +23,7 @@ from feeddrive.bus.virtual_nodes import (
     SAFEOP,
     SlaveController,
     eeprom,
+    serve_ethercat,
 )
 
 APRD, APWR, FPRD, FPWR, BRD, BWR, LRD, LWR, LRW = 1, 2, 4, 5, 7, 8, 10, 11, 12
@@ -230,6 +232,85 @@ def test_the_eeprom_is_read_word_by_word(slave: SlaveController) -> None:
     image = eeprom(0, 0x66656564, 1, 1, "feeddrive virtual drive")
     assert b"".join(words(at) for at in range(0, len(image) // 2, 4)) == image
     assert words(0x10000) == b"\xff" * 8
+
+
+def test_the_eeprom_states_what_the_mailbox_can() -> None:
+    """CANopen over EtherCAT alone (bit 2); SDO (0), assignment (2) and mapping (3), but no SDO information (1)."""
+    image = eeprom(0, 1, 1, 1, "x")
+    assert struct.unpack_from("<H", image, 0x38)[0] == 1 << 2
+    at = 128
+    while struct.unpack_from("<H", image, at)[0] != 30:  # general
+        at += 4 + 2 * struct.unpack_from("<H", image, at + 2)[0]
+    assert image[at + 4 + 5] == 1 << 0 | 1 << 2 | 1 << 3
+
+
+def test_the_sync_managers_are_for_mailboxes_outputs_and_inputs(slave: SlaveController) -> None:
+    """0x1C00 by ETG.1000.6: 1 mailbox out, 2 mailbox in, 3 outputs, 4 inputs."""
+    mailboxes(slave)
+    to(slave, PREOP)
+    answers = [sdo(slave, struct.pack("<BHBI", 0x40, 0x1C00, k, 0)) for k in range(1, 5)]
+    assert [answered[4] for answered in answers] == [1, 2, 3, 4]
+    assert all(answered[0] == 0x4F for answered in answers)
+
+
+def test_a_message_without_a_node_number_is_switched_off() -> None:
+    """Bit 31 of a COB-ID, by CiA 301."""
+    lists = PdoMap(Firmware(AXIS, SCALING, T), lambda: True)
+    (message,) = struct.unpack("<I", lists.read(0x1400, 1))
+    assert message == 1 << 31 | 0x200
+
+
+KINDS = (b"\x88\xa4", b"\x08\x00")
+
+
+class Wire:
+    """A packet socket that gives each frame to those whose protocol it has, as the kernel does."""
+
+    def __init__(self, protocol: int, frames: list[bytes]) -> None:
+        self.protocol, self.frames, self.sent = protocol, frames, list[bytes]()
+
+    def settimeout(self, seconds: float) -> None:
+        pass
+
+    def recv(self, size: int) -> bytes:
+        while self.frames:
+            frame = self.frames.pop()
+            if int.from_bytes(frame[12:14], "big") == self.protocol:
+                return frame
+        raise TimeoutError
+
+    def send(self, frame: bytes) -> None:
+        self.sent.append(frame)
+
+    def close(self) -> None:
+        pass
+
+
+def test_frames_of_ethercat_are_served_and_others_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """0x88A4 is EtherCAT, by IEEE; 0x0800 is IP."""
+    frames = [bytes(12) + kind + struct.pack("<HBBHHHH", 0x100E, BRD, 0, 0, 0x130, 2, 0) + bytes(34) for kind in KINDS]
+    lines = list[Wire]()
+
+    def opened(_: str, protocol: int) -> Wire:
+        lines.append(Wire(protocol, frames))
+        return lines[-1]
+
+    monkeypatch.setattr(virtual_nodes, "opened_socket", opened)
+    serve_ethercat(Firmware(AXIS, SCALING, T), "x", ready=lambda: None, stopped=lambda: not frames)
+    (answered,) = lines[0].sent
+    assert answered[12:14] == KINDS[0]
+    assert answered[28] == 1  # the slave counted
+
+
+def test_a_slave_without_outputs_leaves_op_by_its_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
+    """AL status code 0x001B, by ETG.1000.6: sync manager watchdog."""
+    made = powered_up()
+    in_op(made)
+    monkeypatch.setattr(virtual_nodes, "SlaveController", lambda _: made)
+    monkeypatch.setattr(virtual_nodes, "opened_socket", lambda *_: Wire(0, []))
+    serve_ethercat(made.firmware, "x", ready=lambda: None, stopped=lambda: made.state != OP, watchdog=1e-3)
+    content, _ = ask(made, FPRD, STATION, 0x0130, bytes(6))
+    assert (content[0], content[4]) == (SAFEOP | 0x10, 0x1B)
 
 
 DATAGRAMS = st.lists(

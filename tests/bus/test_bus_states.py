@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -143,6 +144,27 @@ def test_a_quick_stop_brakes_with_its_deceleration_and_switches_off() -> None:
     assert abs(drive.values["velocity"]) * SCALING.metre < 1e-3
 
 
+@pytest.mark.parametrize(("cycles", "state"), [(150, S.QUICK_STOP), (300, S.SWITCH_ON_DISABLED)])
+def test_a_quick_stop_holds_the_axis_for_200_ms_after_its_ramp(cycles: int, state: PowerState) -> None:
+    """From rest, whose ramp ends at once: until the position loop has settled."""
+    drive = firmware()
+    enabled(drive)
+    drive.take({"controlword": QUICK_STOP})
+    for _ in range(cycles):
+        drive.cycle()
+    assert drive.state is state
+
+
+def test_without_a_limit_of_the_guard_the_following_error_is_not_watched() -> None:
+    """0x6065 with all bits set, by CiA 402: 10 m away are no fault."""
+    drive = firmware()
+    assert drive.read(0x6065, 0) == b"\xff" * 4
+    enabled(drive)
+    drive.take({"target_position": 10**9})
+    drive.cycle()
+    assert drive.state is S.ENABLED
+
+
 def test_a_drive_that_loses_its_bus_faults_only_while_it_is_enabled() -> None:
     drive = firmware()
     drive.lost()
@@ -182,6 +204,25 @@ def test_the_drive_file_of_a_virtual_drive_holds_in_every_mode(machine: str, tmp
     mass = {"emps": 95.154, "mill": 138.957, "ball_screw": 163.0}[machine]  # kg
     assert limits.breakaway_force == pytest.approx(1.5 * friction, rel=5e-3)  # and its viscous part at 1 mm/s
     assert limits.largest_mass == pytest.approx(1.5 * mass, rel=1e-3)
+
+
+def test_what_a_machine_file_does_not_state_of_its_drive_is_taken_as_usual() -> None:
+    """Three times the rated force as peak; a newton in a step of the torque; an axis of 20 m in 32 bits of 10 nm."""
+    loop = bench_loop()
+    limited = scaling_of(loop)
+    assert limited.rated_force == pytest.approx(float(loop.control.force_limit) / 3.0)
+    free = scaling_of(replace(loop, control=replace(loop.control, force_limit=None)))
+    assert free.newton == 1.0
+    assert free.increments(20.0) < 2**31
+    assert free.metre <= 10e-9
+
+
+def test_a_virtual_drive_forgives_20_ms_to_an_ordinary_computer() -> None:
+    """15 ms pass unnoticed, as the time slice of a scheduler; 30 ms are a standstill."""
+    loop = bench_loop()
+    text = drive_text(loop, scaling_of(loop), "canopen", "virtual:x", 1, T)
+    late = int(text.partition("late_cycles = ")[2].split()[0])
+    assert 15e-3 < late * T < 30e-3
 
 
 @pytest.mark.parametrize("cycle_time", [1.5e-3, 0.5e-3, 0.0])

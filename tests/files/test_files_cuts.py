@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import ParameterError, ProgramError
@@ -86,6 +87,12 @@ def test_comments_tell_what_the_lines_after_them_cut(tmp_path: Path) -> None:
     assert counted is not None
     assert line is not None
     assert set(line[counted]) == {6, 7, 11}
+
+
+def test_a_tooth_meets_as_many_surfaces_in_a_program_as_in_a_cut_of_its_own(tmp_path: Path) -> None:
+    """Those that count once a tooth loses contact (Tlusty & Ismail), as the block has them by default."""
+    (cut,) = read_job(written(tmp_path)).machines["today"].couplings
+    assert cut.surfaces == MillingCut(cutter=cut.cutter, spindle_speed=cut.spindle_speed).surfaces
 
 
 def test_sections_of_the_job_stand_over_comments(tmp_path: Path) -> None:

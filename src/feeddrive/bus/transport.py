@@ -259,8 +259,9 @@ def urgent(wanted: bool) -> Generator[bool]:
     before = None
     if wanted and hasattr(os, "sched_setscheduler"):
         with contextlib.suppress(OSError):
-            before = os.sched_getscheduler(0), os.sched_getparam(0)
+            ordinary = os.sched_getscheduler(0), os.sched_getparam(0)
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+            before = ordinary  # only now: a refusal leaves it None
     collected = gc.isenabled()
     gc.disable()
     try:

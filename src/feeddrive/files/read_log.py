@@ -38,6 +38,7 @@ from feeddrive.files.readers.uff import STARTS as _UFF
 from feeddrive.files.readers.uff import read_uff
 from feeddrive.files.run_files import read_parquet
 from feeddrive.files.section import read_section
+from feeddrive.files.toml_file import MOST_BYTES as MOST_TOML_BYTES
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest, plain
@@ -48,7 +49,6 @@ _PIECE = 10_000_000  # bytes that gzip unpacks at a time: a decompression bomb i
 _LEAST = 256  # bytes that a member of a gzip file is given first
 _PAD = 65536  # bytes of zeros between members that are skipped at a time
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_MOST_TOML = 4_000_000  # bytes; no TOML file of ours is larger
 _PAIR = re.compile(rb"(?:\s*#[^\n]*\n|\s)*(?:\[[^,\n]*\]|[\w.\"'-]+[ \t]*=)")  # how a TOML file begins
 _READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, MDF4, also packed by gzip"
 
@@ -167,7 +167,7 @@ def refuse_others(name: str, content: bytes, readable: str) -> None:
 
 def _is_toml(content: bytes) -> bool:
     """Return True for a TOML text such as a machine file, job or column mapping; a table of numbers is never TOML."""
-    if not _PAIR.match(content[:65536]) or len(content) > _MOST_TOML:
+    if not _PAIR.match(content[:65536]) or len(content) > MOST_TOML_BYTES:
         return False
     try:
         tomllib.loads(content.decode())
