@@ -117,7 +117,6 @@ def test_a_drive_may_differ_from_its_file_by_half_a_percent(milli: int, is_near:
 
 @pytest.mark.parametrize(("slow", "is_on"), [(2.0, True), (4.0, False)])
 def test_a_drive_has_three_seconds_to_switch_on(slow: float, is_on: bool, monkeypatch: pytest.MonkeyPatch):
-    """A contactor and the charging of its capacitors take about one."""
     clock = Clock()
     monkeypatch.setattr(bus_client, "time", clock)
     mirror = Mirror(clock=clock, slow=slow, cycle_time=0.05)

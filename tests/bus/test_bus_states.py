@@ -218,7 +218,7 @@ def test_what_a_machine_file_does_not_state_of_its_drive_is_taken_as_usual() -> 
 
 
 def test_a_virtual_drive_forgives_20_ms_to_an_ordinary_computer() -> None:
-    """15 ms pass unnoticed, as the time slice of a scheduler; 30 ms are a standstill."""
+    """15 ms pass, 30 ms end the motion."""
     loop = bench_loop()
     text = drive_text(loop, scaling_of(loop), "canopen", "virtual:x", 1, T)
     late = int(text.partition("late_cycles = ")[2].split()[0])

@@ -61,7 +61,7 @@ def accepts(action: Callable[[], object], refusal: str, kind: type[Exception] = 
         (110 * MB, 1000, False),
         (280 * MB, 2 * MB, True),  # and 100 times its size
         (320 * MB, 2 * MB, False),
-        (1.9 * GB, GB, True),  # of a machine with 4 GB
+        (1.9 * GB, GB, True),
         (2.1 * GB, GB, False),
     ],
 )
@@ -120,7 +120,6 @@ SIZES = {
 @pytest.mark.parametrize("share", [0.9, 1.1])
 @pytest.mark.parametrize("kind", SIZES)
 def test_a_file_of_each_format_may_have_its_size(kind: str, share: float, monkeypatch: pytest.MonkeyPatch):
-    """MDF4, XML and UFF are unpacked into objects of Python, which take several times their size."""
     monkeypatch.setitem(sys.modules, "pyuff", SimpleNamespace(UFF=FewSets))
     read, content, most = SIZES[kind]
     assert accepts(lambda: read(sized(content, int(share * most))), "more than the") is (share < 1.0)

@@ -13,7 +13,9 @@ from feeddrive.language.errors import BusError, MissingExtraError, ParameterErro
 # CiA 301: COB-ID of SYNC, the bit that disables a PDO, and transmission type 1, with every SYNC.
 _SYNC, _INVALID, _EVERY_SYNC = 0x80, 1 << 31, 1
 _CONSUMER, _BEAT, _OPERATING = 0x1016, 0x700, b"\x05"  # heartbeat: consumer time, COB-ID, state byte
+# longer than the cycle of a usual master; each start of a motion waits for it
 _LISTENING = 0.05  # s in which another master must have sent a SYNC
+# short: the node is asked while a motion ends, for the message or to restore its heartbeat
 _LOOKING = 0.3  # s for an answer of a node that is silent already
 
 
@@ -93,6 +95,7 @@ class CANopen:
             (0x1400, 0x1600, sent, self._of_sent),
             (0x1800, 0x1A00, told, self._of_told),
         ):
+            # CiA 301: a PDO can be mapped only while it is switched off
             for k, message in enumerate(messages):
                 self.write(talks + k, 1, (message | _INVALID).to_bytes(4, "little"))
                 self.write(talks + k, 2, bytes([_EVERY_SYNC]))
@@ -126,6 +129,7 @@ class CANopen:
                 f"{self.where}: its watchdog (object 0x1016:01) was set to {wanted[::-1].hex()} and reads back as "
                 f"{got[::-1].hex()}: choose another `watchdog_ms` in the drive file"
             )
+        # five heartbeats in the time of the watchdog: losing one does not stop the drive
         self._beat = 0.2 * seconds
 
     def operate(self, content: bytes) -> None:

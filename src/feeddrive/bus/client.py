@@ -17,6 +17,7 @@ from feeddrive.language.quantity import Quantity
 # Checks before a drive is switched on: its identity, its scaling against the declared one, and its limits.
 
 _PROFILE = 402  # device profile: the low word of 0x1000
+# rated data and gears are rounded by their makers; another unit, or the data of another motor, is off by much more
 _NEAR = 5e-3  # share by which the data of the drive may differ from the declared ones
 
 
@@ -119,6 +120,7 @@ def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
     """Write the limits to the drive; return remarks on those that it does not accept."""
     limits, scaling = drive.limits, drive.scaling
     wanted: dict[str, int] = {
+        # rounded towards the safe side
         "max_torque": max(1, int(limits.force / scaling.newton)),
         "following_error_window": max(1, scaling.increments(limits.following_error)),
         "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
@@ -377,6 +379,7 @@ class DriveClient:
         if self.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             raise BusError(f"{self._fault()}; look for its cause, then reset it (--reset-fault)")
         self._until(PowerState.ENABLED, cia402.TOWARDS_ENABLED)
+        # the displayed mode comes `lag` cycles after the first command
         for _ in range(self.drive.lag + 1):
             self._follow()
         if self._mode != self.mode:
@@ -434,6 +437,7 @@ class DriveClient:
                     f"{self.transport.where}: no frame came back for {Quantity(silent, 's'):2 SI}; "
                     f"{self.transport.state()}"
                 )
+            # both: without a clock cycles run faster than their time, on a busy computer slower
             if cycles * self.drive.cycle_time > _PATIENCE and time.monotonic() - began > _PATIENCE:
                 at = "unknown" if self.state is None else self.state.words
                 bus = f"; {self.transport.state()}" if self.lost_in_row else ""

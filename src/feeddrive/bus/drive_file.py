@@ -28,6 +28,7 @@ from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 
+# 16 bits in steps of 0.1 ms: registers 0x0400 and 0x0420 of an EtherCAT slave (ETG.1000.4)
 MOST_WATCH = 6.5  # s that the registers of a watchdog hold
 
 
@@ -108,6 +109,7 @@ class BusDrive(Section):
         """The watchdog time, s: as stated, else 0.1 s or, if longer, twice the longest permitted silence."""
         if self.watchdog is not None:
             return self.watchdog
+        # twice: the watchdog must not stop a drive whose frames `play` still waits for
         return min(MOST_WATCH, max(0.1, 2.0 * self._silent_at_most))
 
     @property

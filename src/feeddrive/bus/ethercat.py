@@ -111,6 +111,7 @@ class Segment:
             return
         if self.master.state_check(self.soem.SAFEOP_STATE, 10 * _STEP) != self.soem.SAFEOP_STATE:
             raise BusError(self._behind("SAFE-OP", self.soem.SAFEOP_STATE))
+        # a slave enters OP only with valid outputs, which it must have received in SAFE-OP
         self.exchange(0.1)
         self.master.state = self.soem.OP_STATE
         self.master.write_state()
@@ -301,6 +302,7 @@ def _check_alone(where: str, interface: str) -> None:
     if not sys.platform.startswith("linux"):
         return
     try:
+        # another master on this computer is seen by the frames that it sends: only ETH_P_ALL receives these
         line = opened_socket(interface, _EVERYTHING)
     except BusError:
         return  # the master says what is not permitted

@@ -204,6 +204,7 @@ def check_profile(profile: Profile, drive: BusDrive) -> None:
             )
 
 
+# the position trails its target: switched off at once, the axis would stop short of it
 _SETTLING = 0.1  # s that the last target is held before the drive is switched off
 
 

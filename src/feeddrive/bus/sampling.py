@@ -122,6 +122,7 @@ def _child(file: DriveFile, line: Any) -> None:
 
     However the parent process ends, the connection breaks with it, and the drive is released properly.
     """
+    # Ctrl-C reaches all processes of the terminal: this one is ended by its parent, and then releases the drive
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sampler = Sampler(transport_of(file.drive, file.interface, file.bitrate), file.drive)
     try:

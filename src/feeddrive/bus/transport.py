@@ -104,6 +104,7 @@ class Claim:
         """Acquire the lock. Raise BusError if another process, or another client in this process, holds it."""
         if not sys.platform.startswith("linux"):
             return
+        # the address of a Unix socket has at most 108 bytes
         name = f"\0feeddrive play {interface}".encode()[:100]
         line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -185,7 +186,8 @@ def holds_mapping(transport: Transport, first: int, assigned: int, layout: Layou
     return True
 
 
-_PRIORITY = 60  # SCHED_FIFO, below the interrupts of a real-time kernel
+# of 1 to 99: before all ordinary programs, behind the kernel's own threads at 99
+_PRIORITY = 60  # SCHED_FIFO
 
 
 class Lateness(NamedTuple):

@@ -118,8 +118,10 @@ class DrivenAxis:
         return self.last
 
 
+# 32 bits of it are 21 m to either side
 _INCREMENT = 10e-9  # m, of an encoder without resolution
 _PEAK = 3.0  # peak over rated force, where only the peak is stated
+# a thousandth of it, the unit of the torque objects, is then 1 N
 _FORCE = 1000.0  # N, rated, where nothing is stated
 
 
@@ -213,6 +215,7 @@ _TRIPPED = {
     TRIP_COMMAND: 0xFF01,
 }
 _NO_WINDOW = 0xFFFFFFFF  # of 0x6065: it disables the following error window (CiA 402)
+# the axis trails the ramp of its setpoint, and the position loop brings it to rest meanwhile
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
     "controlword",

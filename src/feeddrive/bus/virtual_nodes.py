@@ -51,6 +51,7 @@ def serve_ethercat(
         last = time.monotonic()
         while not stopped():
             limits = [station.watchdog if watchdog is None else watchdog for station in stations]
+            # half of a watchdog's time, so that its end is not noticed late
             line.settimeout(min([_PATIENCE, *(0.5 * limit for limit in limits if limit)]))
             with contextlib.suppress(socket.timeout):
                 frame: bytes | None = line.recv(2048)
@@ -365,6 +366,7 @@ OUTPUTS, INPUTS = (0x1100, 64), (0x1200, 64)
 # category types of the EEPROM by ETG.2010
 _GENERAL, _FMMU_CATEGORY, _SYNC_CATEGORY, _STRINGS, _END = 30, 40, 41, 10, 0xFFFF
 _COE_PROTOCOL = 0x04  # mailbox protocol
+# bit 1, SDO information, stays 0: the mailbox refuses it
 _COE_DETAILS = 0x0D  # SDO, PDO assignment and PDO mapping may be written
 
 

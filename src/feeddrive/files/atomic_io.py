@@ -85,17 +85,21 @@ def written_whole(path: str | Path) -> Generator[Path]:
     FileError.  A symbolic link is followed, and the permissions of an existing file are kept.
     """
     _check_name(path)
+    # renaming onto a symbolic link would replace the link, not the file that it leads to
     target = Path(os.path.realpath(path))
     temporary = _beside(target, "part")
     try:
         if target.is_dir():
             raise FileError(f"{path}: cannot be written: is a directory; give the name of a file in it")
+        # 0o666 under the umask, as for any new file; tempfile would give 0o600
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         if target.exists():
             temporary.chmod(target.stat().st_mode & 0o777)
         yield temporary
+        # before the rename: else a power cut can leave the new name with no content
         _flush(temporary, os.O_RDWR)
         temporary.replace(target)
+        # the new name is content of the directory, which is flushed apart from the file
         with contextlib.suppress(OSError):  # not every system can flush a directory
             _flush(target.parent, os.O_RDONLY)
     except OSError as error:
@@ -143,6 +147,7 @@ def new_directory(path: str | Path) -> Generator[Path]:
         temporary.mkdir()
         yield temporary
         _sign(temporary)
+        # again: the results took their time, and something may have been put there meanwhile
         _check_replaceable(path, target)
         _exchange(temporary, target)
         finished = True
@@ -225,6 +230,7 @@ def _exchange(new: Path, target: Path) -> None:
         if target.exists():
             target.rename(old)
         new.rename(target)
+    # Ctrl-C included: the old results must not stay under a hidden name
     except BaseException:
         if old.exists() and not target.exists():
             old.rename(target)

@@ -429,6 +429,7 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
         return _finite(where, table, places["re"]) + 1j * _finite(where, table, places["im"])
     magnitude, phase = _finite(where, table, places["magnitude"]), _finite(where, table, places["phase"])
     if response.decibel:
+        # 10^(2000/20) is 1e100: the power of ten overflows before the general limit of a response could refuse it
         if np.max(np.abs(magnitude), initial=0.0) > 2000.0:
             raise LogError(
                 f"{where}: column '{places['magnitude']}' reaches {Quantity(np.max(np.abs(magnitude)), 'dB')}"
@@ -455,6 +456,7 @@ def _coherence(where: str, response: Response, table: Columns, kept: slice) -> n
     if column is None:
         return None
     values = _finite(where, table, column)
+    # |Sxy|² and Sxx Syy are rounded apart: a coherence of 1 may be printed as 1.0000001
     wrong = np.flatnonzero((values > 1.0 + 1e-6) | (values < 0.0))
     if wrong.size:
         k = int(wrong[0])
@@ -476,6 +478,7 @@ def _variance(where: str, response: Response, table: Columns, kept: slice) -> np
         raise LogError(
             f"{where}: the variance '{column}' is {Quantity(values[k]):6} at {table.place(k)}; it must be >= 0"
         )
+    # a variance has the unit of the response squared
     return response.factor**2 * values[kept]
 
 
@@ -520,6 +523,7 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
             f"responses of one file lead from one input, with one sample time, to outputs of different names, not to "
             f"{', '.join(outputs)}"
         )
+    # by equal bits: responses of one measurement have one frequency vector
     lines = reduce(np.intersect1d, (frf.frequency for frf in frfs))
     if not lines.size:
         raise ParameterError("responses of one file need common lines")

@@ -107,6 +107,7 @@ class GrowingFile:
             same = (status.st_dev, status.st_ino) == self._which and status.st_size == self._at
             if same and status.st_mtime_ns == self._written:
                 return Grown(b"")
+            # closed again at once: Windows does not rename a file that is open
             with self.path.open("rb") as file:
                 return self._more(file)
         except FileNotFoundError:
@@ -119,6 +120,7 @@ class GrowingFile:
         status = os.fstat(file.fileno())
         which = status.st_dev, status.st_ino
         file.seek(max(0, self._at - len(self._mark)))
+        # a file that was written anew may have the same inode and be longer: only the last bytes that were read tell
         anew = which != self._which or status.st_size < self._at or file.read(len(self._mark)) != self._mark
         self._written, self._which = status.st_mtime_ns, which
         skip = b""
@@ -164,6 +166,7 @@ class Pipe:
                         gone = len(self._content) - _MOST
                         del self._content[:gone]
                         self._begin += gone
+        # a broken pipe, or a stream that was closed meanwhile: what came before can still be read
         except (OSError, ValueError):
             pass
         self.ended = True
@@ -233,6 +236,7 @@ class GrowingTable:
         if grown.begins or grown.anew:
             self._from_begin = grown.begins
         self._rest += grown.content
+        # a binary stream without line ends would be gathered without limit
         if len(self._rest) > _LONGEST and b"\n" not in self._rest[-_LONGEST:]:
             raise LogError(
                 f"{self.name}: has a line of more than {Quantity(_LONGEST / 1e6, 'MB')}; it is no table of rows"
@@ -271,6 +275,7 @@ class GrowingTable:
         head = head[: head.rfind(b"\n") + 1]
         if head.count(b"\n") < _LEAST and not full:
             return False
+        # whole lines are found by their byte \n, which in UTF-16 is half a letter and in gzip nothing
         if head.startswith((b"\xff\xfe", b"\xfe\xff", b"\x1f\x8b")):
             raise LogError(f"{self.name}: is packed or in UTF-16, and cannot be followed: write it as plain text")
         reader = reader_of(self.name, head)
@@ -330,6 +335,7 @@ class GrowingTable:
         assert self._layout is not None
         layout = self._layout
         plain = text
+        # quotes, remarks and empty lines are rare: only text that has them is looked through line by line in Python
         if any(mark in plain for mark in '#%/"') or "\n\n" in plain or plain[:1] == "\n":
             plain = "".join(f"{line}\n" for line in plain.split("\n") if not text_files.is_skipped(line))
         numbers = None

@@ -85,6 +85,7 @@ def _variables(source: Any) -> dict[str, Any]:
             **{name: value for name, value in known.items() if value is not None},
         }
     if isinstance(source, StateSpace):
+        # an array of objects becomes a cell array; one of texts a char matrix, padded with blanks
         names = {name: np.array(getattr(source, name), dtype=object) for name in ("states", "inputs", "outputs")}
         return {**{name: getattr(source, name) for name in "ABCD"}, "sample_time_s": source.sample_time, **names}
     if isinstance(source, Run | Log):
@@ -104,6 +105,7 @@ def _free(column: str, taken: dict[str, Any]) -> str:
     name = (name if name[:1].isalpha() else f"x{name}")[:_NAME]
     free, count = name, 2
     while free in taken or free == "units":
+        # room for an underscore and a count of five digits within the limit
         free, count = f"{name[: _NAME - 6]}_{count}", count + 1
     return free
 
@@ -176,6 +178,7 @@ def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 
     table = np.array(rows) / units
     steps = np.diff(table[:, 0])
     spacing = float(table[-1, 0] - table[0, 0]) / (len(rows) - 1)
+    # rows have nine decimals, so that their rounding stays far below a thousandth of the spacing
     uneven = np.flatnonzero(np.abs(steps - spacing) > 1e-3 * spacing)
     if uneven.size:
         raise FileError(

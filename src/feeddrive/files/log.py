@@ -120,6 +120,8 @@ def write_log(path: str | Path, log: Log) -> None:
     write_parquet(path, {"time": log.time, **log.channels}, metadata)
 
 
+# Not clipped: the flat top of a sine (some equal samples), an end stop (once), a selector (few levels), and a position
+# that comes to rest (ever smaller steps).
 _LONG = 4  # samples at the same extreme value: the least that counts as clipped once
 _TIMES = 2  # how often it must happen
 _ABRUPT = 0.2  # last whole step before the clip over the usual step: a position that comes to rest has a small one
@@ -167,9 +169,11 @@ def _clipped(name: str, values: np.ndarray) -> str:
 def _slow(name: str, values: np.ndarray) -> str:
     """Return a remark if the signal changes only at every m-th sample, as from a slower task; else empty."""
     changes = np.flatnonzero(np.diff(values))
+    # a few changes lie on a common grid by chance
     if changes.size < 20:
         return ""
     gaps = np.diff(changes)
+    # the slowest first: gaps of 20 samples lie on the grids of 10, 5, 4 and 2 as well
     for step in (20, 16, 10, 8, 5, 4, 3, 2):
         if np.mean(gaps % step == 0) >= _HELD and np.median(gaps) == step:
             return (

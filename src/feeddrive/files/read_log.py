@@ -132,6 +132,7 @@ def reader_of(name: str, content: bytes) -> Reader:
     """Return the reader for the format of the content. Raise LogError for an unsupported format."""
     if content.startswith(b"MATLAB 5.0 MAT-file"):
         return read_mat
+    # MATLAB 7.3 writes a block of 512 bytes of its own before the signature of HDF5
     if content.startswith(_HDF5) or content[512:].startswith(_HDF5):
         return read_mat73
     if content.startswith(b"PAR1"):
@@ -161,12 +162,14 @@ def refuse_others(name: str, content: bytes, readable: str) -> None:
             raise LogError(f"{name}: is {what}, not a log that can be read ({readable}); {advice}")
     if _is_toml(content):
         raise LogError(f"{name}: is a TOML file, not a log that can be read ({readable}); give the log itself")
+    # in UTF-16 every ASCII letter has a zero byte
     if not content.startswith((b"\xff\xfe", b"\xfe\xff")) and re.search(rb"[\0-\x08\x0e-\x1f]", content[:65536]):
         raise LogError(f"{name}: is a binary file of an unknown kind; readable are {readable}{_expected(name)}")
 
 
 def _is_toml(content: bytes) -> bool:
     """Return True for a TOML text such as a machine file, job or column mapping; a table of numbers is never TOML."""
+    # no TOML file of ours is larger; a table of numbers of that size need not be parsed as TOML first
     if not _PAIR.match(content[:65536]) or len(content) > MOST_TOML_BYTES:
         return False
     try:
@@ -215,6 +218,7 @@ def _unpacked(name: str, content: bytes) -> bytes:
                         f"{name}: holds more than the {Quantity(most / 1e6, 'MB'):,.0f} that are read, once unpacked"
                     )
             place -= len(zip_.unused_data)
+            # tapes and block devices pad the last member with zeros, which gzip skips as well
             while place < len(packed) and packed[place] == 0:
                 pad = bytes(packed[place : place + _PAD])
                 place += len(pad) - len(pad.lstrip(b"\0"))
@@ -490,6 +494,7 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
             f"{name}: the stamps grow by a constant factor, {Quantity(time[1] / time[0])} from row to row, as "
             "frequencies do: a frequency response is read if its columns are headed f_Hz,re,im"
         )
+    # the median, which a long gap does not move
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps > GAP * usual)
     if gaps.size:
@@ -527,6 +532,7 @@ def _grow(time: np.ndarray) -> bool:
 def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float) -> Clock:
     _check_plausible(name, sample_time)
     off = (time - time[0]) / sample_time - np.arange(time.size)
+    # from half a sample on, a stamp belongs to the row before or behind
     bad = np.flatnonzero(np.abs(off) >= 0.5)
     if bad.size:
         k = int(bad[0])

@@ -104,6 +104,7 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
         for label in chosen:
             column = table.column(label)
             if arrow.types.is_timestamp(column.type):
+                # as integers: ns since 1970 have 61 bits, a float64 has 53
                 ticks = column.cast(arrow.int64())
                 since = arrow_numbers(ticks) - (ticks[0].as_py() or 0) if len(ticks) else arrow_numbers(ticks)
                 values[label] = since.astype(np.float64) * _SECONDS[column.type.unit]  # from the first row on
@@ -166,8 +167,10 @@ def parquet_stream(
             file,
             schema,
             compression="zstd",
+            # measured floats hardly repeat, so that a dictionary costs space; their bytes of equal weight do repeat
             use_dictionary=False,
             column_encoding="BYTE_STREAM_SPLIT",
+            # without it a flipped bit is another number, and no error
             write_page_checksum=True,
         ) as writer,
     ):

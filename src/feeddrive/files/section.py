@@ -611,6 +611,7 @@ def _named(kind: type[Declared], key: str, table: TomlTable, declared: Mapping[s
     if key in declared:
         return key, 1.0
     wrong = ""
+    # the longest name first: mass_load_kg is mass_load in kg, not mass in load_kg
     for name in sorted(declared, key=len, reverse=True):
         if not key.startswith(f"{name}_") or declared[name].role not in ("parameter", "table"):
             continue

@@ -38,6 +38,7 @@ from feeddrive.files.columns import MOST_NUMBERS, Columns, check_size, check_unp
 from feeddrive.language.errors import LogError, MissingExtraError
 
 START = b"\x93NUMPY"
+# the limit of numpy itself: a header is a Python literal, whose parser is not safe for a large one
 _LONGEST_HEADER = 10_000
 _MOST_COLUMNS = 64
 
@@ -109,6 +110,7 @@ _STRUCTURE = 2
 _NUMERIC = range(6, 16)  # classes of arrays: double, single, int8 .. uint64
 _OTHER = {1: "a cell array", 3: "an object", 4: "text", 5: "a sparse array", 16: "a function", 17: "an object"}
 _COMPLEX = 0x08  # in the flags
+# a level is a recursion, and a damaged file could nest without end
 _DEEPEST = 8  # structures within structures
 
 
@@ -137,6 +139,7 @@ class _Bytes:
                 raise _DamagedError
         else:
             start = at + 8
+            # a packed element is not padded to 8 bytes, unlike all others
             end = start + length if kind == _PACKED else start + (length + 7) // 8 * 8
         if start + length > len(self.content):
             raise _DamagedError
@@ -201,6 +204,7 @@ def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
         raise _DamagedError
     if length > most:
         raise LogError(f"{name}: its packed variables hold more than allowed; it is damaged or a zip bomb")
+    # to zlib a limit of 0 bytes is none
     inner = zip_.decompress(zip_.unconsumed_tail, length) if length else b""
     if len(inner) != length:
         raise _DamagedError
@@ -235,6 +239,7 @@ def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.nd
     else:
         kind, numbers, _ = piece.element(at)
         values = numbers.numbers(kind)
+        # as objects: the product of the sizes in a damaged file overflows 64 bits
         if values.size != np.prod(shape, dtype=object):
             raise _DamagedError
         yield name, values.reshape(shape, order="F")
@@ -279,6 +284,7 @@ def _keep(
 
 
 _DEEPEST_GROUP = 8  # groups within groups
+# address space, not memory: libraries map much more than they use
 _BASE_BYTES = 2**31  # of address space for Python, numpy and the library
 _BASE_SECONDS, _BYTES_PER_SECOND = 60.0, 5e6  # a busy computer reads faster
 

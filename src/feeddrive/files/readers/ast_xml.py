@@ -32,6 +32,7 @@ from feeddrive.language.errors import LogError
 from feeddrive.language.quantity import Quantity
 
 MOST_BYTES = 100_000_000
+# `walk` is recursive
 _DEEPEST = 50
 _MOST_ELEMENTS = 200_000
 _MOST_RESPONSES = 1000
@@ -120,6 +121,7 @@ def _parsed(name: str, content: bytes) -> _Element:
             f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of XML that are read; export less"
         )
     parser = expat.ParserCreate()
+    # else expat hands over an array of numbers in pieces, one for each line
     parser.buffer_text = True
     root = _Element("", {})
     open_: list[_Element] = [root]
@@ -243,6 +245,7 @@ def _lines(name: str, response: _Element | None) -> tuple[np.ndarray, np.ndarray
 
 def _shared(plant: np.ndarray, coherence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the indices of the common frequency lines in the plant and in the coherence."""
+    # frequencies of the same line may differ in their last digits
     places = np.minimum(np.searchsorted(coherence, plant * (1.0 - 1e-9)), coherence.size - 1)
     same = np.isclose(coherence[places], plant, rtol=1e-9, atol=0.0)
     return np.flatnonzero(same), places[same]

@@ -136,6 +136,7 @@ class Blocks:
             raise LogError(f"{self.name}: is an MDF4 file packed in a way that is not read; save it without or by zlib")
         zip_ = zlib.decompressobj()
         try:
+            # one byte beyond shows a block that holds more than it states
             unpacked = zip_.decompress(block.data[_PACKED.size : _PACKED.size + packed], stated + 1)
         except zlib.error:
             raise DamagedError from None
@@ -305,6 +306,7 @@ def _raw(channel: Block, group: _Group, data: list[memoryview]) -> np.ndarray:
 
 def _integers(data: list[memoryview], group: _Group, offset: int, width: int, big: bool) -> np.ndarray:
     """Decode `width` bytes of each record as an unsigned integer."""
+    # byte by byte: a field may have 3, 5, 6 or 7 bytes, for which numpy has no type
     numbers = np.zeros(group.rows, dtype=np.uint64)
     for k in range(width):
         place = offset + (width - 1 - k if big else k)

@@ -73,6 +73,7 @@ from feeddrive.files.columns import (
 from feeddrive.language.errors import LogError
 from feeddrive.language.quantity import Quantity
 
+# The second half of these lines tells the layout, so that a preamble may have half of them.
 _SAMPLE = 400  # lines
 _LINE = 20_000  # characters of a line that are looked at
 _SEPARATORS = (";", "\t", ",", "")  # the last one is any run of spaces
@@ -264,6 +265,7 @@ def text_of(content: bytes) -> Text:
         content = content.replace(b"\r", b"\n")
     text = Text(content, "utf-8")
     for piece in text.pieces():
+        # µ or ° in cp1252 is a lone byte, which is never valid in UTF-8
         if "\ufffd" in piece.text:
             return Text(content, "cp1252")
     return text
@@ -445,6 +447,7 @@ def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
             "export it again, or correct the line 'Recorded samples'"
         )
     period = _EPOS_PERIOD.search(content[:_EPOS_HEAD])
+    # the period is a decimal in ms; its product with 1e-3 is off by a rounding
     seconds = 0.0 if period is None else round(float(period[1].replace(b",", b".")) * 1e-3, 12)
     left_out = {
         **columns.left_out,
@@ -509,6 +512,7 @@ def read_halscope(name: str, content: bytes, wanted: frozenset[str] | None) -> C
         body = b"\n" + _HALSCOPE_SCREEN.sub(b"", content[head.end() :])
         columns = read_csv(name, body, wanted)
         return replace(columns, format="halscope", metadata=metadata)
+    # an empty line in place of the first one: line numbers of errors stay right
     columns = read_csv(name, b"\n" + content[head.end() :], None)
     names = _names_between(name, content[head.end() :])
     places = {f"column_{2 * k + 2}": label for k, label in enumerate(names)}
@@ -563,9 +567,11 @@ def counts_samples(numbers: np.ndarray) -> bool:
     )
 
 
+# the first piece of a text, in which the properties of the channels are read
 _TWINCAT_HEAD_BYTES = 2_000_000
 _TWINCAT_HEAD = re.compile(rb"\s*(?:\xef\xbb\xbf)?\"?Name\"?([\t;,])")
 _TWINCAT_KEYS = ("SampleTime[ms]", "SymbolComment", "Data-Type", "SymbolName", "VariableSize")
+# 1e15 ms are 31,700 years, and 1e15 ticks were over in 1604: no recording lies near
 _FILETIME = 1e15  # ticks of 100 ns since 1601; an offset in ms never comes near
 _UNITLESS = ("(None)", "None", "")
 
