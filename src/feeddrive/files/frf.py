@@ -429,7 +429,7 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
         return _finite(where, table, places["re"]) + 1j * _finite(where, table, places["im"])
     magnitude, phase = _finite(where, table, places["magnitude"]), _finite(where, table, places["phase"])
     if response.decibel:
-        # 10^(2000/20) is 1e100: the power of ten overflows before the general limit of a response could refuse it
+        # from 6,165 dB on the power of ten overflows, before the limit of a response could refuse it
         if np.max(np.abs(magnitude), initial=0.0) > 2000.0:
             raise LogError(
                 f"{where}: column '{places['magnitude']}' reaches {Quantity(np.max(np.abs(magnitude)), 'dB')}"
