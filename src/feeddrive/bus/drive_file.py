@@ -143,6 +143,7 @@ def interpolation_time(cycle_time: float) -> tuple[int, int]:
     """Return object 0x60C2 for a bus cycle in s: mantissa and power of ten, rounded to the eight-bit range."""
     candidates = [(round(cycle_time / 10.0**power), power) for power in range(-6, 1)]
     fitting = [(value, power) for value, power in candidates if 0 < value <= 255]
+    # deviations are rounded, so that equally good candidates tie and the finest power of ten is taken
     return min(
         fitting,
         key=lambda candidate: (round(abs(candidate[0] * 10.0 ** candidate[1] / cycle_time - 1.0), 6), candidate[1]),

@@ -89,6 +89,7 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
 def _every(path: str | Path, step: float, T: float, advice: str) -> int:
     """Return the number of file rows per bus cycle. Raise ParameterError if it is not a whole number."""
     every = round(T / step)
+    # both are decimals in seconds, so that their quotient is whole up to rounding only
     if every < 1 or abs(T / step - every) > 1e-6 * every:
         raise ParameterError(
             f"{path}: has a row every {Quantity(step, 's'):6 us}, of which cycle_time = {Quantity(T, 's'):6 us} of the "

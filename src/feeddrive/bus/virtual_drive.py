@@ -473,6 +473,7 @@ class Firmware:
         line, speeds = np.empty(self.samples), np.empty(self.samples)
         for k in range(self.samples):
             after = math.copysign(max(0.0, abs(velocity) - step), velocity)
+            # exact while the deceleration is constant
             position += 0.5 * (velocity + after) * self.T
             velocity = after
             line[k], speeds[k] = position, velocity

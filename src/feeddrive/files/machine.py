@@ -238,6 +238,7 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
     """Raise an error, with its line, if a coupling or the geometry is incompatible with the axes."""
     for k in range(len(section.couplings)):
         try:
+            # one coupling more each time: the error names the first that does not fit
             Machine.of(loops, section.couplings[: k + 1])
         except (ParameterError, StructureError) as error:
             message, place = Text(f"{error}"), f"couplings.{k}"
@@ -272,6 +273,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
     stated: dict[str, AxisLimits] = {}
     if limits is not None:
         file = read_toml(limits)
+        # a file of limits does not say which axes turn: their letters do, in either case
         turning: dict[Key, bool] = {("axis", name.lower()): True for name in ROTARY}
         turning |= {("axis", name): True for name in ROTARY}
         section = read_section(LimitsSection, replace(file.root(), turning=turning))
