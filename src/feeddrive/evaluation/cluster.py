@@ -145,6 +145,7 @@ class _Handed(Generic[C]):
     def _wait(self, done: Any) -> None:
         """Wait until a case is done."""
         self._progress.check()
+        # polled: a blocking wait would notice neither a cancellation nor the loss of the scheduler
         while not done.has_ready():
             time.sleep(_LOOK)
             self._progress.check()

@@ -114,6 +114,7 @@ def _window(
     def hand_out(count: int) -> None:
         for case in itertools.islice(cases, count):
             number = next(numbers)
+            # before it is submitted: a pool that breaks at once must not lose the case
             handed[number] = case
             waiting[submit(case, number)] = number
 

@@ -49,6 +49,7 @@ class Folder:
         path = self._path(case)
         if not self.resume or not path.is_file():
             return None
+        # a damaged file costs one case again; an error would end the whole evaluation
         try:
             content: dict[str, Any] = json.loads(read_whole(path, _MOST))
             return case.restored(content["outcome"], progress) if content["digest"] == case.digest else None

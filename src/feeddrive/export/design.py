@@ -400,6 +400,7 @@ def _changes(routine: Routine, places: list[int], random: np.random.Generator) -
     first = {variable.path: variable for variable in routine.parameters}
     changes: dict[int, dict[str, float]] = {}
     for sample in places:
+        # a block may refuse a combination; the next draw starts from the last accepted parameters
         for _ in range(_DRAWS):
             chosen = random.choice(len(first), size=min(3, len(first)), replace=False)
             moved = {variable.path: _moved(variable, random) for variable in (list(first.values())[i] for i in chosen)}

@@ -207,6 +207,7 @@ def left_out(cascade: Cascade, route: str = "two") -> tuple[LostPart, ...]:
     return tuple(row._replace(path=tree.in_paths(cascade.loop, row.path)) for row in lost(cascade, HELD, outside))
 
 
+# half as many lines, or ten times as many, change no digit that the README prints
 LINES = 1500  # number of frequencies of the loop gain, from 1 Hz to half the sample rate
 _DWELL = 0.3  # s after a move, in which overshoot becomes visible
 

@@ -148,7 +148,8 @@ _NOBODY = "RTAPI_UID=65534"  # LinuxCNC does not run as root: the user id is pas
 _USER = "unshare --user --map-user=1000"  # and the root of these namespaces can only become a user again
 
 
-STREAMER_PINS = 20  # pins of one streamer and of one sampler
+# MAX_PINS in LinuxCNC's streamer.h, of one streamer and of one sampler
+STREAMER_PINS = 20
 
 
 @dataclass(frozen=True, eq=False)

@@ -159,6 +159,7 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
             findings.append(f"{name} ({'edited' if name in changed else 'not what this feeddrive writes'})")
         else:
             continue
+        # edited notes and wiring are reported, but what would be compiled or run is refused
         if not name.endswith(_NOT_RUN):
             run.append(findings[-1])
     findings += [f"{name} (missing)" for name in wanted if not (directory / name).exists()]

@@ -1,0 +1,83 @@
+"""Thresholds of a comparison of laws: a case on either side of each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from feeddrive.comparison import compare, judge, pictures
+from feeddrive.comparison.compare import PLAIN, advice
+from feeddrive.comparison.figures import CRITERIA
+from feeddrive.comparison.judge import Competitor
+from feeddrive.comparison.tune_all import Rule
+from feeddrive.figures import of_loops
+from feeddrive.files.machine import read_machine
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.candidates import Candidate
+
+
+@pytest.fixture(scope="module")
+def loop() -> Loop:
+    return read_machine("linear_motor").loop("x")
+
+
+@pytest.mark.parametrize(("share", "remarks"), [(0.015, 0), (0.03, 1)])
+def test_a_force_noise_of_two_percent_of_the_limit_is_named(loop: Loop, share: float, remarks: int) -> None:
+    limited = replace(loop, control=replace(loop.control, force_limit=1000.0))
+    row = Competitor("law", limited, None, "", {of_loops.FORCE_NOISE.key: 1000.0 * share})
+    assert len(compare._noisy((row,))) == remarks
+
+
+@pytest.mark.parametrize(("worse", "more"), [(3, ""), (4, ""), (6, ", and 2 more.")])
+def test_the_four_worst_losses_are_named(loop: Loop, worse: int, more: str) -> None:
+    """A law that is better in rope snap and worse in some other figures."""
+    snap = of_loops.ROPE_SNAP
+    others = [criterion for criterion in CRITERIA if criterion.key != snap.key][:worse]
+    ours = {snap.key: 1.0} | {c.key: (0.25 if c.higher else 4.0) for c in others}
+    theirs = {snap.key: 2.0} | {c.key: 1.0 for c in others}
+    rows = {name: Competitor(name, loop, None, "", figures) for name, figures in (("law", ours), (PLAIN, theirs))}
+
+    class Compared(SimpleNamespace):
+        def __getitem__(self, name: str) -> Competitor:
+            return rows[name]
+
+    said = str(advice(Compared(competitors=tuple(rows.values()))).sentence)  # type: ignore[arg-type]
+    assert said.count(" times") - 1 == min(worse, 4)
+    assert ("more." in said) == bool(more)
+    assert more in said
+
+
+@pytest.mark.parametrize(("share", "exceeded"), [(0.0007, False), (0.0015, True)])
+def test_a_bound_is_exceeded_by_more_than_a_thousandth(share: float, exceeded: bool) -> None:
+    """Ms and the noise from above, the delay margin from below."""
+    rule = Rule(2.0, 3.0, 1.05, 0.1, 1, noise=1e9)
+    held = {of_loops.SENSITIVITY_PEAK.key: 2.0, of_loops.DELAY_MARGIN.key: 3.0, of_loops.NOISE_GAIN.key: 1e9}
+    assert not rule.broken(held)
+    for key, sign in zip(held, (1.0, -1.0, 1.0), strict=True):
+        assert bool(rule.broken(held | {key: held[key] * (1.0 + sign * share)})) == exceeded, key
+
+
+@pytest.mark.parametrize(("ratio", "saturated"), [(6.0, False), (10.0, True), (1.0 / 6.0, False), (0.1, True)])
+def test_the_color_of_a_ratio_ends_between_6_and_10(ratio: float, saturated: bool) -> None:
+    _, level = pictures._cell(ratio, 1.0, higher=False)
+    assert (abs(level) == 1.0) == saturated
+    assert level * (ratio - 1.0) > 0.0
+
+
+def test_a_compensator_learns_in_as_many_trials_as_the_document_says(
+    loop: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "laws" / "comparison.md").read_text(encoding="utf-8")
+    assert "learned in six trials of the move" in text
+    trials = list[int]()
+
+    def learned(loop: Loop, move: object, count: int, *, seed: int) -> SimpleNamespace:
+        trials.append(count)
+        return SimpleNamespace(loop=loop)
+
+    monkeypatch.setattr(judge, "iterate_trials", learned)
+    judge.alike(Candidate("law", loop, then="trials"), loop.control.law, SimpleNamespace(move=None), 1)  # type: ignore[arg-type]
+    assert trials == [6]
