@@ -31,11 +31,11 @@ def test_a_law_beats_the_cascade_by_two_percent_or_not_at_all(ratio: float, bett
     assert f"on {0 if better else 1} of 1 plants" in said
 
 
-def test_the_picture_has_the_figures_from_the_rope_snap_to_the_tracking_error() -> None:
-    """Rope snap, stiffness and tracking; cutting, settling, noise and effort are columns of the table alone."""
+def test_the_picture_has_the_figures_from_the_rope_snap_to_the_error_of_a_cut() -> None:
+    """Rope snap, stiffness, tracking and cutting; settling, noise and effort are columns of the table alone."""
     drawn = [panel.caption for panel in chart_of(benchmark(2.0)).panels]
     assert drawn[0].startswith(SNAP.short)
-    last = [figure.key for figure in FIGURES].index(of_runs.TRACKING_RMS.key)
+    last = [figure.key for figure in FIGURES].index(of_runs.CUTTING_RMS.key)
     assert len(drawn) == last + 1
 
 

@@ -1,5 +1,7 @@
 """Thresholds of a comparison of laws: a case on either side of each."""
 
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """What the engine waits for, hands out and reads: a case on either side of each limit."""
 
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import contextlib

@@ -1,5 +1,7 @@
 """Thresholds of exports: a case on either side of each."""
 
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import json
@@ -326,7 +328,8 @@ def test_a_streamer_has_twenty_pins(
 def test_after_a_move_a_slow_axis_comes_to_rest_and_does_not_rest_longer_than_it_moved(linear_motor: Loop) -> None:
     """With Kv = 20/s the error falls to e⁻⁶ in 0.3 s; a longer rest would lower the RMS error along the move."""
     law = CascadePPI(Kv=20.0, Kp=4e4, Tn=0.004, velocity_feedforward=0.0)
-    slow = replace(linear_motor, control=replace(linear_motor.control, law=law))
+    free = guarded(linear_motor, following_error_limit=None)  # 15 mm of error would trip it
+    slow = replace(free, control=replace(free.control, law=law))
     move, _ = moves(slow)
     error = np.abs(simulate(slow, move, record=("following_error",))["following_error"])
     assert error[-1] < 0.01 * np.max(error)
