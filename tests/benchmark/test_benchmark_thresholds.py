@@ -6,10 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from feeddrive.benchmark.benchmark import FIGURES, Benchmark, Row, advice
-from feeddrive.benchmark.designs import Design, Designs
+from feeddrive.benchmark.benchmark import FIGURES, Benchmark, advice
+from feeddrive.benchmark.designs import Designs
 from feeddrive.benchmark.rules import folder, read_rules
+from feeddrive.comparison.competitor import Competitor
+from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_runs
+from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import FileError
 from feeddrive.plot.registry import chart_of
 from feeddrive.tuning.candidates import PLAIN
@@ -20,8 +23,15 @@ SNAP = FIGURES[0]
 def benchmark(ratio: float) -> Benchmark:
     """P-PI and a law that is better by a ratio, on one plant."""
     figures = {figure.key: 1.0 for figure in FIGURES}
+    loop = read_machine("linear_motor").loop("x")
     law = figures | {SNAP.key: (ratio if SNAP.higher else 1.0 / ratio)}
-    return Benchmark(read_rules(), ("a",), (Row("a", PLAIN, figures), Row("a", "law", law)), 0, {"feeddrive": "0"})
+    return Benchmark(
+        read_rules(),
+        ("a",),
+        (Competitor(PLAIN, loop, figures, plant="a"), Competitor("law", loop, law, plant="a")),
+        0,
+        {"feeddrive": "0"},
+    )
 
 
 @pytest.mark.parametrize(("ratio", "better"), [(1.015, False), (1.03, True)])

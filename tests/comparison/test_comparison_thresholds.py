@@ -10,14 +10,17 @@ from types import SimpleNamespace
 
 import pytest
 
-from feeddrive.comparison import compare, judge, pictures
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.comparison import compare
 from feeddrive.comparison.compare import PLAIN, advice
-from feeddrive.comparison.figures import CRITERIA
-from feeddrive.comparison.judge import Competitor
-from feeddrive.comparison.tune_all import Rule
+from feeddrive.comparison.competitor import Competitor
+from feeddrive.evaluation.robustness import Rule
 from feeddrive.figures import of_loops
+from feeddrive.figures.ranking import CRITERIA
 from feeddrive.files.machine import read_machine
 from feeddrive.loop.loop import Loop
+from feeddrive.plot import laws
+from feeddrive.tuning import candidates
 from feeddrive.tuning.candidates import Candidate
 
 
@@ -29,7 +32,7 @@ def loop() -> Loop:
 @pytest.mark.parametrize(("share", "remarks"), [(0.015, 0), (0.03, 1)])
 def test_a_force_noise_of_two_percent_of_the_limit_is_named(loop: Loop, share: float, remarks: int) -> None:
     limited = replace(loop, control=replace(loop.control, force_limit=1000.0))
-    row = Competitor("law", limited, None, "", {of_loops.FORCE_NOISE.key: 1000.0 * share})
+    row = Competitor("law", limited, {of_loops.FORCE_NOISE.key: 1000.0 * share})
     assert len(compare._noisy((row,))) == remarks
 
 
@@ -40,7 +43,7 @@ def test_the_four_worst_losses_are_named(loop: Loop, worse: int, more: str) -> N
     others = [criterion for criterion in CRITERIA if criterion.key != snap.key][:worse]
     ours = {snap.key: 1.0} | {c.key: (0.25 if c.higher else 4.0) for c in others}
     theirs = {snap.key: 2.0} | {c.key: 1.0 for c in others}
-    rows = {name: Competitor(name, loop, None, "", figures) for name, figures in (("law", ours), (PLAIN, theirs))}
+    rows = {name: Competitor(name, loop, figures) for name, figures in (("law", ours), (PLAIN, theirs))}
 
     class Compared(SimpleNamespace):
         def __getitem__(self, name: str) -> Competitor:
@@ -64,7 +67,7 @@ def test_a_bound_is_exceeded_by_more_than_a_thousandth(share: float, exceeded: b
 
 @pytest.mark.parametrize(("ratio", "saturated"), [(6.0, False), (10.0, True), (1.0 / 6.0, False), (0.1, True)])
 def test_the_color_of_a_ratio_ends_between_6_and_10(ratio: float, saturated: bool) -> None:
-    _, level = pictures._cell(ratio, 1.0, higher=False)
+    _, level = laws._cell(ratio, 1.0, higher=False)
     assert (abs(level) == 1.0) == saturated
     assert level * (ratio - 1.0) > 0.0
 
@@ -80,6 +83,7 @@ def test_a_compensator_learns_in_as_many_trials_as_the_document_says(
         trials.append(count)
         return SimpleNamespace(loop=loop)
 
-    monkeypatch.setattr(judge, "iterate_trials", learned)
-    judge.alike(Candidate("law", loop, then="trials"), loop.control.law, SimpleNamespace(move=None), 1)  # type: ignore[arg-type]
+    monkeypatch.setattr(candidates, "iterate_trials", learned)
+    move = SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4)
+    Candidate("law", loop, then="trials").adapted(move, 1)
     assert trials == [6]
