@@ -15,7 +15,7 @@ help:
 	@echo "make wheel   build source distribution and wheel, install it elsewhere, and try demo and studio from it"
 	@echo "make slow    the slow proofs, each with its reason (pytest -m slow --collect-only names them)"
 	@echo "make fresh   the drawn tests on new seeds, which it prints (SEEDS=2: some 5 minutes on two cores)"
-	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break (docs/mutants.md); halve and double thresholds"
+	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break (docs/mutants.md); halve and double all constants"
 	@echo "make bench   all benchmarks; they print their tables (needs gcc, takes long)"
 	@echo "make docs    build the documentation into site/"
 	@echo "make format  let ruff format and mend the sources, and write the stubs"

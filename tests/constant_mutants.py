@@ -1,81 +1,97 @@
-"""A mutation run over thresholds: every numeric constant of some modules is halved and doubled, and a test must fail.
+"""A mutation run over thresholds: every numeric constant of every module is halved and doubled, and a test must fail.
 
-    python tests/constant_mutants.py                      # all modules of MODULES: make mutate
-    python tests/constant_mutants.py chatter_signs guard  # those whose name ends like this
+    python tests/constant_mutants.py                      # all modules: make mutate
+    python tests/constant_mutants.py lobes guard          # the modules whose name ends like this
+    python tests/constant_mutants.py --coverage FILE      # look for a test of constants that have none yet
 
-A constant is a name at the top of a module that is assigned a number.  The source of its module is changed as it is
-imported, in a process of its own, which runs the tests of the module until one fails.
+A constant is a name at the top of a module that is assigned a number, or a row of numbers.  `constants.json` names the
+test that notices each change, or the reason why none can; `open` are the changes that have neither yet.
+tests/test_constants.py holds that no constant is missing and that no open change is added.
+FILE is what coverage.py measured with a context for each test:
+
+    python -m pytest -m "not slow" --cov=feeddrive --cov-context=test
+
+Each change is made as the module is imported, in a process that is forked before any module of feeddrive is loaded and
+that runs the tests until one fails.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
+import contextlib
 import importlib.abc
 import importlib.machinery
+import json
 import os
-import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import NamedTuple
 
 TESTS = Path(__file__).parent
-MUTANT = "FEEDDRIVE_MUTANT"  # environment: module, line, number, number in its place
+SOURCE = TESTS.parent / "src"
+LEDGER = TESTS / "constants.json"
+ENDLESS = 60.0  # s, and ten times what the tests took: a changed constant that hangs a test is noticed, too
+LONGEST = 6.0  # s of tests that are tried for one change in a search
+MOST = 60  # of them
+CHANGES = {"half": 0.5, "double": 2.0}
 
-# a module whose thresholds decide what a person is told, and the tests that hold them, those that fail soonest first
-MODULES = {
-    "feeddrive.machining.lobes": "test_thresholds.py machining/test_chatter_signs.py machining/test_lobes.py",
-    "feeddrive.workflow.friction": "test_thresholds.py cli/test_friction_command.py",
-    "feeddrive.tuning.criteria": "test_thresholds.py tuning/test_shaping.py",
-    "feeddrive.figures.ranking": "test_thresholds.py",
-    "feeddrive.loop.guard": "test_thresholds.py loop/test_guard.py",
-}
-
-# mutants that nothing can tell from the original, or that only take longer, with the reason
-EQUIVALENT = {
-    ("feeddrive.machining.lobes", "_PLACES", "32"): "a coarser search of the place in a tooth, good enough",
-    ("feeddrive.machining.lobes", "_PLACES", "128"): "a finer search of the same",
-    ("feeddrive.loop.guard", "SETPOINT_LIMIT", "500000000000.0"): "no axis comes within nine decades of it",
-    ("feeddrive.loop.guard", "SETPOINT_LIMIT", "2000000000000.0"): "the same",
-    ("feeddrive.loop.guard", "COMMAND_LIMIT", "5e+17"): "no drive comes within twelve decades of it",
-    ("feeddrive.loop.guard", "COMMAND_LIMIT", "2e+18"): "the same",
-}
+type_of_value = float | int | tuple[float | int, ...]
 
 
 class Constant(NamedTuple):
-    """A number at the top of a module."""
+    """A number, or a row of numbers, at the top of a module; `ends` are the places of its text in the file."""
 
     module: str
     name: str
-    line: int
-    value: float | int
+    value: type_of_value
+    ends: tuple[int, int, int, int]
 
-    def changed(self) -> Iterator[float | int]:
-        """The numbers in its place: half of it and double."""
-        for factor in (0.5, 2):
-            other = int(factor * self.value) if isinstance(self.value, int) else factor * self.value
-            if other != self.value:
-                yield other
-
-
-def constants(module: str) -> list[Constant]:
-    """All plain numbers that a module assigns to a name at its top."""
-    spec = find_spec(module)
-    assert spec is not None
-    assert spec.origin is not None
-    body = ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body
-    assigned = [node for node in body if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)]
-    return [
-        Constant(module, node.targets[0].id, node.lineno, value)  # type: ignore[attr-defined]
-        for node in assigned
-        if (value := number(node.value)) is not None
-    ]
+    def changed(self, change: str) -> type_of_value | None:
+        """The constant with its numbers halved or doubled; None if they stay the same."""
+        factor = CHANGES[change]
+        if isinstance(self.value, tuple):
+            other: type_of_value = tuple(_scaled(value, factor) for value in self.value)
+        else:
+            other = _scaled(self.value, factor)
+        return None if other == self.value else other
 
 
-def number(node: ast.expr) -> float | int | None:
-    """The value of a number, or of an expression of numbers; None for anything else."""
+def _scaled(value: float | int, factor: float) -> float | int:
+    return int(factor * value) if isinstance(value, int) else factor * value
+
+
+def modules() -> Mapping[str, Path]:
+    """The files of all modules of feeddrive, by name."""
+    files = sorted(SOURCE.rglob("*.py"))
+    return {".".join(path.relative_to(SOURCE).with_suffix("").parts).removesuffix(".__init__"): path for path in files}
+
+
+def constants(module: str, path: Path) -> list[Constant]:
+    """The numeric constants of a module."""
+    rows = []
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or not isinstance(target, ast.Name) or node.value is None:
+            continue
+        if (value := number(node.value)) is not None:
+            at = node.value
+            ends = at.lineno, at.col_offset, at.end_lineno or 0, at.end_col_offset or 0
+            rows.append(Constant(module, target.id, value, ends))
+    return rows
+
+
+def number(node: ast.expr) -> type_of_value | None:
+    """The value of a number, of an expression of numbers, or of a tuple of them; None for anything else."""
+    if isinstance(node, ast.Tuple):
+        values = [number(part) for part in node.elts]
+        row = [value for value in values if isinstance(value, float | int)]
+        return tuple(row) if row and len(row) == len(values) else None
     numbers = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
     parts = (ast.Constant, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop)
     if not all(isinstance(part, parts) for part in ast.walk(node)) or any(type(n) not in (int, float) for n in numbers):
@@ -83,74 +99,284 @@ def number(node: ast.expr) -> float | int | None:
     return eval(compile(ast.Expression(node), "", "eval"))
 
 
-class Changed(importlib.machinery.SourceFileLoader):
-    """Loads a module with one number changed."""
-
-    def __init__(self, module: str, path: str, line: int, old: str, new: str) -> None:
-        super().__init__(module, path)
-        self.change = line, old, new
-
-    def get_code(self, fullname: str) -> object:  # no cache of bytes: the source on disk is another one
-        source = Path(self.path).read_text(encoding="utf-8").splitlines(keepends=True)
-        line, old, new = self.change
-        name, _, value = source[line - 1].partition("=")
-        assert number(ast.parse(value.partition("#")[0].strip(), mode="eval").body) == float(old)
-        source[line - 1] = f"{name}= {new}\n"
-        return compile("".join(source), self.path, "exec")
+def all_constants() -> list[Constant]:
+    """The numeric constants of all modules."""
+    return [constant for module, path in modules().items() for constant in constants(module, path)]
 
 
+@dataclass
 class Finder(importlib.abc.MetaPathFinder):
     """Finds the one module that is changed."""
+
+    constant: Constant
+    other: type_of_value
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        module, line, old, new = os.environ[MUTANT].split()
-        if fullname != module:
+        if fullname != self.constant.module:
             return None
         spec = importlib.machinery.PathFinder.find_spec(fullname, path)
         assert spec is not None
         assert spec.origin is not None
-        spec.loader = Changed(module, spec.origin, int(line), old, new)
+        spec.loader = Changed(fullname, spec.origin, self.constant, self.other)
         return spec
 
 
-if MUTANT in os.environ:  # as a plugin of pytest: python -m pytest -p constant_mutants
-    sys.meta_path.insert(0, Finder())
+class Changed(importlib.machinery.SourceFileLoader):
+    """Loads a module with one constant changed."""
+
+    def __init__(self, module: str, path: str, constant: Constant, other: type_of_value) -> None:
+        super().__init__(module, path)
+        self.constant, self.other = constant, other
+
+    def get_code(self, fullname: str) -> CodeType:  # no cache of bytes: the source on disk is another one
+        lines = Path(self.path).read_text(encoding="utf-8").splitlines(keepends=True)
+        line, column, last, end = self.constant.ends
+        head, tail = lines[line - 1].encode()[:column].decode(), lines[last - 1].encode()[end:].decode()
+        # as many lines as before, so that kernels find their source
+        lines[line - 1 : last] = [f"{head}{self.other!r}{tail}", *["\n"] * (last - line)]
+        return compile("".join(lines), self.path, "exec")
 
 
-def survives(constant: Constant, other: float | int) -> bool:
-    """Whether all tests of the module pass with another number in place of the constant."""
-    change = f"{constant.module} {constant.line} {constant.value!r} {other!r}"
-    tests = [str(TESTS / name) for name in MODULES[constant.module].split()]
-    words = ["-m", "pytest", "-q", "-x", "-p", "constant_mutants", "-p", "no:cacheprovider", "-m", "not slow", *tests]
-    path = os.pathsep.join([str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])])
-    environment = {**os.environ, MUTANT: change, "PYTHONPATH": path, "CI": "1"}
-    done = subprocess.run(
-        [sys.executable, *words], cwd=TESTS.parent, env=environment, capture_output=True, encoding="utf-8", check=False
-    )
-    if done.returncode not in (0, 1):
-        raise SystemExit(f"{change}: pytest ended with {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
-    return done.returncode == 0
+class Noticed:
+    """A plugin of pytest that puts the changed module in place and writes which test failed first."""
+
+    def __init__(self, pipe: int, finder: Finder) -> None:
+        self.pipe, self.finder = pipe, finder
+
+    def pytest_configure(self) -> None:
+        sys.meta_path.insert(0, self.finder)  # again, before the finder of pytest that rewrites assertions
+
+    def pytest_runtest_logreport(self, report: object) -> None:
+        if getattr(report, "failed", False):
+            self._write(str(getattr(report, "nodeid", "")))
+
+    def pytest_collectreport(self, report: object) -> None:
+        if getattr(report, "failed", False):
+            self._write(str(getattr(report, "nodeid", "")))
+
+    def _write(self, nodeid: str) -> None:
+        os.write(self.pipe, f"{nodeid}\n".encode())
 
 
-def main(asked: Sequence[str]) -> int:
+class Mutant(NamedTuple):
+    """A change of one constant, and the tests that may notice it."""
+
+    constant: Constant
+    change: str
+    tests: tuple[str, ...]
+
+
+def _child(mutant: Mutant, pipe: int) -> int:
+    """Run the tests with a constant changed, in a forked process; return the exit status of pytest."""
+    import pytest
+
+    quiet = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(quiet, stream)
+    os.environ["CI"] = "1"
+    os.chdir(TESTS.parent)
+    other = mutant.constant.changed(mutant.change)
+    assert other is not None
+    finder = Finder(mutant.constant, other)
+    sys.meta_path.insert(0, finder)
+    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # of the plugins only what the tests use
+    words = ["-q", "-x", "-p", "no:cacheprovider", "-p", "_hypothesis_pytestplugin", "-p", "pytest_timeout"]
+    words += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # hypothesis is there already
+    return int(pytest.main([*words, *(f"tests/{name}" for name in mutant.tests)], plugins=[Noticed(pipe, finder)]))
+
+
+class Running(NamedTuple):
+    """A forked process that tests a mutant."""
+
+    mutant: Mutant
+    began: float
+    pipe: int
+
+
+def tested(mutants: Sequence[Mutant], jobs: int, longest: float) -> Iterator[tuple[Mutant, str]]:
+    """Test mutants in forked processes; yield each with the test that noticed it, "" if none did."""
+    waiting, running = list(reversed(mutants)), dict[int, Running]()
+    while waiting or running:
+        while waiting and len(running) < jobs:
+            mutant = waiting.pop()
+            out, pipe = os.pipe()
+            child = os.fork()
+            if not child:
+                status = 70
+                with contextlib.suppress(BaseException):
+                    status = _child(mutant, pipe)
+                os._exit(status)
+            os.close(pipe)
+            running[child] = Running(mutant, time.monotonic(), out)
+        done, status = os.waitpid(-1, os.WNOHANG)
+        if not done:
+            for child, one in running.items():
+                if time.monotonic() - one.began > longest:
+                    os.kill(child, 9)
+            time.sleep(0.01)
+            continue
+        if done not in running:
+            continue
+        mutant, _, out = running.pop(done)
+        with open(out, "rb") as file:
+            failed = file.read().decode().split("\n")[0].removeprefix("tests/")
+        code = os.waitstatus_to_exitcode(status)
+        if code == 0:
+            yield mutant, ""
+        elif code in (1, 2) or code < 0:  # a failed test, a module that can't be imported, no end or a crash
+            yield mutant, failed or mutant.tests[-1]
+        elif code == 4 and len(mutant.tests) > 1:  # the name of a test hangs on the constant
+            waiting.append(mutant._replace(tests=mutant.tests[1:]))
+        else:
+            raise SystemExit(f"{mutant}: pytest ended with {code}")
+
+
+def preload() -> None:
+    """Load what all tests need, but nothing of feeddrive: each mutant imports that anew."""
+    import hypothesis.strategies
+    import matplotlib.figure
+    import numpy.linalg
+    import pytest
+    import scipy.linalg
+    import scipy.optimize
+    import scipy.signal  # noqa: F401
+
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    sys.dont_write_bytecode = False
+    assert not any(name.partition(".")[0] == "feeddrive" for name in sys.modules)
+    sys.path[:0] = [str(SOURCE), str(TESTS)]
+
+
+class Coverage:
+    """Which tests run which lines, of a measurement with coverage.py."""
+
+    def __init__(self, path: Path, durations: Mapping[str, float]) -> None:
+        from coverage import CoverageData
+
+        self.data = CoverageData(str(path))
+        self.data.read()
+        self.files = {name.partition("/src/")[2]: name for name in self.data.measured_files()}
+        self.durations = durations
+        self.lines: dict[str, dict[int, list[str]]] = {}
+        self.sources = {name: path.read_text(encoding="utf-8") for name, path in modules().items()}
+
+    def tests(self, constant: Constant) -> tuple[str, ...]:
+        """The tests that may notice a change of a constant: first those that run a line which uses it, in files that
+        import its module, the short ones first.
+        """
+        users = {constant.module}
+        if not constant.name.startswith("_"):
+            users |= {name for name, source in self.sources.items() if constant.name in source}
+        using = {test for name in users for test in self._of_lines(modules()[name], self._uses(constant, name))}
+        # a number that is used as its module is loaded may matter to whoever runs a line of it
+        wanted = using or self._of_lines(modules()[constant.module], None)
+
+        def order(test: str) -> tuple[bool, float]:
+            near = constant.module in self._text(test.partition("::")[0])
+            return not near, self.durations.get(test, 0.02)
+
+        chosen, total = list[str](), 0.0
+        for test in sorted(wanted, key=order):
+            took = self.durations.get(test, 0.02)
+            if total + took <= LONGEST and len(chosen) < MOST:
+                chosen.append(test)
+                total += took
+        return tuple(chosen)
+
+    @cache
+    def _text(self, file: str) -> str:
+        return (TESTS / file).read_text(encoding="utf-8")
+
+    def _uses(self, constant: Constant, module: str) -> list[int]:
+        """The lines of functions of a module that use a constant."""
+        tree = ast.parse(self.sources[module])
+        lines = []
+        for node in ast.walk(tree):
+            if (isinstance(node, ast.Name) and node.id == constant.name and isinstance(node.ctx, ast.Load)) or (
+                isinstance(node, ast.Attribute) and node.attr == constant.name
+            ):
+                lines.append(node.lineno)
+        return lines
+
+    def _of_lines(self, path: Path, lines: Sequence[int] | None) -> set[str]:
+        """The tests that run lines of a file; of all its lines inside functions if None."""
+        name = str(path.relative_to(SOURCE))
+        if name not in self.files:
+            return set()
+        if name not in self.lines:
+            self.lines[name] = self.data.contexts_by_lineno(self.files[name])
+        rows = self.lines[name] if lines is None else {line: self.lines[name].get(line, []) for line in lines}
+        names = {context.partition("|")[0] for contexts in rows.values() for context in contexts}
+        return {name.removeprefix("tests/") for name in names if "::" in name}
+
+
+def main(words: Sequence[str]) -> int:
     """Change every constant of the modules that were asked for; the exit status is 1 if a mutant survives."""
-    modules = [name for name in MODULES if not asked or name.rpartition(".")[2] in asked]
-    killed, left = 0, list[str]()
-    for module in modules:
-        for constant in constants(module):
-            for other in constant.changed():
-                words = f"{constant.name} {constant.value!r} -> {other!r}"
-                if (module, constant.name, repr(other)) in EQUIVALENT:
-                    continue
-                if survives(constant, other):
-                    left.append(f"{module}: {words}")
-                    print(f"SURVIVES {left[-1]}", flush=True)
-                else:
-                    killed += 1
-    print(f"{killed} of {killed + len(left)} changed constants of {len(modules)} modules are noticed")
-    return 1 if left else 0
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("modules", nargs="*")
+    parser.add_argument("--coverage", type=Path, help="look for tests of constants that have none, and write them down")
+    parser.add_argument("--durations", type=Path, help="what pytest --durations=0 printed: short tests come first")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    asked = parser.parse_args(words)
+    preload()
+    ledger = json.loads(LEDGER.read_text(encoding="utf-8")) if LEDGER.exists() else {}
+    coverage = Coverage(asked.coverage, _durations(asked.durations)) if asked.coverage else None
+    mutants, missing = list[Mutant](), list[str]()
+    for constant in all_constants():
+        if asked.modules and not any(constant.module.endswith(name) for name in asked.modules):
+            continue
+        known = ledger.get(constant.module, {}).get(constant.name, {})
+        for change in CHANGES:
+            if constant.changed(change) is None or "reason" in known or f"{change} reason" in known:
+                continue
+            if coverage is not None and change not in known:
+                mutants.append(Mutant(constant, change, coverage.tests(constant)))
+            elif coverage is None and change in known:
+                mutants.append(Mutant(constant, change, (known[change],)))
+            elif coverage is None and change not in known.get("open", ""):
+                missing.append(f"{constant.module}: {constant.name}, {change}: no test in {LEDGER.name}")
+    survivors = [f"{one.constant.module}: {one.constant.name}, {one.change}: no test" for one in mutants if not one.tests]
+    noticed = 0
+    for mutant, test in tested([one for one in mutants if one.tests], asked.jobs, ENDLESS):
+        constant = mutant.constant
+        if test:
+            noticed += 1
+            if coverage is not None:
+                entry = ledger.setdefault(constant.module, {}).setdefault(constant.name, {})
+                entry[mutant.change] = test
+                if left := entry.pop("open", "").replace(mutant.change, "").strip():
+                    entry["open"] = left
+                _write(ledger)
+        else:
+            survivors.append(f"{constant.module}: {constant.name} = {constant.value}, {mutant.change}")
+            print(f"SURVIVES {survivors[-1]}", flush=True)
+    for line in missing:
+        print(f"MISSING {line}")
+    print(f"{noticed} of {noticed + len(survivors)} changed constants are noticed")
+    return 1 if survivors or missing else 0
+
+
+def _write(ledger: Mapping[str, Mapping[str, Mapping[str, str]]]) -> None:
+    """Write which test notices which change, in the order of modules and names."""
+    ordered = {name: dict(sorted(rows.items())) for name, rows in sorted(ledger.items())}
+    text = json.dumps(ordered, indent=1, ensure_ascii=False)
+    part = LEDGER.with_suffix(".part")
+    part.write_text(f"{text}\n", encoding="utf-8")
+    part.replace(LEDGER)
+
+
+def _durations(path: Path | None) -> dict[str, float]:
+    """Read the table of durations that pytest prints, in s by test."""
+    took: dict[str, float] = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path else []:
+        parts = line.split(maxsplit=2)
+        if len(parts) == 3 and parts[0].endswith("s") and parts[1] in ("call", "setup"):
+            with contextlib.suppress(ValueError):
+                name = parts[2].removeprefix("tests/")
+                took[name] = took.get(name, 0.0) + float(parts[0][:-1])
+    return took
 
 
 if __name__ == "__main__":

@@ -121,7 +121,7 @@ def test_a_measured_response_is_seen_with_its_bands_its_coherence_and_its_model(
     assert opened.ended() == "done"
     page.click("#identify")
     assert opened.ended() == "done"
-    said = words(page, "made-response")
+    said = words(page, "made-fit")
     for each in ("measured", "model", "95 % of the measurement", "95 % of the model", "coherence 0.9 or less"):
         assert each in said, each
     page.locator("label", has_text="Today's machine").locator("select").select_option("ball_screw")

@@ -300,13 +300,13 @@ def test_identify_parses_its_log_once(words: dict[str, str], tmp_path: Path, mon
     from feeddrive.workflow.identify import identify
 
     log_of_a_motion(tmp_path / "log.csv")
-    read, parsed = formats.read_csv, list[str]()
+    read, parsed = formats.text_files.read_csv, list[str]()
 
     def counted(name: str, *rest: Any) -> Any:
         parsed.append(name)
         return read(name, *rest)
 
-    monkeypatch.setattr(formats, "read_csv", counted)
+    monkeypatch.setattr(formats.text_files, "read_csv", counted)
     found = identify(tmp_path / "log.csv", **words)
     assert found.rigid is not None
     assert len(parsed) == 1
