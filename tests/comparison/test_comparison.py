@@ -250,6 +250,7 @@ def test_a_comparison_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
 OWN = '''
 from typing import NamedTuple
 from feeddrive.blocks.families import Law
+from feeddrive.language import ops
 from feeddrive.language.block import parameter
 
 
@@ -287,6 +288,19 @@ class Spring(Law):
         velocity = (reading.position_load - state) / T
         error = setpoint.position - reading.position_load
         return reading.position_load, self.stiffness * error - self.damping * velocity
+
+
+class Rooted(Law):
+    """The root of the following error: it has no slope where the error is 0, and nothing to tune."""
+
+    stiffness: float = parameter("N/m", "force per following error", above=0, default=4e5)
+
+    def start(self, prepared, setpoint, reading):
+        return reading.position_load
+
+    def step(self, prepared, state, setpoint, reading, T):
+        error = setpoint.position - reading.position_load
+        return reading.position_load, self.stiffness * error - ops.sqrt(ops.absolute(error))
 '''
 
 
@@ -296,8 +310,8 @@ def test_a_law_of_ones_own_by_package_and_class(tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     law = imported(Law, "my_own_laws:HandWheel")
-    spring = imported(Law, "my_own_laws:Spring")
-    found = compare_laws(read_machine("linear_motor"), laws=[law, spring], reference=SHORT, starts=1)
+    spring, rooted = imported(Law, "my_own_laws:Spring"), imported(Law, "my_own_laws:Rooted")
+    found = compare_laws(read_machine("linear_motor"), laws=[law, spring, rooted], reference=SHORT, starts=1)
     assert [each.name for each in found.competitors] == [TODAY, PLAIN, "hand wheel", "spring"]
     assert found["hand wheel"].figures["noise_gain_N_per_m"] is not None
     left = found["spring"]  # ended the whole comparison: no tunables
@@ -305,6 +319,8 @@ def test_a_law_of_ones_own_by_package_and_class(tmp_path: Path, monkeypatch: pyt
     assert left.figures["noise_gain_N_per_m"] is not None
     assert FIXED in left.remark
     assert "Nothing to tune, so judged as it is: spring." in in_short(found)
+    reasons = {refusal.name: refusal.reason for refusal in found.refusals}  # an error of one law ended all the others
+    assert "a square root of 0 has no finite slope" in reasons["rooted"]
     write_comparison(found, tmp_path / "report")
     for place, why in (
         ("my_own_laws:Nothing", "there is no class 'Nothing'"),
