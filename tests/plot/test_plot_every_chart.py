@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import pkgutil
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -18,12 +19,18 @@ import pytest
 
 import feeddrive as fd
 from feeddrive import plot
+from feeddrive.analysis.margins import Margins, margins
+from feeddrive.analysis.replay import Replay
+from feeddrive.analysis.stability import stability
+from feeddrive.analysis.stiffness import stiffness
 from feeddrive.figures.ranking import CRITERIA
 from feeddrive.language.lazy_package import public_names
 from feeddrive.language.quantity import DRAWN, Quantity, Units
 from feeddrive.language.table import chart_of
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import compliance, loop_gain
+from feeddrive.loop.loop import Loop
 from feeddrive.papers.gordon2013 import frequency, motion
 from feeddrive.papers.wu2017 import testbed as of_trials
 from feeddrive.plot import laws as of_laws
@@ -229,6 +236,40 @@ def laws() -> list[tuple[str, dict[str, float | None]]]:
     ]
 
 
+@cache
+def motor() -> Loop:
+    return fd.read_machine("linear_motor").loop(None)
+
+
+def opened() -> Margins:
+    return margins(loop_gain(motor(), F))
+
+
+@cache
+def moved() -> fd.Run:
+    return fd.simulate(motor(), fd.blocks.JerkLimitedMove(distance=1e-3, velocity=0.1, acceleration=10.0, jerk=1e3))
+
+
+def measured() -> dict[str, np.ndarray]:
+    return {name: moved()[name] for name in ("position_load", "following_error", "force")}
+
+
+def rigid() -> Any:
+    residuals = Stand(measured=20.0 * S, values=S, relative=0.05)
+    return Stand(frame=Stand(force="N"), residuals=residuals, time=T)
+
+
+def learned() -> Any:
+    values = {"mass": np.array([100.0, 120.0, 121.0]), "viscous": np.array([0.0, 40.0, 50.0])}
+    return Stand(
+        rms=np.array([3e-6, 1e-6, 5e-7]),
+        trials=[None] * 3,
+        parameters=lambda: values,
+        errors=lambda: {name: np.array([np.nan, 1.0, 0.5]) for name in values},
+        iterations=[Stand(before=fd.blocks.Inertia(mass=100.0, viscous=0.0))],
+    )
+
+
 BANDED = Stand(x=F, quantiles=np.outer([1.0, 1.3, 1.6, 1.9, 2.4], 1e7 * (1.0 + F)), unit="N/m")
 CIRCLE = 0.02 * np.cos(3.0 * T), 0.02 * np.sin(3.0 * T)
 OF_PLOT: dict[str, Callable[[], Chart]] = {
@@ -283,6 +324,28 @@ OF_PLOT: dict[str, Callable[[], Chart]] = {
     "identification:steady_runs": lambda: plot.steady_runs_chart(steady()),
     "identification:identified_friction": lambda: plot.identified_friction_chart(friction_curve()),
     "over_time:log": lambda: plot.log_chart(Stand(channels={"force": S, "state": S}, units={"force": "N"}, time=T)),
+}
+OF_PLOT |= {
+    "complex_plane:encirclement": lambda: chart("complex_plane:encirclement")(Stand(loop_gain=loop_gain(motor(), F))),
+    "complex_plane:placement": lambda: chart("complex_plane:placement")(Stand(stability=stability(motor()))),
+    "over_frequency:tuned": lambda: chart("over_frequency:tuned")(
+        Stand(before=[], after=[Stand(stable=True, stiffness=stiffness(compliance(motor(), F)))])
+    ),
+    "over_frequency:measured_loop": lambda: chart("over_frequency:measured_loop")(Stand(margins=opened())),
+    "over_frequency:cascade_loops": lambda: chart("over_frequency:cascade_loops")(
+        Stand(velocity=opened(), position=opened())
+    ),
+    "over_frequency:fitted": lambda: chart("over_frequency:fitted")(Stand(agreement=agreement())),
+    "over_frequency:axis_fits": lambda: chart("over_frequency:axis_fits")(Stand(fit=Stand(agreement=agreement()))),
+    "over_frequency:frequency_estimate": lambda: plot.frequency_estimate_chart(
+        Stand(frf=compliance(motor(), F), levels={})
+    ),
+    "over_time:cosimulation": lambda: chart("over_time:cosimulation")(Stand(rows=[Stand(name="law", run=moved())])),
+    "over_time:refinement": lambda: chart("over_time:refinement")(Stand(replay=Replay(moved(), measured(), 10))),
+    "identification:rigid_fit": lambda: plot.rigid_fit_chart(rigid()),
+    "identification:identified": lambda: chart("identification:identified")(Stand(refinement=None, rigid=rigid())),
+    "tuning:trials": lambda: plot.trials_chart(learned()),
+    "tuning:errors_and_parameters": lambda: chart("tuning:errors_and_parameters")({"a": learned(), "b": learned()}),
 }
 OF_ROOMS: dict[str, Callable[[], Chart]] = {
     "trade-off": lambda: of_laws.tradeoff_chart([(name, row, "") for name, row in laws()]),
@@ -361,6 +424,42 @@ def test_every_function_of_a_chart_says_so_and_every_picture_has_one() -> None:
         for name, function in vars(import_module(f"feeddrive.plot.{module.name}")).items():
             if name.endswith("_chart") and inspect.isfunction(function):
                 assert "Chart" in str(inspect.signature(function).return_annotation), (module.name, name)
+
+
+# charts of results that take real runs, by the test that draws them
+ELSEWHERE = {
+    "plot/test_plot_pictures.py": (
+        "bode poles stability batch gradient friction friction_map closed_loop open_loop nyquist sensitivity spectrum "
+        "stiffness comparison following_error force motion replay run"
+    ),
+    "plot/test_plot_machining.py": (
+        "axis_load circle_causes circle_test circle_unrolled reversals contour_on_path corner_zoom"
+    ),
+    "plot/test_plot_charts.py": "certificate certificate_discs circle unrolled place",
+    "plot/test_plot_uncertainty.py": "estimates overlay",
+    "analysis/test_poles_and_step.py": "plane damping step_response",
+    "path/test_plan_command.py": "planned plan_causes plan_profiles",
+    "studio/test_studio_pictures.py": "moves snap",
+}
+REFUSED = {"guess_chart", "recipe_chart"}  # these results have no picture, and say so
+
+
+def test_every_chart_is_drawn_by_a_test() -> None:
+    head = re.compile(r"^def ([a-z]\w*_chart)\(.*?\) -> ([\w| ]+):$", re.MULTILINE | re.DOTALL)
+    found = [match for path in SOURCE.rglob("*.py") for match in head.findall(path.read_text(encoding="utf-8"))]
+    charts = {name for name, returned in found if returned == "Chart"} - REFUSED
+    here = set[str]()
+    for statement in ast.parse(Path(__file__).read_text(encoding="utf-8")).body:
+        if isinstance(statement, ast.AnnAssign | ast.AugAssign) and isinstance(statement.value, ast.Dict):
+            for node in (node for drawing in statement.value.values for node in ast.walk(drawing)):
+                if isinstance(node, ast.Attribute):
+                    here.add(node.attr)
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    here.add(f"{node.value.partition(':')[2]}_chart")
+    elsewhere = {f"{name}_chart" for names in ELSEWHERE.values() for name in names.split()}
+    assert charts - here - elsewhere == set()  # a new one belongs into OF_PLOT
+    assert elsewhere <= charts - here
+    assert [file for file in ELSEWHERE if not (Path(__file__).parent.parent / file).exists()] == []
 
 
 def test_results_of_later_rooms_give_charts_too() -> None:
