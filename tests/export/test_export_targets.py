@@ -8,8 +8,8 @@ from importlib import import_module
 import pytest
 
 from feeddrive.export.targets import OPTIONS, TARGETS
+from feeddrive.workflow.command import fields_of
 from feeddrive.workflow.export import ExportRequest
-from feeddrive.workflow.request import fields_of
 
 FIELDS = {field.name: field for field in fields_of(ExportRequest)}
 

@@ -18,7 +18,7 @@ from feeddrive.studio import command as command_of_studio
 from feeddrive.studio.command import StudioRequest, studio
 from feeddrive.studio.protection import read_password
 from feeddrive.study.store import place
-from feeddrive.workflow.request import fields_of
+from feeddrive.workflow.command import fields_of
 
 WORD = "seventeen räder & 4"
 

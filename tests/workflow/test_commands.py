@@ -27,8 +27,7 @@ from feeddrive.cli.commands import OFFERED, app, offered
 from feeddrive.language import units
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.command import COMMANDS, Command, Outcome, load
-from feeddrive.workflow.request import Request, argument, fields_of, option
+from feeddrive.workflow.command import COMMANDS, Command, Outcome, Request, argument, fields_of, load, option
 
 formats = import_module("feeddrive.files.read_log")  # `feeddrive.files.read_log` is the function
 

@@ -23,11 +23,10 @@ from feeddrive.language.units import turning, turning_docstring
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
 from feeddrive.workflow.certify import certify
-from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.command import Outcome, fields_of
 from feeddrive.workflow.excite import excite
 from feeddrive.workflow.force import force
 from feeddrive.workflow.identify import identify, machine_text
-from feeddrive.workflow.request import fields_of
 from feeddrive.workflow.run_job import run, summary
 from feeddrive.workflow.tune import tune
 from feeddrive.workflow.tune_sources import in_metres

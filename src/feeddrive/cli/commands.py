@@ -21,8 +21,7 @@ from feeddrive.language import units
 from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.table import visible
 from feeddrive.language.text import Text, resolve
-from feeddrive.workflow.command import COMMANDS, Command, Listed, failure, load
-from feeddrive.workflow.request import Field, fields_of
+from feeddrive.workflow.command import COMMANDS, Command, Field, Listed, failure, fields_of, load
 
 # interactive front ends, which are not commands with a result
 SKINS = {

@@ -27,8 +27,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, TypeAlias
 
 from feeddrive.blocks.coupling.milling_cut import MillingCut
-from feeddrive.blocks.families import Load, Reference
-from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.families import Coupling, Load, Reference
 from feeddrive.files.machine import MachineFile, find_bundled, read_machine
 from feeddrive.files.mapping import LogSection
 from feeddrive.files.part_program import PlannedProgram, ProcessSection, ProgramSection, planned_program

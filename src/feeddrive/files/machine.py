@@ -25,7 +25,7 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
-from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.families import Coupling
 from feeddrive.files.section import Section, named, read_section, text, to_toml
 from feeddrive.files.toml_file import Key, TomlFile, quoted, read_toml, with_values
 from feeddrive.language.block import Number, parameter, part

@@ -65,7 +65,7 @@ import numpy as np
 from feeddrive.blocks.coupling.cut_sections import CutSections
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.engagement import arc
-from feeddrive.blocks.machine_families import Coupling, Cutter
+from feeddrive.blocks.families import Coupling, Cutter
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
 from feeddrive.files.machine import BUNDLED, MachineFile, planned_limits

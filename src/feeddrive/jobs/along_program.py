@@ -9,8 +9,7 @@ import numpy as np
 
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.engagement import arc
-from feeddrive.blocks.families import Observer
-from feeddrive.blocks.machine_families import Cutter
+from feeddrive.blocks.families import Cutter, Observer
 from feeddrive.files.job import Job
 from feeddrive.files.part_program import Cut, PlannedProgram
 from feeddrive.language.errors import FeeddriveError

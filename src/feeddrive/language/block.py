@@ -2,7 +2,7 @@
 
 Each parameter is declared once, in its field; the constructor check, the file reader, the docs, the report and the
 exported code take name, unit, meaning, bounds and default from this declaration. Requests of commands
-(`workflow/request.py`) and sections of files (`files/section.py`) declare their fields in the same way; `Declared` is
+(`workflow/command.py`) and sections of files (`files/section.py`) declare their fields in the same way; `Declared` is
 the common base class.
 
     class Viscous(Friction):

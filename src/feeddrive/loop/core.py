@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.families import Friction, Mechanics
-from feeddrive.blocks.machine_families import Coupling, SharedMode, SharedSpring
+from feeddrive.blocks.families import Coupling, Friction, Mechanics, SharedMode, SharedSpring
 from feeddrive.blocks.signals import Motion
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule

@@ -7,7 +7,7 @@ from functools import reduce
 from typing import Any, NamedTuple, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
-from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.families import Coupling
 from feeddrive.blocks.signals import Motion, Noise, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, Rule, choice, label, parameter, part

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 
-from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.families import Coupling
 from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Block, Declaration, Number, Rule, part

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.blocks.machine_families import Cutter
+from feeddrive.blocks.families import Cutter
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.machining.tool_point import ToolPoint

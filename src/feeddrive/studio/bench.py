@@ -29,7 +29,7 @@ from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.closed_loop import through
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, modelled_point, one_encoder
-from feeddrive.workflow.request import stem, told_apart
+from feeddrive.workflow.command import stem, told_apart
 from feeddrive.workflow.tune_files import machine_text
 from feeddrive.workflow.tune_sources import Sources, first_control, points_of
 

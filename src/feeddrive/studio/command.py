@@ -31,9 +31,8 @@ from feeddrive.studio.live import Followable, stop_all
 from feeddrive.studio.protection import OPTION, STANDARD_INPUT, Door, read_password
 from feeddrive.studio.rooms.tune import Tune
 from feeddrive.studio.server import PAGE, make_app, serve
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import Outcome, Request, argument, command, option
 from feeddrive.workflow.follow import PIPE, check_followed
-from feeddrive.workflow.request import Request, argument, option
 from feeddrive.workflow.tune_sources import machine_of
 
 _REDIRECT = """<!doctype html><html lang="en"><meta charset="utf-8"><title>feeddrive studio</title>

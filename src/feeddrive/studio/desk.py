@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from feeddrive.loop.control import Control
     from feeddrive.studio.bench import Bench
     from feeddrive.tuning.by_hand import ByHand
-    from feeddrive.workflow.request import Request
+    from feeddrive.workflow.command import Request
 
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -20,8 +20,7 @@ from feeddrive.language.text import Text
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-    from feeddrive.workflow.command import Outcome
-    from feeddrive.workflow.request import Request
+    from feeddrive.workflow.command import Outcome, Request
 
 Work = Callable[[Progress], Any]
 WAITING, RUNNING, DONE, FAILED, CANCELLED = "waiting", "running", "done", "failed", "canceled"

@@ -24,10 +24,9 @@ if TYPE_CHECKING:
     from feeddrive.machining.circle_test import CircleTest
     from feeddrive.studio.uploads import Understood
     from feeddrive.workflow.circle import CircleRequest
-    from feeddrive.workflow.command import Outcome
+    from feeddrive.workflow.command import Outcome, Request
     from feeddrive.workflow.compare import CompareRequest
     from feeddrive.workflow.export import ExportRequest
-    from feeddrive.workflow.request import Request
     from feeddrive.workflow.run_job import RunRequest
     from feeddrive.workflow.tour import TourRequest
     from feeddrive.workflow.tune import TuneRequest

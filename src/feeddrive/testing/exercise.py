@@ -27,7 +27,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from feeddrive.blocks import families, machine_families
+from feeddrive.blocks import families
 from feeddrive.blocks.catalogue import family_of
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
@@ -426,8 +426,8 @@ TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Feedforward: _feedforward,
     families.Prefilter: _prefilter,
     families.Observer: _observer,
-    machine_families.Cutter: _cutter,
-    machine_families.Coupling: _coupling,
+    families.Cutter: _cutter,
+    families.Coupling: _coupling,
 }
 SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
 

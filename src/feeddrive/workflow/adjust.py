@@ -17,8 +17,7 @@ from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
 from feeddrive.tuning.filters import Difference, difference, read_filter, with_filters, written_filter
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument, option
+from feeddrive.workflow.command import Outcome, Request, argument, command, option
 from feeddrive.workflow.tune_files import machine_text
 
 

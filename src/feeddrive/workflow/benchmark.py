@@ -12,9 +12,8 @@ from feeddrive.benchmark.report import benchmark_report, citation, reasons, writ
 from feeddrive.benchmark.rules import VERSION, read_rules
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import OUT, Outcome, command, option
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
-from feeddrive.workflow.request import OUT, option
 
 
 class BenchmarkRequest(EvaluationRequest):

@@ -33,8 +33,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.operating_point import OperatingPoint
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, option, stem
 from feeddrive.workflow.tune_sources import in_metres, loop_or_response
 
 FILE = "certificate.json"

@@ -35,8 +35,7 @@ from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument, option
+from feeddrive.workflow.command import Outcome, Request, argument, command, option
 
 _MOTIONS = (
     "position_load",

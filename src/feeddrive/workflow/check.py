@@ -8,8 +8,7 @@ from feeddrive.certificate.check import checked
 from feeddrive.language.errors import FileError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument
+from feeddrive.workflow.command import Outcome, Request, argument, command
 
 
 class CheckRequest(Request):

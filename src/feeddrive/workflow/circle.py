@@ -42,8 +42,7 @@ from feeddrive.machining.circle_test import (
 from feeddrive.report.machining_report import circle_report
 from feeddrive.report.page import html
 from feeddrive.report.report import Report
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
 
 _TURNS = 2.2  # turns of a simulated circle: run-in and run-out use parts of the first and the last turn
 _RADIUS, _FEEDS = 0.02, (0.02, 0.1)  # m, m/s, of a simulated machine

@@ -34,9 +34,8 @@ from feeddrive.language.units import rounded
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.channels import units_first
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import Outcome, argument, called, command, option
 from feeddrive.workflow.drive_logs import DriveLogsRequest
-from feeddrive.workflow.request import argument, called, option
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
 _FORCES = ("force", "torque", "current", "command")

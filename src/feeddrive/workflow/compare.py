@@ -19,9 +19,8 @@ from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import candidates
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import OUT, Outcome, argument, command, option, stem
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
-from feeddrive.workflow.request import OUT, argument, option, stem
 
 TAKEN = "taken.toml"
 

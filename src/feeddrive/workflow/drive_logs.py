@@ -17,7 +17,7 @@ from feeddrive.language.table import Table
 from feeddrive.report.page import write_page
 from feeddrive.report.report import Report
 from feeddrive.workflow.channels import mapped, no_column
-from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, option
+from feeddrive.workflow.command import CHANNELS, OUT, UNIT, Request, argument, called, option
 
 # roles at the table and at the shaft, in order of preference; a position is differentiated
 _TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")

@@ -8,7 +8,7 @@ from feeddrive.evaluation.engine import MOST_WORKERS, Engine
 from feeddrive.evaluation.store import Folder
 from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
 from feeddrive.language.text import Text
-from feeddrive.workflow.request import Request, option
+from feeddrive.workflow.command import Request, option
 
 
 class EngineRequest(Request):

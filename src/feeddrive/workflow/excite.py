@@ -27,8 +27,7 @@ from feeddrive.loop.loop import UNITS
 from feeddrive.plot.over_frequency import frequency_estimate_chart
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, frequencies, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, frequencies, option, stem
 
 _USELESS = 0.3  # relative standard deviation beyond which a line is useless for tuning
 WARNING = (

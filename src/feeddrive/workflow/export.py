@@ -13,8 +13,7 @@ from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineLike
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
 
 
 def _those(has: Callable[[Target], Any]) -> str:

@@ -18,8 +18,7 @@ from feeddrive.language.errors import FileError, LogError, ParameterError, neare
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT_FILE, Request, argument, option
+from feeddrive.workflow.command import OUT_FILE, Outcome, Request, argument, command, option
 
 PIPE = "-"
 _OFTEN = 0.02  # s, polling interval

@@ -20,8 +20,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument, option
+from feeddrive.workflow.command import Outcome, Request, argument, command, option
 
 SIGNALS = ("percent", "per-mille", "A", "V", "pid.output", "N m", "N")
 

@@ -30,8 +30,18 @@ from feeddrive.loop.frequency_response import TRUSTED
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts
 from feeddrive.workflow.channels import check_response, doubt, requested, show, units_first, whole_log, with_units
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, frequencies, option
+from feeddrive.workflow.command import (
+    CHANNELS,
+    OUT,
+    UNIT,
+    Outcome,
+    Request,
+    argument,
+    called,
+    command,
+    frequencies,
+    option,
+)
 
 # usual column names of each role, in order of preference
 _INPUT = ("force", "torque", "current", "command", "iq")

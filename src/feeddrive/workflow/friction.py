@@ -34,9 +34,8 @@ from feeddrive.loop.loop import Loop
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.channels import units_first
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import Outcome, argument, called, command, option
 from feeddrive.workflow.drive_logs import DriveLogsRequest
-from feeddrive.workflow.request import argument, called, option
 
 _POOR = 0.15  # residual over the force's RMS beyond which a curve is rejected
 _SLOW = 2  # runs per direction below the Stribeck velocity that are needed to identify the breakaway level

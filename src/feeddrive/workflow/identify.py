@@ -39,10 +39,9 @@ from feeddrive.loop.machine import Machine
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.filters import read_block
 from feeddrive.workflow.channels import Doubt, mapped, no_column
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import Outcome, called, command
 from feeddrive.workflow.drive_logs import column_texts, narrow, write_report, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
-from feeddrive.workflow.request import called
 
 _POSITIONS = ("position_load", "position_motor")  # in order of preference
 _ANGLES = ("angle_load", "angle_motor")

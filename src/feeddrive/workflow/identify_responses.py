@@ -37,9 +37,8 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.channels import check_response, units_first
-from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.command import CHANNELS, OUT, Outcome, Request, argument, called, frequencies, option
 from feeddrive.workflow.drive_logs import narrow, write_report, written
-from feeddrive.workflow.request import CHANNELS, OUT, Request, argument, called, frequencies, option
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
 _DECIBEL = 8.686  # dB per unit of ln

@@ -33,9 +33,8 @@ from feeddrive.learning.trials import MachineTrials, iterate_machine, iterate_tr
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.workflow.channels import mapped
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import CHANNELS, OUT_FILE, UNIT, Outcome, Request, argument, called, command, option
 from feeddrive.workflow.drive_logs import chosen
-from feeddrive.workflow.request import CHANNELS, OUT_FILE, UNIT, Request, argument, called, option
 
 # role of a column that an option of a request names -> that option
 _OPTIONS = {

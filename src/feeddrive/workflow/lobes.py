@@ -26,8 +26,7 @@ from feeddrive.machining.regeneration import Regeneration, regeneration
 from feeddrive.machining.tool_point import ToolMode, cut_of, tool_modes, tool_point
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, option, stem
 
 _SPEEDS, _HELICAL = 120, 40  # default numbers of speeds; a helical cutter needs separate segments at each depth
 _MOST = 5000  # largest number of speeds

@@ -13,8 +13,7 @@ from feeddrive.files.atomic_io import MARKER, new_directory
 from feeddrive.language.block import snake_case
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
 
 _TEMPLATES = files("feeddrive.workflow") / "templates" / "my_law"
 _SUFFIX = ".txt"  # of a template, which becomes code in the written package

@@ -29,8 +29,7 @@ from feeddrive.path.schedule.run import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.report.machining_report import plan_report
 from feeddrive.report.page import html
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, called, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, option
 
 _SHOWN, _WATCHED = 0.2, 5.0  # s between two reports: on a terminal, and as lines (--watch)
 FAULT = (

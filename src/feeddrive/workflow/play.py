@@ -33,9 +33,8 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
 from feeddrive.workflow.excite import WARNING
-from feeddrive.workflow.request import OUT, Request, argument, option
 
 T = TypeVar("T")
 

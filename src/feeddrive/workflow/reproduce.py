@@ -12,8 +12,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.papers import claims
 from feeddrive.papers.claims import Reproduced
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
 
 
 class ReproduceRequest(Request):

@@ -33,9 +33,8 @@ from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.report.laws import Entry
 from feeddrive.report.page import html
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option, stem
 from feeddrive.workflow.evaluated import EngineRequest
-from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 _TEXT = 100_000  # rows: longer runs are not written as text
 

@@ -20,9 +20,8 @@ from feeddrive.study.page import study_report, write_report
 from feeddrive.study.study import StudyLike
 from feeddrive.study.sweep import Sweep
 from feeddrive.study.sweep import sweep as run_sweep
-from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.command import Outcome, argument, command, option, stem
 from feeddrive.workflow.evaluated import EvaluationRequest
-from feeddrive.workflow.request import argument, option, stem
 
 
 class SweepRequest(EvaluationRequest):

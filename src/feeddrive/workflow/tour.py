@@ -22,8 +22,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, option
+from feeddrive.workflow.command import OUT, Outcome, Request, command, option
 
 MACHINE = "ball_screw"
 WORKPIECE = 12.0  # kg on the table

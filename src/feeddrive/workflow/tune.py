@@ -26,8 +26,7 @@ from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
 from feeddrive.tuning.tune import Tuned, Verdict, assess, tune_control
 from feeddrive.workflow.certify import certified
-from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, frequencies, option, stem
 from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 

@@ -26,7 +26,7 @@ from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, measured_point, with_table_force
 from feeddrive.tuning.recipes import margin_goals
 from feeddrive.workflow.channels import check_response
-from feeddrive.workflow.request import called, stem, told_apart
+from feeddrive.workflow.command import called, stem, told_apart
 
 LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")

@@ -1,6 +1,6 @@
 """The beam between the two drives of a gantry axis."""
 
-from feeddrive.blocks.machine_families import Coupling, SharedSpring
+from feeddrive.blocks.families import Coupling, SharedSpring
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import StructureError
 

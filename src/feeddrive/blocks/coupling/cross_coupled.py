@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.families import Coupling
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter

@@ -3,7 +3,7 @@
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.machine_families import Edge
+from feeddrive.blocks.families import Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, table
 from feeddrive.language.errors import ParameterError

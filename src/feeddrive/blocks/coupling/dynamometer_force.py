@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from feeddrive.blocks.coupling.force_record import ForceRecord
-from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.families import Coupling
 from feeddrive.blocks.signals import Motion
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from feeddrive.blocks.coupling.cut_sections import CutSections, Settings
 from feeddrive.blocks.cutting.engagement import Cut, Rubbing, cut, fits_slices
-from feeddrive.blocks.machine_families import Coupling, Cutter
+from feeddrive.blocks.families import Coupling, Cutter
 from feeddrive.blocks.signals import Motion
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter, part

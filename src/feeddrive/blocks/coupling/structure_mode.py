@@ -1,7 +1,7 @@
 """A structure mode of the machine shared by several axes."""
 
 from feeddrive.blocks.coupling.mode_shape import ModeShape
-from feeddrive.blocks.machine_families import Coupling, SharedMode
+from feeddrive.blocks.families import Coupling, SharedMode
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import StructureError

@@ -6,7 +6,7 @@ The angle v of an edge is measured from the normal n = spindle axis x feed t tow
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
-from feeddrive.blocks.machine_families import Edge
+from feeddrive.blocks.families import Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule
 from feeddrive.language.quantity import Quantity

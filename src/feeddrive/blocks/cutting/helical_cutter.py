@@ -4,7 +4,7 @@ import warnings
 from typing import Any, Self
 
 from feeddrive.blocks.cutting.engagement import arc, lag
-from feeddrive.blocks.machine_families import Cutter, Edge
+from feeddrive.blocks.families import Cutter, Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError

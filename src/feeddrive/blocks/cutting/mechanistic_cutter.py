@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.cutting.engagement import Cut, arc, cut, fits_slices
-from feeddrive.blocks.machine_families import Cutter, Edge
+from feeddrive.blocks.families import Cutter, Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.errors import ParameterError

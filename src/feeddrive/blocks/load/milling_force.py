@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.blocks.families import Load, Reference
-from feeddrive.blocks.machine_families import Cutter
+from feeddrive.blocks.families import Cutter, Load, Reference
 from feeddrive.blocks.sampled import check_order, check_single, since
 from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import StructureError

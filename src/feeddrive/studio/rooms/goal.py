@@ -24,7 +24,7 @@ from feeddrive.studio.jobs import Found
 from feeddrive.studio.pictures import charts
 from feeddrive.studio.works import Shown, tuned
 from feeddrive.tuning.by_hand import Look
-from feeddrive.workflow.request import Field, fields_of
+from feeddrive.workflow.command import Field, fields_of
 from feeddrive.workflow.tune import TuneRequest
 from feeddrive.workflow.tune_sources import has_integral
 

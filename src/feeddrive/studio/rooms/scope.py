@@ -24,8 +24,8 @@ from feeddrive.plot.over_time import Channel, Ranges, scope_chart
 from feeddrive.plot.style import written
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act
 from feeddrive.studio.live import Following
+from feeddrive.workflow.command import Field, fields_of
 from feeddrive.workflow.follow import FollowRequest, between, window_log
-from feeddrive.workflow.request import Field, fields_of
 
 _FIELDS: Mapping[str, Field] = {field.name: field for field in fields_of(FollowRequest)}
 _SHOWN = ("window", "before", "level", "edge", "hysteresis", "hold", "sample_time", "time_unit")
