@@ -12,28 +12,12 @@ from typing import Protocol
 
 import numpy as np
 
+from feeddrive.export import structured_text_code as st
 from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import CONTROL, Design, Trial, trial
 from feeddrive.export.identifiers import ST_WORDS, ascii_text, bare, identifier
 from feeddrive.export.layout import Field, Layout, LayoutRun
-from feeddrive.export.structured_text_code import (
-    CONSTANTS,
-    INDENT,
-    INPUTS,
-    OUTPUTS,
-    VARIABLES,
-    WIDTH,
-    Assignment,
-    Declared,
-    Section,
-    Structure,
-    Unit,
-    decimal,
-    expression,
-    functions,
-    literal,
-    plain,
-)
+from feeddrive.export.structured_text_code import Assignment, Declared, Section, Structure, Unit
 from feeddrive.export.targets import readme, write_bundle
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, arguments, reachable
@@ -138,10 +122,10 @@ def configure(printer: Printing) -> Unit:
     """
     layout = printer.layout
     wanted = [field for field in layout.design if field.name not in printer.fixed.fields]
-    leaves: dict[int, str] = {node: literal(value) for node, value in printer.fixed.nodes.items()}
+    leaves: dict[int, str] = {node: st.literal(value) for node, value in printer.fixed.nodes.items()}
     for node, (kind, i) in layout.leaves.items():
         if kind == "sample_time":
-            leaves[node] = literal(layout.routine.sample_time)
+            leaves[node] = st.literal(layout.routine.sample_time)
         elif kind == "parameter":
             leaves[node] = printer.parameter("parameters", i)
     section = printer.section(leaves, ["parameters", "design", "rule"], "LREAL")
@@ -173,13 +157,13 @@ def configure(printer: Printing) -> Unit:
         "What depends on parameters only: once, not in every sample. `rule` is 0, or the code of the first rule\n"
         "that the parameters break, which the README explains; the design is then not to be used.",
         sections={
-            INPUTS: [Declared("parameters", f"{printer.name}_parameters")],
-            OUTPUTS: [
+            st.INPUTS: [Declared("parameters", f"{printer.name}_parameters")],
+            st.OUTPUTS: [
                 Declared("design", f"{printer.name}_design"),
                 Declared("rule", "DINT", "0", "0, or the broken rule"),
             ],
-            VARIABLES: section.variables,
-            CONSTANTS: section.constants(),
+            st.VARIABLES: section.variables,
+            st.CONSTANTS: section.constants(),
         },
         body=lines,
     )
@@ -199,19 +183,24 @@ def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
     name, *values = layout.graph.nodes[node]
     if name == "and":
         return f"({' AND '.join(_inline(layout, i, section, prefix) for i in values)})"
-    texts = [section.statements.texts.get(i) or literal(float.fromhex(layout.graph.nodes[i][1])) for i in values]
-    return expression(name, texts, prefix)
+    texts = [section.statements.texts.get(i) or st.literal(float.fromhex(layout.graph.nodes[i][1])) for i in values]
+    return st.expression(name, texts, prefix)
 
 
 def _refused(layout: Layout, holds: str, code: int) -> list[str]:
     """Return lines that store the code of the first violated condition."""
-    sentence = plain(ascii_text(layout.routine.sentences[code]))
-    return [f"(* {code}: {sentence} *)", f"IF (rule = 0) AND (NOT {holds}) THEN", f"{INDENT}rule := {code};", "END_IF;"]
+    sentence = st.plain(ascii_text(layout.routine.sentences[code]))
+    return [
+        f"(* {code}: {sentence} *)",
+        f"IF (rule = 0) AND (NOT {holds}) THEN",
+        f"{st.INDENT}rule := {code};",
+        "END_IF;",
+    ]
 
 
 def _unless_broken(lines: list[str]) -> list[str]:
     """Return the lines, guarded by a test that no rule has been violated so far."""
-    return ["IF rule = 0 THEN", *(f"{INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
+    return ["IF rule = 0 THEN", *(f"{st.INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
 
 
 # A control as structures and function blocks: the law in one block, one-time computations in three others.
@@ -268,13 +257,13 @@ class Printer:
     def program(self) -> Program:
         """Return structures, functions and function blocks."""
         reset = self._reset()
-        blocks = [configure(self), reset, self._retune(), self._step(reset.sections[INPUTS][1:])]
-        own = [unit for real, used in self.used.items() for unit in functions(used, self.name, real)]
+        blocks = [configure(self), reset, self._retune(), self._step(reset.sections[st.INPUTS][1:])]
+        own = [unit for real, used in self.used.items() for unit in st.functions(used, self.name, real)]
         return Program(self._structures(), (*own, *blocks), self.fixed, self.parameters)
 
     def _structures(self) -> tuple[Structure, ...]:
         parameters = [
-            Declared(self.parameters[v.path], "LREAL", decimal(v.value), _meaning(v))
+            Declared(self.parameters[v.path], "LREAL", st.decimal(v.value), _meaning(v))
             for v in self.routine.parameters
             if v.path in self.parameters
         ]
@@ -299,7 +288,7 @@ class Printer:
         lines = ["Numbers that depend on parameters only."]
         if self.fixed.parameters:
             lines += ["", "Those with a value are fixed by the export. They were computed for these parameters:"]
-            lines += [f"  {v.path} = {decimal(v.value)} {v.unit}".rstrip() for v in self.fixed.parameters]
+            lines += [f"  {v.path} = {st.decimal(v.value)} {v.unit}".rstrip() for v in self.fixed.parameters]
         return "\n".join(lines)
 
     def _kind(self, field: Field) -> str:
@@ -309,12 +298,12 @@ class Printer:
         value = self.fixed.fields.get(field.name)
         if value is None:
             return ""
-        return ("TRUE" if value else "FALSE") if field.truth else decimal(value, self.real)
+        return ("TRUE" if value else "FALSE") if field.truth else st.decimal(value, self.real)
 
     def parameter(self, struct: str, i: int) -> str:
         """Return the field of a parameter, or its value if it is fixed."""
         path = self.routine.parameters[i].path
-        return literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
+        return st.literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
 
     def _reset(self) -> Unit:
         inputs = self._inputs()
@@ -326,13 +315,13 @@ class Printer:
             f"{self.name}_reset",
             "The state of a loop that is off and has no trip, where the axis is.",
             sections={
-                INPUTS: [
+                st.INPUTS: [
                     Declared("design", f"{self.name}_design"),
                     *(variable for variable in inputs if variable.name in words),
                 ],
-                OUTPUTS: [Declared("state", f"{self.name}_state")],
-                VARIABLES: section.variables,
-                CONSTANTS: section.constants(),
+                st.OUTPUTS: [Declared("state", f"{self.name}_state")],
+                st.VARIABLES: section.variables,
+                st.CONSTANTS: section.constants(),
             },
             body=lines,
         )
@@ -367,9 +356,9 @@ class Printer:
             f"{self.name}_retune",
             "The state after a live change: forces and estimates go on without a jump.",
             sections={
-                INPUTS: [Declared(n, f"{self.name}_{kind}") for n, kind in (structs | {"state": "state"}).items()],
-                OUTPUTS: [Declared("retuned", f"{self.name}_state")],
-                VARIABLES: section.variables,
+                st.INPUTS: [Declared(n, f"{self.name}_{kind}") for n, kind in (structs | {"state": "state"}).items()],
+                st.OUTPUTS: [Declared("retuned", f"{self.name}_state")],
+                st.VARIABLES: section.variables,
             },
             body=lines,
         )
@@ -378,7 +367,7 @@ class Printer:
         """Return the text of a prepared number: a constant or a design variable; empty if it is never read."""
         constant = self.layout.graph.nodes[node]
         if constant[0] == "const":
-            return literal(float.fromhex(constant[1]))
+            return st.literal(float.fromhex(constant[1]))
         name = next((field.name for field in self.layout.design if field.node == node), None)
         return "" if name is None else self._wide(f"{struct}.{self.design[name]}")
 
@@ -388,7 +377,7 @@ class Printer:
             Declared(
                 "cycle_time",
                 self.real,
-                decimal(T, self.real),
+                st.decimal(T, self.real),
                 "s: cycle of the calling task; the loop stays off unless it is the sample time",
             ),
             Declared("reset", "BOOL", "FALSE", "TRUE: start anew where the axis is, off and without a trip"),
@@ -419,25 +408,25 @@ class Printer:
         lines += section.assign(self._targets(step.states))
         first = _FIRST.format(
             inputs="".join(f",\n            {declared.name} := {declared.name}" for declared in reset_inputs),
-            T=literal(T, self.real),
-            tolerance=literal(CYCLE_TOLERANCE * T, self.real),
+            T=st.literal(T, self.real),
+            tolerance=st.literal(CYCLE_TOLERANCE * T, self.real),
         )
         return Unit(
             self.name,
             self.heading,
             sections={
-                INPUTS: [*inputs, *more],
-                OUTPUTS: outputs,
-                VARIABLES: [*own, *section.variables],
-                CONSTANTS: section.constants(),
+                st.INPUTS: [*inputs, *more],
+                st.OUTPUTS: outputs,
+                st.VARIABLES: [*own, *section.variables],
+                st.CONSTANTS: section.constants(),
             },
             body=[
                 *first.splitlines(),
                 "",
                 "IF started THEN",
-                *(f"{INDENT}{line}".rstrip() for line in lines),
+                *(f"{st.INDENT}{line}".rstrip() for line in lines),
                 "ELSE",
-                *(INDENT + line for line in self._off()),
+                *(st.INDENT + line for line in self._off()),
                 "END_IF;",
             ],
         )
@@ -446,7 +435,7 @@ class Printer:
         """Return the outputs for invalid parameters: the safe force of the machine file."""
         printed: list[str] = []
         for name, value in off_outputs(self.routine).items():
-            text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(literal(value, self.real))
+            text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(st.literal(value, self.real))
             printed.append(f"{name} := {text};")
         return printed
 
@@ -468,7 +457,7 @@ class Printer:
         if name == "trip":
             return [f"trip := {self.real}_TO_INT({text});"]
         if name == "enabled":
-            return [f"enabled := {text} > {literal(0.5, self.real)};"]
+            return [f"enabled := {text} > {st.literal(0.5, self.real)};"]
         return Assignment(name, text).lines()
 
     def _wide(self, text: str) -> str:
@@ -618,7 +607,7 @@ def header(design: Design) -> str:
     lines: list[str] = []
     for line in "\n\n".join(parts).split("\n"):
         indent = " " * (len(line) - len(line.lstrip()))
-        lines += textwrap.wrap(line, WIDTH, subsequent_indent=indent) or [""]
+        lines += textwrap.wrap(line, st.WIDTH, subsequent_indent=indent) or [""]
     return "\n".join(lines)
 
 
@@ -628,8 +617,8 @@ def _readme(design: Design, printed: Program) -> str:
         design,
         time=_time(design),
         samples=SAMPLES,
-        inputs=printed.block.sections[INPUTS],
-        outputs=printed.block.sections[OUTPUTS],
+        inputs=printed.block.sections[st.INPUTS],
+        outputs=printed.block.sections[st.OUTPUTS],
         fields=printed.names,
         fixed=printed.fixed.parameters,
     )
@@ -641,7 +630,7 @@ def _time(design: Design) -> str:
 
 NAMESPACE = "http://www.plcopen.org/xml/tc6_0200"
 _XHTML = "http://www.w3.org/1999/xhtml"
-_PLACES = {INPUTS: "inputVars", OUTPUTS: "outputVars", VARIABLES: "localVars", CONSTANTS: "localVars"}
+_PLACES = {st.INPUTS: "inputVars", st.OUTPUTS: "outputVars", st.VARIABLES: "localVars", st.CONSTANTS: "localVars"}
 _ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (\w+)")
 _ELEMENTARY = ("LREAL", "REAL", "BOOL", "INT", "DINT")
 _WHEN = "2000-01-01T00:00:00"  # the format requires a date; a fixed one makes the export reproducible
@@ -685,7 +674,7 @@ def _unit(units: ET.Element, unit: Unit) -> None:
         _type(ET.SubElement(interface, "returnType"), unit.result)
     for section, place in _PLACES.items():
         if unit.sections.get(section):
-            constant = {"constant": "true"} if section == CONSTANTS else {}
+            constant = {"constant": "true"} if section == st.CONSTANTS else {}
             variables = ET.SubElement(interface, place, constant)
             for declared in unit.sections[section]:
                 _variable(variables, declared)
@@ -780,34 +769,34 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
     differs = " OR ".join(f"(tried.{signal} <> wanted_{signal}[k])" for signal in wanted)
     body = [
         "IF NOT done THEN",
-        *(INDENT + line for line in _changes(changes, program)),
-        f"{INDENT}tried(",
-        *(f"{INDENT * 2}{call}{',' if call != calls[-1] else ');'}" for call in calls),
-        f"{INDENT}IF {differs} THEN",
-        f"{INDENT * 2}IF wrong = 0 THEN",
-        f"{INDENT * 3}first_wrong := k;",
-        f"{INDENT * 2}END_IF;",
-        f"{INDENT * 2}wrong := wrong + 1;",
-        f"{INDENT}END_IF;",
-        f"{INDENT}k := k + 1;",
-        f"{INDENT}done := k >= {SAMPLES};",
+        *(st.INDENT + line for line in _changes(changes, program)),
+        f"{st.INDENT}tried(",
+        *(f"{st.INDENT * 2}{call}{',' if call != calls[-1] else ');'}" for call in calls),
+        f"{st.INDENT}IF {differs} THEN",
+        f"{st.INDENT * 2}IF wrong = 0 THEN",
+        f"{st.INDENT * 3}first_wrong := k;",
+        f"{st.INDENT * 2}END_IF;",
+        f"{st.INDENT * 2}wrong := wrong + 1;",
+        f"{st.INDENT}END_IF;",
+        f"{st.INDENT}k := k + 1;",
+        f"{st.INDENT}done := k >= {SAMPLES};",
         "END_IF;",
     ]
     return Unit(
         f"{name}_check",
         _SAID.format(name=name, samples=SAMPLES),
         sections={
-            OUTPUTS: [
+            st.OUTPUTS: [
                 Declared("done", "BOOL", "FALSE"),
                 Declared("wrong", "DINT", "0", "samples that differ"),
                 Declared("first_wrong", "DINT", "-1"),
             ],
-            VARIABLES: [
+            st.VARIABLES: [
                 Declared("tried", name),
                 Declared("parameters", f"{name}_parameters"),
                 Declared("k", "DINT", "0"),
             ],
-            CONSTANTS: constants,
+            st.CONSTANTS: constants,
         },
         body=body,
     )
@@ -817,8 +806,10 @@ def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str
     lines: list[str] = []
     for sample, changed in changes.items():
         lines.append(f"IF k = {sample} THEN")
-        lines += [f"{INDENT}parameters.{program.names[path]} := {bare(literal(v))};" for path, v in changed.items()]
-        lines += ["END_IF;"] if changed else [f"{INDENT};", "END_IF;"]
+        lines += [
+            f"{st.INDENT}parameters.{program.names[path]} := {bare(st.literal(v))};" for path, v in changed.items()
+        ]
+        lines += ["END_IF;"] if changed else [f"{st.INDENT};", "END_IF;"]
     return lines
 
 
@@ -829,5 +820,5 @@ def _array(name: str, signal: str, row: Sequence[float] | np.ndarray, real: str)
     elif signal == "trip":
         kind, texts = "INT", [f"{x:.0f}" for x in row]
     else:
-        kind, texts = real, [decimal(float(x), real) for x in row]
+        kind, texts = real, [st.decimal(float(x), real) for x in row]
     return Declared(name, f"ARRAY[0..{len(texts) - 1}] OF {kind}", f"[{', '.join(texts)}]")

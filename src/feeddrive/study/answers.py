@@ -26,30 +26,9 @@ from feeddrive.language.table import Cell, Column, Result, Table, chart_of
 from feeddrive.language.text import Text
 from feeddrive.language.units import in_key
 from feeddrive.plot import chart, style
-from feeddrive.plot.chart import Abscissa, Box, Chart, Curve, Level, Panel, Tick
-from feeddrive.plot.chart import Band as Area
+from feeddrive.plot.chart import Abscissa, Band, Box, Chart, Curve, Level, Panel, Tick
 from feeddrive.plot.curves import histogram
-from feeddrive.study.statistics import (
-    INSIDE,
-    Band,
-    BoundYield,
-    Front,
-    FrontKept,
-    Judged,
-    RankCorrelation,
-    SaltelliRows,
-    Sampled,
-    Share,
-    SobolIndices,
-    Worst,
-    WorstKept,
-    Yield,
-    YieldCount,
-    error_band,
-    parts,
-    rank_correlations,
-    stiffness_band,
-)
+from feeddrive.study import statistics
 from feeddrive.study.store import Store
 from feeddrive.study.study import Bound, Study
 
@@ -93,7 +72,7 @@ def bound_text(bound: Bound) -> str:
     return Text(f"{low}{name_of(bound.figure)} ≤ {most}")
 
 
-def interval_text(share: Share) -> str:
+def interval_text(share: statistics.Share) -> str:
     """Return a share as `93.5 % (89.1 to 96.5 %)`."""
     interval = share.interval
     if interval is None:
@@ -110,7 +89,10 @@ def _percent(share: float, *, bare: bool = False) -> Quantity:
 
 
 def sentences(
-    study: Study, yields: Yield, sobol: Sequence[SobolIndices], correlations: Sequence[RankCorrelation]
+    study: Study,
+    yields: statistics.Yield,
+    sobol: Sequence[statistics.SobolIndices],
+    correlations: Sequence[statistics.RankCorrelation],
 ) -> list[str]:
     """Return sentences on the yield, the bound that is violated most, and the factors that decide it."""
     inside = yields.inside
@@ -137,7 +119,7 @@ def sentences(
     return texts
 
 
-def _fails(hardest: BoundYield, inside: Share) -> str:
+def _fails(hardest: statistics.BoundYield, inside: statistics.Share) -> str:
     broken = hardest.kept.of - hardest.kept.kept
     alone = f", {hardest.alone:,} of them no other bound" if 0 < hardest.alone < broken else ""
     outside = inside.of - inside.kept
@@ -146,7 +128,7 @@ def _fails(hardest: BoundYield, inside: Share) -> str:
     )
 
 
-def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, str]) -> list[str]:
+def _decides(figure: Figure, sobol: Sequence[statistics.SobolIndices], names: Mapping[str, str]) -> list[str]:
     """Return sentences on the variance of a figure by Sobol indices; empty if it has none."""
     indices = next((row for row in sobol if row.output == figure.key), None)
     if indices is None:
@@ -177,11 +159,13 @@ def correlation(value: float) -> str:
     return f"{Quantity(value):+.2f}"
 
 
-def _between(rank: RankCorrelation) -> str:
+def _between(rank: statistics.RankCorrelation) -> str:
     return "" if rank.interval is None else " to ".join(map(correlation, rank.interval))
 
 
-def _goes_with(figure: Figure, correlations: Sequence[RankCorrelation], names: Mapping[str, str]) -> list[str]:
+def _goes_with(
+    figure: Figure, correlations: Sequence[statistics.RankCorrelation], names: Mapping[str, str]
+) -> list[str]:
     """Return sentences on the variance of a figure by rank correlations, for a study without Sobol indices."""
     own = [rank for rank in correlations if rank.output == figure.key and rank.value**2 >= _INFLUENCE][:_NAMED]
     if not own:
@@ -214,7 +198,7 @@ def _scale(unit: str) -> float:
     return USUAL.of(unit)[1]
 
 
-def yields_chart(yields: Yield) -> Chart:
+def yields_chart(yields: statistics.Yield) -> Chart:
     """Return the share of machines that keep each bound, and all bounds, as error bars with 95 % intervals."""
     rows = [(bound_text(bound.bound), bound.kept) for bound in yields.bounds]
     rows.append(("all of them" if rows else "with figures", yields.inside))
@@ -236,7 +220,7 @@ def yields_chart(yields: Yield) -> Chart:
     return Chart(label, (panel,), low=left, high=right, height=0.9 + 0.36 * len(rows))
 
 
-def histograms_chart(sample: Judged, banded: bool = False) -> Chart:
+def histograms_chart(sample: statistics.Judged, banded: bool = False) -> Chart:
     """Return a histogram of each figure over the machines, with its bound.
 
     banded  True to leave dynamic stiffness lines without a bound to the chart of their band
@@ -274,12 +258,14 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
     return replace(panel, levels=levels)
 
 
-def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: Sequence[RankCorrelation]) -> Chart:
+def decides_chart(
+    study: Study, indices: Sequence[statistics.SobolIndices], correlations: Sequence[statistics.RankCorrelation]
+) -> Chart:
     """Return bars of the Sobol indices, or rank correlations, of the specified figures, with intervals."""
     outputs = _outputs(study)
     sobol = {row.output: row for row in indices if row.output in outputs}
     ranks = {name: [rank for rank in correlations if rank.output == name] for name in outputs}
-    titles = {figure.key: name_of(figure) for figure in study.measure} | {INSIDE: "inside the specification"}
+    titles = {figure.key: name_of(figure) for figure in study.measure} | {statistics.INSIDE: "inside the specification"}
     shown = [name for name in outputs if (sobol if indices else ranks).get(name)]
     panels = [_indices(sobol[name]) if indices else _correlations(ranks[name]) for name in shown]
     panels = [replace(panel, caption=titles[name]) for panel, name in zip(panels, shown, strict=True)]
@@ -298,10 +284,10 @@ def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: S
 def _outputs(study: Study) -> list[str]:
     """Return the outputs to show: figures with a bound, and `INSIDE`; without bounds, the first figures."""
     bounded = [bound.figure.key for bound in study.specification][: _OUTPUTS - 1]
-    return [*bounded, INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
+    return [*bounded, statistics.INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
 
 
-def _indices(indices: SobolIndices) -> Panel:
+def _indices(indices: statistics.SobolIndices) -> Panel:
     order = indices.order[:_FACTORS].tolist()
     boxes, lines = list[Box](), list[Curve]()
     for offset, value, interval, number, name in (
@@ -315,7 +301,7 @@ def _indices(indices: SobolIndices) -> Panel:
     return _rows([indices.factors[i] for i in order], indices.factors, boxes, lines)
 
 
-def _correlations(correlations: Sequence[RankCorrelation]) -> Panel:
+def _correlations(correlations: Sequence[statistics.RankCorrelation]) -> Panel:
     some = correlations[:_FACTORS]
     boxes = [
         Box(min(0.0, rank.value), max(0.0, rank.value), -row - 0.31, -row + 0.31, int(rank.value >= 0.0))
@@ -336,26 +322,26 @@ def _rows(some: Sequence[str], names: Sequence[str], boxes: Sequence[Box], lines
     return Panel("", tuple(lines), boxes=tuple(boxes), ticks=chart.listed(shown), low=0.55 - len(some), high=0.55)
 
 
-def stiffness_band_chart(band: Band) -> Chart:
+def stiffness_band_chart(band: statistics.Band) -> Chart:
     """Return the quantiles of the dynamic stiffness over frequency."""
     panel = replace(_quantiles(band, "dynamic stiffness"), scale=chart.LOG)
     ends = float(band.x[0]), float(band.x[-1])
     return Chart(f"frequency ({unit_name('Hz')})", (panel,), chart.FREQUENCY, *ends, height=3.2)
 
 
-def error_band_chart(band: Band) -> Chart:
+def error_band_chart(band: statistics.Band) -> Chart:
     """Return the quantiles of the following error over time."""
     return Chart("time (s)", (replace(_quantiles(band, "largest following error"), low=0.0),), height=3.0)
 
 
-def _quantiles(band: Band, what: str) -> Panel:
+def _quantiles(band: statistics.Band, what: str) -> Panel:
     values = _scale(band.unit) * band.quantiles
-    areas = Area(band.x, values[0], values[4], 0), Area(band.x, values[1], values[3], 0)
+    areas = Band(band.x, values[0], values[4], 0), Band(band.x, values[1], values[3], 0)
     caption = "line: median; dark: every second machine; light: nine of ten"
     return Panel(f"{what} ({unit_name(band.unit)})", (Curve(band.x, values[2]),), bands=areas, caption=caption)
 
 
-def front_chart(front: Front, sample: Judged) -> Chart:
+def front_chart(front: statistics.Front, sample: statistics.Judged) -> Chart:
     """Return scatter plots of tracking, stiffness and robustness; rings mark the Pareto front."""
     first, *others = front.figures.values()
     some = np.linspace(0, sample.variant.size - 1, min(_DOTS, sample.variant.size)).astype(int)
@@ -403,15 +389,15 @@ class Answers(Result):
     """
 
     study: Study
-    sample: Judged
-    yields: Yield
-    worst: tuple[Worst, ...]
+    sample: statistics.Judged
+    yields: statistics.Yield
+    worst: tuple[statistics.Worst, ...]
     bad: tuple[tuple[int, str], ...]
-    sobol: tuple[SobolIndices, ...]
-    correlations: tuple[RankCorrelation, ...]
-    front: Front | None
-    stiffness: Band | None
-    error: Band | None
+    sobol: tuple[statistics.SobolIndices, ...]
+    correlations: tuple[statistics.RankCorrelation, ...]
+    front: statistics.Front | None
+    stiffness: statistics.Band | None
+    error: statistics.Band | None
 
     @property
     def rotary(self) -> bool:
@@ -457,10 +443,15 @@ def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | N
     Raises ParameterError for rows of another study, FileError for a store that cannot be read.
     """
     progress = progress or Progress()
-    counted, worst, front, sampled = YieldCount(study), WorstKept(study), FrontKept(study), Sampled(study)
-    saltelli = SaltelliRows(study)
+    counted, worst, front, sampled = (
+        statistics.YieldCount(study),
+        statistics.WorstKept(study),
+        statistics.FrontKept(study),
+        statistics.Sampled(study),
+    )
+    saltelli = statistics.SaltelliRows(study)
     seen = 0
-    for part in parts(rows, study):
+    for part in statistics.parts(rows, study):
         progress.step("answers", seen, study.count)
         for collector in (counted, worst, front, sampled, saltelli):
             collector.add(part)
@@ -476,8 +467,8 @@ def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | N
         worst=worst.result(),
         bad=tuple(worst.bad),
         sobol=saltelli.result(),
-        correlations=rank_correlations(sample),
+        correlations=statistics.rank_correlations(sample),
         front=front.result(),
-        stiffness=stiffness_band(sample),
-        error=error_band(sample, progress),
+        stiffness=statistics.stiffness_band(sample),
+        error=statistics.error_band(sample, progress),
     )

@@ -60,16 +60,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from feeddrive.files.columns import (
-    COUNTS,
-    Columns,
-    Reader,
-    arrow_numbers,
-    check_size,
-    free_name,
-    is_wanted,
-    unit_of,
-)
+from feeddrive.files.columns import COUNTS, Columns, Reader, arrow_numbers, check_size, free_name, is_wanted, unit_of
 from feeddrive.language.errors import LogError
 from feeddrive.language.quantity import Quantity
 

@@ -11,17 +11,10 @@ import numpy as np
 from feeddrive.analysis.replay import commanded
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.identification import regression
 from feeddrive.identification.motion.motion_log import MotionLog, count_of, decimated
 from feeddrive.identification.motion.rigid import LEAST_INDEPENDENT, covariance_of
-from feeddrive.identification.regression import (
-    NORMAL,
-    Estimate,
-    TracedForce,
-    errors,
-    estimates_table,
-    ols_covariance,
-    robust_covariance,
-)
+from feeddrive.identification.regression import Estimate, TracedForce
 from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
@@ -70,12 +63,15 @@ class ControlFit(Result):
             f"{self.name}: P-PI cascade, velocity over {self.velocity_samples} samples, {self.delay} samples of delay; "
             f"{Quantity(self.residual, 'share'):3} of the force is left"
         )
-        return estimates_table(title, self.estimates)
+        return regression.estimates_table(title, self.estimates)
 
     def law(self) -> CascadePPI:
         """Return the cascade as a block; a feedforward of 0 or 1 within its error is rounded to that value."""
         share = self["velocity_feedforward"]
-        near = next((whole for whole in (0.0, 1.0) if abs(share.value - whole) < max(0.01, NORMAL * share.error)), None)
+        near = next(
+            (whole for whole in (0.0, 1.0) if abs(share.value - whole) < max(0.01, regression.NORMAL * share.error)),
+            None,
+        )
         return CascadePPI(
             Kv=self["Kv"].value,
             Kp=self["Kp"].value,
@@ -125,7 +121,10 @@ def identify_control(log: MotionLog) -> ControlFit:
     # the force of a plain cascade is linear in these three; the first two are gains times Kp
     gains = {name: value if name == "Kp" else value / linear["Kp"] for name, value in linear.items()}
     columns = _slopes(law, gains, log, n)[rows - d]
-    robust, ols = errors(robust_covariance(columns, off)), errors(ols_covariance(columns, off))
+    robust, ols = (
+        regression.errors(regression.robust_covariance(columns, off)),
+        regression.errors(regression.ols_covariance(columns, off)),
+    )
     units = ("1/s", "", log.frame.viscous)
     estimates = tuple(Estimate(*row) for row in zip(_GAINS, gains.values(), units, robust, ols, strict=True))
     return ControlFit(log.name, estimates, n, d, tried[n, d], tried)
@@ -403,7 +402,7 @@ class _Fit(NamedTuple):
         acts = np.std(columns, axis=1) > 0.0  # a limit that is not reached with the other numbers has no part any more
         off = np.full(len(names), np.inf)
         wide = np.vstack([columns[acts], np.ones(y.size)]).T
-        off[acts] = errors(covariance_of(wide, y - wide @ _solved(columns[acts], y)))[:-1]
+        off[acts] = regression.errors(covariance_of(wide, y - wide @ _solved(columns[acts], y)))[:-1]
         whole = rows.cut(rows.log.force) - rows.cut(plain, delay)
         return cls(control, plain, off, delay, float(np.std(whole)))
 

@@ -10,27 +10,10 @@ from typing import cast
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.motion import PLANES
-from feeddrive.path.program.moves import (
-    Arc,
-    Command,
-    Dwell,
-    End,
-    Feed,
-    Message,
-    Move,
-    Offsets,
-    PathMode,
-    Point,
-    Spindle,
-    Spline,
-    Stop,
-    Straight,
-    Switch,
-    Synchronized,
-    ToolChange,
-)
+from feeddrive.path.program.moves import Arc, Command, Move, Point
 from feeddrive.path.program.state import LINEAR, rotated
 
 Travel = Mapping[str, tuple[float, float] | None]
@@ -98,7 +81,7 @@ class Frame:
             "STRAIGHT_TRAVERSE": self._traverse_to,
             "ARC_FEED": self._arc,
             "NURBS_FEED": self._spline,
-            "DWELL": lambda c: Dwell(c.line, float(c.values[0])),
+            "DWELL": lambda c: moves.Dwell(c.line, float(c.values[0])),
             "SET_MOTION_CONTROL_MODE": self._path_mode,
             "SET_NAIVECAM_TOLERANCE": self._naive,
             "SET_FEED_RATE": self._feed,
@@ -113,19 +96,19 @@ class Frame:
             "START_SPINDLE_CLOCKWISE": self._spindle,
             "START_SPINDLE_COUNTERCLOCKWISE": self._spindle,
             "STOP_SPINDLE_TURNING": self._spindle,
-            "START_SPEED_FEED_SYNC": lambda c: Synchronized(c.line, float(c.values[0]) / self._divisors[0]),
-            "STOP_SPEED_FEED_SYNCH": lambda c: Synchronized(c.line, 0.0),
+            "START_SPEED_FEED_SYNC": lambda c: moves.Synchronized(c.line, float(c.values[0]) / self._divisors[0]),
+            "STOP_SPEED_FEED_SYNCH": lambda c: moves.Synchronized(c.line, 0.0),
             "SELECT_TOOL": self._select_tool,
-            "CHANGE_TOOL": lambda c: ToolChange(c.line, self._selected),
-            "CHANGE_TOOL_NUMBER": lambda c: ToolChange(c.line, int(float(c.values[0]))),
-            "MESSAGE": lambda c: Message(c.line, str(c.values[0])),
-            "PRINT": lambda c: Message(c.line, str(c.values[0])),
-            "PROGRAM_STOP": lambda c: Stop(c.line, False),
-            "OPTIONAL_PROGRAM_STOP": lambda c: Stop(c.line, True),
-            "PROGRAM_END": lambda c: End(c.line),
-            "FINISH": lambda c: End(c.line),
+            "CHANGE_TOOL": lambda c: moves.ToolChange(c.line, self._selected),
+            "CHANGE_TOOL_NUMBER": lambda c: moves.ToolChange(c.line, int(float(c.values[0]))),
+            "MESSAGE": lambda c: moves.Message(c.line, str(c.values[0])),
+            "PRINT": lambda c: moves.Message(c.line, str(c.values[0])),
+            "PROGRAM_STOP": lambda c: moves.Stop(c.line, False),
+            "OPTIONAL_PROGRAM_STOP": lambda c: moves.Stop(c.line, True),
+            "PROGRAM_END": lambda c: moves.End(c.line),
+            "FINISH": lambda c: moves.End(c.line),
         }
-        self._mode: PathMode | None = None
+        self._mode: moves.PathMode | None = None
 
     def moves(self, commands: Iterable[Command]) -> Iterator[Move]:
         """Yield the moves that the commands request."""
@@ -207,7 +190,7 @@ class Frame:
             return None
         self._check(start, end)
         self._here = end
-        return Straight(command.line, start, end, traverse)
+        return moves.Straight(command.line, start, end, traverse)
 
     def _arc(self, command: Command) -> Move:
         numbers = [float(value) for value in command.values]
@@ -246,7 +229,7 @@ class Frame:
         here = self._program_here()
         points = [self._machine((x, y, *here[2:])) for x, y in zip(values[::2], values[1::2], strict=True)]
         start = self._here
-        spline = Spline(command.line, start, points[-1], tuple(points[:-1]))
+        spline = moves.Spline(command.line, start, points[-1], tuple(points[:-1]))
         # control points lie beside the curve: they may lie outside the travel
         for point in points:
             self._check(start, point, travel=point is points[-1])
@@ -282,7 +265,7 @@ class Frame:
     def _path_mode(self, command: Command) -> Move:
         mode = _PATH_MODES[str(command.values[0])]
         tolerance = float(command.values[1]) / self._divisors[0] if len(command.values) > 1 else 0.0
-        self._mode = PathMode(command.line, mode, tolerance, tolerance)
+        self._mode = moves.PathMode(command.line, mode, tolerance, tolerance)
         return self._mode
 
     def _naive(self, command: Command) -> Move | None:
@@ -290,7 +273,7 @@ class Frame:
         mode = self._mode
         if mode is None or naive == mode.naive_tolerance:
             return None
-        self._mode = PathMode(command.line, mode.mode, mode.tolerance, naive)
+        self._mode = moves.PathMode(command.line, mode.mode, mode.tolerance, naive)
         return self._mode
 
     def _feed_mode(self, command: Command) -> None:
@@ -299,14 +282,16 @@ class Frame:
     def _feed(self, command: Command) -> Move:
         rate = float(command.values[0])
         seconds = 1.0 if self._per_turn else 60.0
-        return Feed(command.line, rate / self._divisors[0] / seconds, math.radians(rate) / seconds, self._per_turn)
+        return moves.Feed(
+            command.line, rate / self._divisors[0] / seconds, math.radians(rate) / seconds, self._per_turn
+        )
 
     def _spindle(self, command: Command) -> Move:
         if command.name == "SET_SPINDLE_SPEED":
             self._speed = float(command.values[-1])
         else:
             self._direction = {"START_SPINDLE_CLOCKWISE": 1, "START_SPINDLE_COUNTERCLOCKWISE": -1}.get(command.name, 0)
-        return Spindle(command.line, self._speed, self._direction)
+        return moves.Spindle(command.line, self._speed, self._direction)
 
     def _select_tool(self, command: Command) -> None:
         self._selected = int(float(command.values[0]))  # CHANGE_TOOL of LinuxCNC contains a row of the table
@@ -340,18 +325,18 @@ class Frame:
     def _offsets(self, line: Line) -> Move:
         self._shift = None
         rotation = math.radians(self._rotation)
-        return Offsets(line, self._system, self._origin, rotation, self._axis_offset, self._tool_offset)
+        return moves.Offsets(line, self._system, self._origin, rotation, self._axis_offset, self._tool_offset)
 
     def _other(self, command: Command) -> Move | None:
         name, values = command.name, command.values
         if name in _SILENT:
             return None
         if name in _SWITCHES:
-            return Switch(command.line, _SWITCHES[name], float(not name.endswith("_OFF")))
+            return moves.Switch(command.line, _SWITCHES[name], float(not name.endswith("_OFF")))
         state, _, what = name.partition("_")
         if state in ("ENABLE", "DISABLE"):
-            return Switch(command.line, what.lower(), float(state == "ENABLE"))
+            return moves.Switch(command.line, what.lower(), float(state == "ENABLE"))
         if name.startswith(_NUMBERED):
             number, *value = values
-            return Switch(command.line, f"output {number}", float(value[0]) if value else float(state == "SET"))
+            return moves.Switch(command.line, f"output {number}", float(value[0]) if value else float(state == "SET"))
         raise BlockError(f"the command {name} of the interpreter cannot be planned: take it out of the program")
