@@ -29,6 +29,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import NamedTuple
@@ -235,18 +236,20 @@ def tested(mutants: Sequence[Mutant], jobs: int, longest: float) -> Iterator[tup
 
 def preload() -> None:
     """Load what all tests need, but nothing of feeddrive: each mutant imports that anew."""
-    import hypothesis.strategies
-    import matplotlib.figure
-    import numpy.linalg
-    import pytest
-    import scipy.linalg
-    import scipy.optimize
-    import scipy.signal  # noqa: F401
-
+    for name in ("hypothesis.strategies", "matplotlib.figure", "numpy.linalg", "pytest"):
+        import_module(name)
+    for name in ("linalg", "optimize", "signal"):
+        import_module(f"scipy.{name}")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.dont_write_bytecode = False
     assert not any(name.partition(".")[0] == "feeddrive" for name in sys.modules)
     sys.path[:0] = [str(SOURCE), str(TESTS)]
+
+
+@cache
+def text_of(file: str) -> str:
+    """The text of a file of tests."""
+    return (TESTS / file).read_text(encoding="utf-8")
 
 
 class Coverage:
@@ -274,7 +277,7 @@ class Coverage:
         wanted = using or self._of_lines(modules()[constant.module], None)
 
         def order(test: str) -> tuple[bool, float]:
-            near = constant.module in self._text(test.partition("::")[0])
+            near = constant.module in text_of(test.partition("::")[0])
             return not near, self.durations.get(test, 0.02)
 
         chosen, total = list[str](), 0.0
@@ -285,20 +288,14 @@ class Coverage:
                 total += took
         return tuple(chosen)
 
-    @cache
-    def _text(self, file: str) -> str:
-        return (TESTS / file).read_text(encoding="utf-8")
-
     def _uses(self, constant: Constant, module: str) -> list[int]:
         """The lines of functions of a module that use a constant."""
-        tree = ast.parse(self.sources[module])
-        lines = []
-        for node in ast.walk(tree):
-            if (isinstance(node, ast.Name) and node.id == constant.name and isinstance(node.ctx, ast.Load)) or (
-                isinstance(node, ast.Attribute) and node.attr == constant.name
-            ):
-                lines.append(node.lineno)
-        return lines
+        names = [
+            node for node in ast.walk(ast.parse(self.sources[module])) if isinstance(node, ast.Name | ast.Attribute)
+        ]
+        return [
+            node.lineno for node in names if constant.name == (node.id if isinstance(node, ast.Name) else node.attr)
+        ]
 
     def _of_lines(self, path: Path, lines: Sequence[int] | None) -> set[str]:
         """The tests that run lines of a file; of all its lines inside functions if None."""
@@ -337,7 +334,9 @@ def main(words: Sequence[str]) -> int:
                 mutants.append(Mutant(constant, change, (known[change],)))
             elif coverage is None and change not in known.get("open", ""):
                 missing.append(f"{constant.module}: {constant.name}, {change}: no test in {LEDGER.name}")
-    survivors = [f"{one.constant.module}: {one.constant.name}, {one.change}: no test" for one in mutants if not one.tests]
+    survivors = [
+        f"{one.constant.module}: {one.constant.name}, {one.change}: no test" for one in mutants if not one.tests
+    ]
     noticed = 0
     for mutant, test in tested([one for one in mutants if one.tests], asked.jobs, ENDLESS):
         constant = mutant.constant

@@ -14,7 +14,7 @@ from constant_mutants import CHANGES, LEDGER, TESTS, all_constants
 
 ROWS = json.loads(LEDGER.read_text(encoding="utf-8"))
 # changes of a constant that no test notices and no reason excuses, when this gate was set: it may only fall
-OPEN = 999
+OPEN = 227
 
 
 @cache
@@ -39,7 +39,9 @@ def test_each_changed_constant_has_a_test_or_a_reason() -> None:
         for module, name, change, entry in changes()
         if not {change, f"{change} reason", "reason"} & entry.keys() and change not in entry.get("open", "")
     ]
-    assert not missing, "add a test of what the number decides, then run tests/constant_mutants.py: " + "; ".join(missing)
+    assert not missing, "add a test of what the number decides, then run tests/constant_mutants.py: " + "; ".join(
+        missing
+    )
 
 
 def test_open_changes_only_become_fewer() -> None:
