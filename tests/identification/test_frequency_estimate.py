@@ -329,18 +329,16 @@ def test_a_drift_of_five_standard_errors_is_removed(errors: float, removed: bool
     assert bool(left < 1e-9) is removed  # a ramp of 1 a period has 1/π on its first line
 
 
-def quadruple(deviation: float, lines: int = 24) -> np.ndarray:
-    """Eight periods whose last four differ by 1 from their mean of 0; the first one by `deviation` on two lines."""
-    periods = np.tile(np.tile([1.0, -1.0, 1.0j, -1.0j], 2)[:, None], (1, lines))
-    periods[0, :2] = deviation
-    return periods
-
-
 @pytest.mark.parametrize(("risk", "dropped"), [(0.007, 1), (0.015, 0)])
 def test_a_period_beyond_a_risk_of_1_percent_over_twelve_bands_is_dropped(risk: float, dropped: int) -> None:
-    """Two lines a band: |d|²/(1 + 1/4) over 4/3 is distributed as F(4, 12)."""
-    quantile = float(fdtri(4.0, 12.0, 1.0 - risk / 12.0))
-    assert transient_periods(quadruple(np.sqrt(quantile * 1.25 * 4.0 / 3.0))) == dropped
+    """Ten lines in each of twelve bands: |d|²/(1 + 1/4) over 4/3 is distributed as F(20, 60).
+
+    Eight periods, whose last four differ by 1 from their mean of 0; the first one differs by d, in one band.
+    """
+    quantile = float(fdtri(20.0, 60.0, 1.0 - risk / 12.0))
+    periods = np.tile(np.tile([1.0, -1.0, 1.0j, -1.0j], 2)[:, None], (1, 120))
+    periods[0, :10] = np.sqrt(quantile * 1.25 * 4.0 / 3.0)
+    assert transient_periods(periods) == dropped
 
 
 @pytest.mark.parametrize(("doubt", "kept"), [(0.07, 2), (0.14, 1)])
@@ -433,3 +431,9 @@ def test_a_hundredth_of_a_period_at_the_end_is_not_cut_off(samples: int, kept: b
 
 def test_a_record_is_cut_into_sixteen_stretches() -> None:
     assert spectra([measured(noise(0), 0, gain=0.0)]).input.shape[0] == 16
+
+
+def test_a_local_parabola_has_seven_lines_on_each_side() -> None:
+    """Six unknowns of response and leakage, and eight degrees of freedom: (6 + 8 - 1)/2, rounded up."""
+    found = estimate_frf(measured(noise(0)[:2000], 0, gain=0.0), method="local_polynomial")
+    assert found.frequency[0] * 2000 * T == pytest.approx(8.0)

@@ -39,6 +39,7 @@ from feeddrive.identification.regression import (
     cross_validated,
     errors,
     ols_covariance,
+    pulls,
     robust_covariance,
     scores_of,
 )
@@ -441,3 +442,12 @@ def test_errors_are_not_smaller_than_those_of_the_process_that_made_the_residual
         variance = float(steps @ steps) / (1000.0 * (1.0 - memory)) ** 2
         shares.append(covariance_of(np.ones((1000, 1)), residual)[0, 0] / variance)
     assert min(shares) > 0.97
+
+
+@pytest.mark.parametrize(
+    ("error", "coulomb", "pulled"), [(0.45, 0.0, False), (0.25, 0.0, True), (0.0, 30.0, False), (0.0, 14.0, True)]
+)
+def test_an_offset_of_three_errors_and_5_percent_of_the_friction_is_a_force(
+    error: float, coulomb: float, pulled: bool
+) -> None:
+    assert pulls(Estimate("offset", 1.0, "N", error, error), coulomb) is pulled

@@ -110,3 +110,11 @@ def test_a_wall_that_a_later_pass_takes_by_half_a_percent_of_the_radius_is_no_wa
     counted = on_part(path, moving, R, "down")
     assert np.all(counted[len(first) :])
     assert bool(np.mean(counted[: len(first)]) > 0.5) is counts
+
+
+def test_a_path_with_sixty_lobes_goes_around_all_of_them() -> None:
+    """Five of 300 corners lie on each lobe: with fewer, every second tip would lie outside."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 60_000, endpoint=False)
+    lobes = (1.0 + 0.3 * np.cos(60.0 * turn))[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    tips = 2.0 * np.pi * np.arange(60) / 60.0
+    assert np.all(enclosed(1.15 * np.column_stack([np.cos(tips), np.sin(tips)]), lobes))

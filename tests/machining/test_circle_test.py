@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from feeddrive.loop.simulate import simulate
 from feeddrive.machining.circle_test import (
     CircleCauses,
     CirclePath,
+    Solved,
     _hats,
     circle_causes,
     circle_fit,
@@ -545,3 +547,14 @@ def test_the_course_of_a_spike_is_seen_from_a_fifth_of_a_degree_on() -> None:
     slow = CirclePath(R * np.cos(angle), R * np.sin(angle), 1, SLOW, R, (0.0, 0.0))
     (first, _) = circle_causes([slow]).spikes
     assert np.degrees(first.angle[0]) == pytest.approx(0.25, abs=1e-6)
+
+
+@pytest.mark.parametrize(("share", "mixed"), [(0.014, [0]), (0.03, [0, 1])])
+def test_a_cause_with_2_percent_of_a_combination_is_part_of_it(share: float, mixed: list[int]) -> None:
+    """The third column is the first one and a share of the second: it is the one that is dropped."""
+    columns = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, share], [0.0, 0.0, 0.0]])
+    solved: Any = SimpleNamespace(_triangle=columns, seen=np.ones(3, bool))
+    solved.kept = Solved._independent(solved)
+    assert solved.kept.tolist() == [0, 1]
+    unseparable = Solved.__dict__["unseparable"].func
+    assert unseparable(solved)[2] == mixed
