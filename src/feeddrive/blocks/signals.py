@@ -59,6 +59,10 @@ class Reading(NamedTuple):
     requested: Number = 0.0  # N
     velocity: Number = 0.0  # m/s, at a start only
 
+    def position(self, encoder: str) -> Number:
+        """Return the position that an encoder measures, "motor" or "load", m."""
+        return self.position_motor if encoder == "motor" else self.position_load
+
 
 class Estimate(NamedTuple):
     """An observer's estimate of the axis at t = kT.

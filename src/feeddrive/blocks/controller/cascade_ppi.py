@@ -125,7 +125,7 @@ class CascadePPI(Law):
 
         The position loop runs at once.
         """
-        position = self._position(reading)
+        position = reading.position(self.velocity_encoder)
         zero = ops.zero(position)
         passed = prepared.T * reading.velocity
         # a past at constant velocity: enabled in motion, the first difference is the true velocity
@@ -133,13 +133,10 @@ class CascadePPI(Law):
         model = () if self.model_mass is None else (reference_model(self.model_samples, reading.velocity, zero),)
         return self.State(positions, reading.applied, interpolator(self.position_every, zero), model)
 
-    def _position(self, reading: Reading) -> Number:
-        return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load
-
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        position = self._position(reading)
+        position = reading.position(self.velocity_encoder)
         velocity = (position - state.positions[-1]) / (self.velocity_samples * T)
         wanted = self.Kv * (setpoint.position - reading.position_load)
         wanted = wanted + self.velocity_feedforward * setpoint.backward_velocity(T)

@@ -77,18 +77,15 @@ class DADSC(Law):
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Return the state at rest at the reading with s = 0 and the disturbance that balances the acting force."""
-        position = self._position(reading)
+        position = reading.position(self.velocity_encoder)
         return self.State(position, ops.zero(position), -reading.applied)
-
-    def _position(self, reading: Reading) -> Number:
-        return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
         """Compute equations (3) to (5)."""
         m, b = self.mass, self.viscous
-        position = self._position(reading)
+        position = reading.position(self.velocity_encoder)
         v = (position - state.position) / T
         e_x = setpoint.position - reading.position_load
         e_v = setpoint.backward_velocity(T) - v

@@ -140,19 +140,16 @@ class GeneralizedPredictive(Law):
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Return the state of steady motion through the reading, on a set path through it and with a constant force."""
-        here, speed = self._position(reading), reading.velocity
+        here, speed = reading.position(self.encoder), reading.velocity
         before = here - prepared.T * speed
         previews = tuple(prepared.preview[0] * x + prepared.preview[1] * speed for x in (here, before))
         return self.State((here, before), (ops.zero(here),) * (len(prepared.S) - 1), previews)
-
-    def _position(self, reading: Reading) -> Number:
-        return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
         """Compute Δu from S Δu = -R y + C Σ g_j w."""
-        here = self._position(reading)
+        here = reading.position(self.encoder)
         changes = (state.changes[0] + (reading.applied - reading.requested), *state.changes[1:])
         preview = matrix.dot(prepared.preview, setpoint)
         wanted = preview + matrix.dot(prepared.C, state.previews)

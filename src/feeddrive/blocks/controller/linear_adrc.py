@@ -81,17 +81,14 @@ class LinearADRC(Law):
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Return the state that moves with the reading, with a disturbance that balances the acting force."""
-        y, force = self._observed(reading), reading.applied
+        y, force = reading.position(self.encoder), reading.applied
         return self.State(ops.zero(y), reading.velocity, -force, y, (force,) * self.delay_samples)
-
-    def _observed(self, reading: Reading) -> Number:
-        return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
         """Compute the equations of the class, with x⁻ relative to the last reading."""
-        y = self._observed(reading)
+        y = reading.position(self.encoder)
         commands: tuple[Any, ...] = (reading.applied, *state.pending)
         gained = T * ((commands[-1] + state.disturbance) / self.mass)
         missed = (y - state.reading) - (state.behind + T * (state.velocity + 0.5 * gained))

@@ -243,15 +243,12 @@ class LQG(Law):
         speed, steady_force = reading.velocity, self._dragged() * reading.velocity
         disturbance = steady_force - reading.applied
         late = self.delay_samples
-        offset, positions = ops.zero(reading.position_load), (self._position(reading),)
+        offset, positions = ops.zero(reading.position_load), (reading.position(self.encoder),)
         if bodies is not None:
             positions = (reading.position_load + _stretch(bodies, speed, disturbance), reading.position_load)
             offset = reading.position_motor - positions[0]
         motion = (*positions, *((speed,) * len(positions)))
         return self.State(motion, disturbance, offset, (reading.applied,) * late, (steady_force,) * (late + 1))
-
-    def _position(self, reading: Reading) -> Number:
-        return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def _dragged(self) -> Number:
         """Return the viscous friction of the whole model, N s/m."""
@@ -269,7 +266,7 @@ class LQG(Law):
             x + (matrix.dot(row, state.motion) + drive * commands[self.delay_samples] + load * state.disturbance)
             for x, row, drive, load in zip(state.motion, prepared.change, prepared.drive, prepared.load, strict=True)
         ]
-        readings = (self._position(reading),)
+        readings = (reading.position(self.encoder),)
         if bodies is not None:
             readings = (reading.position_motor - state.offset, reading.position_load)
         missed = [y - x for y, x in zip(readings, moved, strict=False)]

@@ -132,15 +132,12 @@ class SuperTwisting(Law):
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Return the state at rest at the reading with s = 0 and the acting force."""
-        return self.State(self._position(reading), reading.applied / self.mass)
-
-    def _position(self, reading: Reading) -> Number:
-        return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load
+        return self.State(reading.position(self.velocity_encoder), reading.applied / self.mass)
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        position = self._position(reading)
+        position = reading.position(self.velocity_encoder)
         v = (position - state.position) / T
         e_v = setpoint.backward_velocity(T) - v
         s = self.tracking_rate * (setpoint.position - reading.position_load) + e_v

@@ -80,20 +80,17 @@ class DisturbanceRecovery(Observer):
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
         """Return the state of steady motion at the reading, with the disturbance that balances the acting force."""
-        position, held = self._position(reading), self.viscous * reading.velocity - reading.applied
+        position, held = reading.position(self.encoder), self.viscous * reading.velocity - reading.applied
         kept: tuple[Any, ...] = (held,) * self._poles()
         if prepared.section:
             kept = (biquad.settled(prepared.section[0], held),)
         return self.State(position, reading.velocity, (reading.applied,) * self.delay_samples, kept)
 
-    def _position(self, reading: Reading) -> Number:
-        return reading.position_motor if self.encoder == "motor" else reading.position_load
-
     def _poles(self) -> int:
         return {"one_pole": 1, "two_poles": 2}.get(self.form, 0)
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
-        position = self._position(reading)
+        position = reading.position(self.encoder)
         commands = (reading.applied, *state.pending)
         velocity = (position - state.position) / T
         force = self.mass * ((velocity - state.velocity) / T) + self.viscous * velocity - commands[-1]

@@ -126,7 +126,7 @@ class GpiObserver(Observer):
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
         """Return the state of steady motion at the reading; its disturbance is given, or balances the force."""
-        position = self._position(reading)
+        position = reading.position(self.encoder)
         z = [ops.zero(position)] * (2 + self.taylor_states)
         z[1] = reading.velocity / self.omega_o
         if self.taylor_states:
@@ -135,12 +135,9 @@ class GpiObserver(Observer):
         brake = () if self.start_disturbance is None else (-self.start_disturbance - reading.applied,)
         return self.State(tuple(z), position, (reading.applied,) * self.delay_samples, brake)
 
-    def _position(self, reading: Reading) -> Number:
-        return reading.position_motor if self.encoder == "motor" else reading.position_load
-
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
         """Compute the equations of the class; u is the force that acted in the last sample, after the limit."""
-        y = self._position(reading)
+        y = reading.position(self.encoder)
         commands = (reading.applied, *state.pending)
         acted = commands[-1] + state.brake[0] if state.brake else commands[-1]
         moved = (*state.z, acted, y - state.position)

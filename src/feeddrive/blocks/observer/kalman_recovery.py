@@ -73,10 +73,9 @@ class KalmanRecovery(Observer):
     def start(self, prepared: Prepared, reading: Reading) -> State:
         """Return the state of steady motion at the reading, with the disturbance that balances the acting force."""
         held = self.viscous * reading.velocity - reading.applied
-        return self.State(self._position(reading), reading.velocity, held, (reading.applied,) * self.delay_samples)
-
-    def _position(self, reading: Reading) -> Number:
-        return reading.position_motor if self.encoder == "motor" else reading.position_load
+        return self.State(
+            reading.position(self.encoder), reading.velocity, held, (reading.applied,) * self.delay_samples
+        )
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
         """Predict with the command that acted, and correct with the reading."""
@@ -84,7 +83,7 @@ class KalmanRecovery(Observer):
         force = state.disturbance + commands[-1]
         position = state.position + (prepared.x_of_v * state.velocity + prepared.x_of_force * force)
         velocity = state.velocity + (prepared.v_of_v * state.velocity + prepared.v_of_force * force)
-        missed = self._position(reading) - position
+        missed = reading.position(self.encoder) - position
         position = position + prepared.gain[0] * missed
         velocity = velocity + prepared.gain[1] * missed
         disturbance = state.disturbance + prepared.gain[2] * missed
