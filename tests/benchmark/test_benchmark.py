@@ -15,7 +15,7 @@ from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
 from feeddrive.benchmark.benchmark import FIGURES, Benchmark, score
-from feeddrive.benchmark.designs import Designs, search, searched
+from feeddrive.benchmark.designs import Designs, laws_of, search, searched
 from feeddrive.benchmark.report import latex, markdown, summary, write_benchmark
 from feeddrive.benchmark.rules import folder, read_rules
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
@@ -270,6 +270,13 @@ def test_whole_tunings_that_disagree_are_not_settled(monkeypatch: pytest.MonkeyP
     assert said == "3 whole tunings end up to 6 % apart"
     del goals[2]
     assert "1 of 3" in robustness.Tuning(candidate, rule).repeated(Progress()).unsettled
+
+
+def test_a_law_is_named_by_its_kind_too() -> None:
+    plants = RULES.chosen((QUICK,))
+    assert laws_of(plants, ["dadsc", "P-PI", "cascade_ppi"]) == laws_of(plants, ["DADSC", "P-PI"])
+    with pytest.raises(ParameterError, match="did you mean dadsc"):
+        laws_of(plants, ["dadcs"])
 
 
 @pytest.mark.parametrize(

@@ -313,7 +313,7 @@ def test_a_study_reads_up_to_256_jobs(
     tried = Counter[str]()
     monkeypatch.setattr(study, "_job_file", lambda *_: (None, None))
     monkeypatch.setattr(study, "_job", lambda *_: tried.update(["job"]))
-    monkeypatch.setattr(study, "_key", lambda name: name)
+    monkeypatch.setattr(study, "key_of", lambda name: name)
     root = SimpleNamespace(error=lambda *_: Refused())
     choices = [SimpleNamespace(choice=f"c{i}", values=tuple(range(n))) for i, n in enumerate(lengths)]
     if read is None:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from feeddrive.benchmark.designs import Designs
+from feeddrive.benchmark.designs import Designs, laws_of
 from feeddrive.benchmark.rules import Plant, Rules, folder, read_rules
 from feeddrive.comparison.competitor import ROBUST, AtWork, Competitor, at_work
 from feeddrive.evaluation.engine import Engine
@@ -22,7 +22,7 @@ from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
 from feeddrive.files.run_files import versions
-from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
+from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -297,7 +297,7 @@ def score(
     """Run every law with its stored design, and every recipe, on every plant.
 
     plants    default: all plants of the rules
-    laws      the laws to run, P-PI always included; default: all laws and the recipes
+    laws      names or kinds of the laws to run, P-PI always included; default: all laws and the recipes
     designs   folders of designs that take precedence over those stored in the package
     own       a user's seed, from which all seeds of the runs are derived; 0 for the seeds of the rules
     engine    engine that runs the laws and stores finished ones; default: in this process
@@ -307,16 +307,13 @@ def score(
     """
     rules = rules or read_rules()
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
+    laws = laws_of(chosen, laws)
     first, *also = (*designs, folder(rules.version) / "designs")
     listed = [
         trial
         for plant in chosen
         for trial in trials(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
     ]
-    names = {trial.law for trial in listed}
-    for law in laws:
-        if law not in names:
-            raise ParameterError(f"law '{law}' is not known here{nearest(law, names)}")
     evaluated = at_work([trial.work for trial in listed], engine or Engine(), progress)
     rows = tuple(trial.row(law) for trial, law in zip(listed, evaluated, strict=True))
     return Benchmark(rules, tuple(plant.name for plant in chosen), rows, own, versions())

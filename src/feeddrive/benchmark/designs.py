@@ -14,7 +14,7 @@ from feeddrive.evaluation.robustness import Design, Tuning, tuned_all
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.language.errors import FeeddriveError, FileError
 from feeddrive.language.progress import Progress
-from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates, names_of
 from feeddrive.tuning.tune import Tuned, own_tunables
 
 _LARGEST = 1_000_000  # bytes, largest size of a file
@@ -87,6 +87,13 @@ def own_laws(plant: Plant, laws: Sequence[str] = ()) -> tuple[str, ...]:
     own = set(members(Law).values()) - set(shipped()[Law].values())
     names = (law.name for law in candidates(plant.model)[0] if type(law.loop.control.law) in own)
     return tuple(name for name in names if not laws or name in laws)
+
+
+def laws_of(plants: Sequence[Plant], laws: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of laws that are given by name or kind. Raises ParameterError for an unknown law."""
+    rows = [candidates(plant.model) for plant in plants] if laws else []
+    possible, refused = [law for row in rows for law in row[0]], [law for row in rows for law in row[1]]
+    return tuple(dict.fromkeys(name for law in laws for name in names_of(law, possible, refused)))
 
 
 def search(

@@ -23,7 +23,7 @@ from feeddrive.bus.ethercat import opened_socket
 from feeddrive.bus.virtual_drive import INVALID, NO_SUBINDEX, PRODUCT, REVISION, VENDOR, Firmware, PdoMap, SdoAbortError
 
 _WATCHDOG = 0x001B  # AL status code: sync manager watchdog
-_PATIENCE = 0.1  # s between looks at `stopped` where nothing comes
+_PAUSE = 0.05  # s between looks at `stopped`
 
 
 def serve_ethercat(
@@ -52,7 +52,7 @@ def serve_ethercat(
         while not stopped():
             limits = [station.watchdog if watchdog is None else watchdog for station in stations]
             # half of a watchdog's time, so that its end is not noticed late
-            line.settimeout(min([_PATIENCE, *(0.5 * limit for limit in limits if limit)]))
+            line.settimeout(min([_PAUSE, *(0.5 * limit for limit in limits if limit)]))
             with contextlib.suppress(socket.timeout):
                 frame: bytes | None = line.recv(2048)
                 for station in stations:
@@ -408,7 +408,6 @@ def _category(kind: int, content: bytes) -> bytes:
 
 # CiA 301: COB-ID of SYNC, producer and consumer time of the heartbeat, COB-ID of the heartbeat of node 0
 _SYNC_ID, _HEARTBEAT, _CONSUMER, _BEAT = 0x80, 0x1017, 0x1016, 0x700
-_PAUSE = 0.05  # s between looks at `stopped`
 
 
 def serve_canopen(

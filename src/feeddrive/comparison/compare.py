@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from feeddrive.analysis.stability import stability
-from feeddrive.blocks.catalogue import members
 from feeddrive.blocks.families import Law, Reference
 from feeddrive.comparison.competitor import AtWork, Competitor, at_work
 from feeddrive.evaluation.duty import Duty, duty_of
@@ -20,7 +19,7 @@ from feeddrive.figures.ranking import CRITERIA, beats, ranks
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
-from feeddrive.language.errors import ParameterError, UnstableError, nearest
+from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
@@ -28,7 +27,7 @@ from feeddrive.language.table import Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart
-from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates, names_of
 from feeddrive.tuning.tune import Tuned, own_tunables, two_digits
 
 TODAY = "today's gains"
@@ -224,7 +223,7 @@ def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[C
     possible, refused = candidates(loop, own)
     if laws is None:
         return possible, refused
-    wanted = {name for law in laws for name in _names(law, possible, refused)}
+    wanted = {name for law in laws for name in names_of(law, possible, refused)}
     wanted |= {PLAIN, *(candidate.like for candidate in possible if candidate.name in wanted)}
     return (
         tuple(candidate for candidate in possible if candidate.name in wanted),
@@ -232,35 +231,12 @@ def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[C
     )
 
 
-def _names(law: str | type[Law], possible: Sequence[Candidate], refused: Sequence[Refusal]) -> list[str]:
-    """Return the names of the rows for a law: its name, its kind or its class, which stand for its forms alone.
-
-    Raises ParameterError for an unknown law, suggesting similar names.
-    """
-    names = [row.name for row in (*possible, *refused)]
-    if law in names:
-        return [str(law)]
-    kinds = members(Law)
-    kind = kinds.get(law) if isinstance(law, str) else law
-    if kind is None:
-        raise ParameterError(f"law '{law}' is not known here{nearest(str(law), [*names, *kinds])}")
-    forms = [row.name for row in possible if type(row.loop.control.law) is kind]
-    chosen = [name for name in forms if " + " not in name] or forms
-    chosen += {kind.title or kind.kind.replace("_", " ")}.intersection(row.name for row in refused)
-    if not chosen:
-        raise ParameterError(
-            f"the law {kind.kind} has no start values for its tuning: put it with its parameters into the machine "
-            f"file, where it is the row '{TODAY}'"
-        )
-    return chosen
-
-
 def name_of(law: str, loop: Loop, own: Sequence[type[Law]] = ()) -> str:
     """Return the name of the first row for a law, by name or kind. Raises ParameterError for an unknown or refused
     law.
     """
     possible, refused = candidates(loop, own)
-    name = _names(law, possible, refused)[0]
+    name = names_of(law, possible, refused)[0]
     reason = next((row.reason for row in refused if row.name == name), "")
     if reason:
         raise ParameterError(f"'{name}' cannot control this axis: {reason}")

@@ -50,6 +50,11 @@ _ESCAPE = re.compile(r"\\(?:u([0-9A-Fa-f]{4})|U([0-9A-Fa-f]{8})|(.))")
 _SHORT = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r"}
 
 
+def key_of(path: str) -> Key:
+    """Return the key of a dotted path: ("axis", "x", "forces", 0) for `axis.x.forces.0`."""
+    return tuple(int(part) if part.isdigit() else part for part in path.split("."))
+
+
 def lines_of_keys(text: str) -> dict[Key, int]:
     """Return the line, from 1, of every key and table of a valid TOML text."""
     return _Scanner(text).lines

@@ -10,7 +10,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.loop.simulate import Run
+from feeddrive.loop.simulate import Run, root_mean_square
 from feeddrive.machining.circle_test import CircleCauses
 
 _MOST = 65_536  # entries of a table that an export may hold
@@ -103,11 +103,7 @@ def learned_pitch(
     )
     before, after = added[way != 0.0], np.concatenate(left)
     sizes = int(np.sum(way > 0.0)), int(np.sum(way < 0.0))
-    return LearnedPitch(block, _rms(before), _rms(after), sizes)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values * values)))
+    return LearnedPitch(block, root_mean_square(before), root_mean_square(after), sizes)
 
 
 def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:

@@ -224,7 +224,7 @@ class Run(Result):
         for name in self.signals:
             if quantity(name) in ("following_error", "tracking_error", "force", "friction_load", "velocity_load"):
                 unit, values = self.units[name], self.signals[name]
-                sizes = _rms(values), float(np.max(np.abs(values), initial=0.0))
+                sizes = root_mean_square(values), float(np.max(np.abs(values), initial=0.0))
                 rows.append(
                     [name.replace("_", " "), UNIT, *(Quantity(size, unit, form=signal_unit(unit)) for size in sizes)]
                 )
@@ -232,7 +232,8 @@ class Run(Result):
         return Table(title, ["signal", "unit", "RMS", "peak"], rows)
 
 
-def _rms(values: np.ndarray) -> float:
+def root_mean_square(values: np.ndarray) -> float:
+    """Return the root mean square of values; 0 if there are none."""
     return float(np.sqrt(np.mean(values * values))) if values.size else 0.0
 
 

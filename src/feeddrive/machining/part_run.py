@@ -31,7 +31,7 @@ from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.simulate import Run
+from feeddrive.loop.simulate import Run, root_mean_square
 from feeddrive.machining.circle_test import circle_fit, minimum_zone
 from feeddrive.machining.contour import ContourError, Corner, Worst, contour_error, size, unit
 from feeddrive.machining.load import MachineLoad, SpindleLoad, machine_load
@@ -308,7 +308,7 @@ class PartRun(Result):
         """The RMS of the resultant cutting force on all axes during the cut, N; None without a cut."""
         if self.cutting is None or not np.any(self.contour.counted):
             return None
-        return _rms(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
+        return root_mean_square(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
 
     @property
     def duty(self) -> float | None:
@@ -446,7 +446,7 @@ def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: n
     after = max(1, round(_AFTER / run.sample_time))
     heights = [float(np.max(np.abs(contour.error[i : i + after]))) for i in turns]
     return AxisRun(
-        _rms(error),
+        root_mean_square(error),
         float(np.abs(error[worst])),
         int(line[worst]),
         float(run.time[worst]),
@@ -468,12 +468,9 @@ def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: 
     if turn is not None:
         width = max(1, round(turn / T))
         total = np.cumsum(np.insert(off, 0, 0.0))
-        slow = _rms((total[width:] - total[:-width]) / width)
-    return Estimated(_rms(off), float(np.std(true[skip:])), slow, seen.lag, seen.disturbance.astype(np.float32))
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+        slow = root_mean_square((total[width:] - total[:-width]) / width)
+    estimate = seen.disturbance.astype(np.float32)
+    return Estimated(root_mean_square(off), float(np.std(true[skip:])), slow, seen.lag, estimate)
 
 
 def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:

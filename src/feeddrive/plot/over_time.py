@@ -17,7 +17,7 @@ from feeddrive.analysis.step_response import settling_time
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, USUAL, Quantity, Units, signal_unit, unit_name
 from feeddrive.language.text import Text, joined
-from feeddrive.loop.simulate import Run
+from feeddrive.loop.simulate import Run, root_mean_square
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, DASHED, NEUTRAL, PANELS, PLAIN, WIDE, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.drawing import figure_of
@@ -44,7 +44,7 @@ def run_chart(run: Run) -> Chart:
         Panel(
             f"following error\n({unit_name('m')})",
             (Curve(*envelope(run.time, 1e6 * run["following_error"])),),
-            caption=Text(f"RMS {Quantity(_rms(run['following_error']), 'm')}"),
+            caption=Text(f"RMS {Quantity(root_mean_square(run['following_error']), 'm')}"),
         ),
         Panel(f"force\n({unit_name('N')})", (Curve(*envelope(run.time, run["force"]), number=1, look=PLAIN),)),
         Panel(f"velocity\n({unit_name('m/s')})", tuple(velocities)),
@@ -190,11 +190,7 @@ def _inside(run: Run, window: Window) -> np.ndarray:
 
 def _sizes(values: np.ndarray, unit: str) -> Text:
     """Return RMS and peak of values in SI, in words."""
-    return Text(f"RMS {Quantity(_rms(values), unit)}, peak {Quantity(_peak(values), unit)}")
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values * values))) if values.size else 0.0
+    return Text(f"RMS {Quantity(root_mean_square(values), unit)}, peak {Quantity(_peak(values), unit)}")
 
 
 def _peak(values: np.ndarray) -> float:
@@ -258,7 +254,7 @@ def replay_chart(replay: Replay, points: int = POINTS) -> Chart:
             Curve(*envelope(time, factor * replay.measured[name], points), "measured", NEUTRAL, WIDE),
             Curve(*envelope(time, factor * replay.run[name], points), "predicted", size=0.7),
         )
-        size = Quantity(_rms(replay.measured[name][replay.skipped :]), unit)
+        size = Quantity(root_mean_square(replay.measured[name][replay.skipped :]), unit)
         caption = "" if name == "position_load" else Text(f"measured RMS {size}")
         panels.append(Panel(f"{words}\n({unit_name(unit, in_unit)})", both, caption=caption))
     return Chart("time (s)", tuple(panels), height=0.8 + 1.45 * len(panels))

@@ -17,7 +17,7 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import Run
+from feeddrive.loop.simulate import Run, root_mean_square
 from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
 from feeddrive.report.report import Part, Picture, Section
@@ -164,7 +164,7 @@ def result_sentences(contents: LawsContents) -> list[str]:
 
 
 def _prediction(replay: Replay) -> list[str]:
-    off, error = replay.rms("position_load"), _rms(replay.measured["following_error"][replay.skipped :])
+    off, error = replay.rms("position_load"), root_mean_square(replay.measured["following_error"][replay.skipped :])
     peak = float(np.max(np.abs(replay.residual("position_load"))))
     share = off / error if error else 0.0
     sentences: list[str] = [
@@ -292,10 +292,6 @@ def _errors(entry: Entry) -> str:
 
 def _quoted(entry: Entry) -> str:
     return f"'{entry.name}'"
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values * values)))
 
 
 def block_sentence(block: Block) -> Text:

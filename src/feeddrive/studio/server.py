@@ -31,7 +31,7 @@ from feeddrive.language.errors import FeeddriveError, MissingExtraError, Paramet
 from feeddrive.language.quantity import number
 from feeddrive.language.text import plain
 from feeddrive.plot.chart import Band, Chart, Curve, Level, Mark, Panel
-from feeddrive.plot.style import envelope
+from feeddrive.plot.style import POINTS, envelope
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.desk import Asked, Desk, Room, Said
 from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work, fault
@@ -41,7 +41,6 @@ from feeddrive.studio.rooms import ROOMS
 from feeddrive.studio.rooms.tour import Tour
 from feeddrive.studio.uploads import keep, place_of, safe_name
 
-POINTS = 2000  # of a curve, and pixels of the width of a picture
 Window = tuple[float, float]
 
 

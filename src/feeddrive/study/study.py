@@ -35,7 +35,7 @@ from feeddrive.figures.figure import Figure
 from feeddrive.files.job import Job, JobSection, Other, job_of
 from feeddrive.files.machine import find_bundled
 from feeddrive.files.section import VARIED, Section, file_name, named, read_field, read_section, text
-from feeddrive.files.toml_file import Key, TomlFile, TomlTable, read_toml, with_values
+from feeddrive.files.toml_file import Key, TomlFile, TomlTable, key_of, read_toml, with_values
 from feeddrive.language import tree
 from feeddrive.language.block import Block, Declaration, Number, choice, declarations, parameter, part
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain, shown
@@ -161,7 +161,7 @@ def read_jobs(
     """
     file, beside = _job_file(root, place, job, of_study)
     choices = [choice for choice in choices if choice.choice != "row"]
-    keys, rows = [_key(choice.choice) for choice in choices], [choice.values for choice in choices]
+    keys, rows = [key_of(choice.choice) for choice in choices], [choice.values for choice in choices]
     count = math.prod(map(len, rows))
     if count > MOST_JOBS:
         raise root.error(f"the choices have {count:,} combinations, each of which is read: at most {MOST_JOBS}", "vary")
@@ -179,10 +179,6 @@ def _job_file(root: TomlTable, place: Path, name: str | None, of_study: Collecti
         return read_toml(path, "a job", quoting=False), path
     except FileError as error:
         raise type(error)(f"{root.where('job')}: job: {error}") from None
-
-
-def _key(text: str) -> Key:
-    return tuple(int(part) if part.isdigit() else part for part in text.split("."))
 
 
 def _job(

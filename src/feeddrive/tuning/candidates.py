@@ -18,7 +18,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.feedforward.friction_stops import FrictionStops
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.language import matrix, tree
-from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.learning.iterative_feedforward import begin_compensation
@@ -126,7 +126,7 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
             bases = [Candidate(start.name, _with_law(loop, axis, start), start.remark) for start in starts]
         # the report lists combinations of a refused law as well, with the reason of the law
         except FeeddriveError as error:
-            name = law.title or law.kind.replace("_", " ")
+            name = _title(law)
             refused += [
                 Refusal(title, str(error)) for title in (name, *(f"{name} + {b.title}" for b in _companions(law)))
             ]
@@ -138,6 +138,36 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
                 if not wanted or combined.name in wanted:
                     (offered if isinstance(combined, Candidate) else refused).append(combined)  # type: ignore[arg-type]
     return tuple(offered), tuple(refused)
+
+
+def names_of(law: str | type[Law], possible: Sequence[Candidate], refused: Sequence[Refusal]) -> list[str]:
+    """Return the names of the rows for a law: its name, its kind or its class, which stand for its forms alone.
+
+    Raises ParameterError for an unknown law, suggesting similar names.
+    """
+    names = list(dict.fromkeys(row.name for row in (*possible, *refused)))
+    if law in names:
+        return [str(law)]
+    kinds = members(Law)
+    kind = kinds.get(law) if isinstance(law, str) else law
+    if kind is None:
+        raise ParameterError(f"law '{law}' is not known here{nearest(str(law), [*names, *kinds])}")
+    forms = [row.name for row in possible if type(row.loop.control.law) is kind]
+    chosen = [name for name in forms if " + " not in name] or forms
+    chosen += {_title(kind)}.intersection(row.name for row in refused)
+    if not chosen:
+        raise _without_starts(kind.kind)
+    return list(dict.fromkeys(chosen))
+
+
+def _title(law: type[Law]) -> str:
+    return law.title or law.kind.replace("_", " ")
+
+
+def _without_starts(kind: str) -> ParameterError:
+    return ParameterError(
+        f"the law {kind} has no start values for its tuning: put it with its parameters into the machine file"
+    )
 
 
 def control_with(loop: Loop, kind: str) -> Control:
@@ -152,9 +182,7 @@ def control_with(loop: Loop, kind: str) -> Control:
     except FeeddriveError as error:
         raise ParameterError(f"the law {kind} cannot control this axis: {error}") from None
     if not starts:
-        raise ParameterError(
-            f"the law {kind} has no start values for its tuning: put it with its parameters into the machine file"
-        )
+        raise _without_starts(kind)
     return _with_law(loop, axis, starts[0]).control
 
 

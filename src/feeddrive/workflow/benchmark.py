@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from feeddrive.benchmark.benchmark import Benchmark, advice, score
-from feeddrive.benchmark.designs import own_laws, search
+from feeddrive.benchmark.designs import laws_of, own_laws, search
 from feeddrive.benchmark.report import benchmark_report, citation, reasons, write_benchmark
 from feeddrive.benchmark.rules import VERSION, read_rules
 from feeddrive.language.errors import ParameterError
@@ -20,7 +20,9 @@ class BenchmarkRequest(EvaluationRequest):
     """The plants, laws and seed of a benchmark, and whether laws are tuned again."""
 
     plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
-    law: tuple[str, ...] = option("A law that is wanted, beside P-PI; may be repeated; default: all", default=())
+    law: tuple[str, ...] = option(
+        "A law that is wanted, by name or kind, beside P-PI; may be repeated; default: all", default=()
+    )
     seed: int = option("Seed of the runs; 0: the seeds of the rules", default=0, least=0)
     retune: bool = option("Search every law that has no design in --keep yet; this takes hours", default=False)
     keep: Path | None = option(
@@ -45,7 +47,8 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
         raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")
     rules = read_rules(request.rules)
     plants = rules.chosen(request.plant)
-    own = own_laws(plants[0], request.law)
+    laws = laws_of(plants, request.law)  # before a search that takes hours
+    own = own_laws(plants[0], laws)
     files: dict[str, Path] = {}
     with engine_of(request, None, request.out) as engine, TemporaryDirectory() as forgotten:
         keep = request.keep or Path(forgotten)
@@ -54,14 +57,12 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
                 rules,
                 plants,
                 keep,
-                laws=request.law if request.retune else own,
+                laws=laws if request.retune else own,
                 engine=engine,
                 stored=not request.retune,
                 progress=progress,
             )
-        scored = score(
-            rules, plants, laws=request.law, designs=[keep], own=request.seed, engine=engine, progress=progress
-        )
+        scored = score(rules, plants, laws=laws, designs=[keep], own=request.seed, engine=engine, progress=progress)
         if request.out is not None:
             progress.step("report")
             files["Report"] = write_benchmark(scored, request.out)

@@ -344,8 +344,7 @@ def _short(value: Number) -> float:
 
 
 def _section(block: Cogging, axis: str) -> str:
-    key = f"axis.{axis}.forces"
-    return to_toml(block, key).replace(f"[{key}]", f"[[{key}]]", 1)
+    return to_toml(block, f"axis.{axis}.forces", listed=True)
 
 
 def _cogging(fit: CoggingFit) -> list[CoggingOrder]:

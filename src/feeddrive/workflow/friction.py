@@ -315,8 +315,7 @@ def _index(axis: Axis) -> int:
 
 
 def _force(gravity: Gravity, axis: str) -> str:
-    key = f"axis.{axis}.forces"
-    return to_toml(gravity, key).replace(f"[{key}]", f"[[{key}]]", 1)
+    return to_toml(gravity, f"axis.{axis}.forces", listed=True)
 
 
 def _without(friction: Friction, viscous: float) -> Friction:

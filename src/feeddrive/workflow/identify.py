@@ -264,8 +264,7 @@ def _forces(edit: TomlEdit, axis: str, before: tuple[Block, ...], after: tuple[B
         for k, (old, new) in enumerate(zip(before, after, strict=True)):
             _values(edit, ("axis", axis, "forces", k), old, new)
         return
-    key = f"axis.{axis}.forces"
-    sections = [to_toml(force, key).replace(f"[{key}]", f"[[{key}]]", 1) for force in after]
+    sections = [to_toml(force, f"axis.{axis}.forces", listed=True) for force in after]
     edit.remove(("axis", axis, "forces"))
     for section in sections:
         edit.add(section)

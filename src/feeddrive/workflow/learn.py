@@ -119,8 +119,7 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | 
         raise ParameterError("--prefilter is for the axes of a job that run together: name it by --job, without --axis")
     loop, axis = _compensated_loop(request)
     iteration, tables, remarks = (_simulated if request.controller is None else _measured)(request, loop, progress)
-    key = f"axis.{axis}.control.feedforward"
-    text = to_toml(iteration.after, key, rotary=loop.axis.rotary).replace(f"[{key}]", f"[[{key}]]", 1)
+    text = to_toml(iteration.after, f"axis.{axis}.control.feedforward", listed=True, rotary=loop.axis.rotary)
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("writing")
@@ -201,12 +200,11 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
             seed=request.seed,
             progress=progress,
         )
-    texts: list[str] = []
-    for axis, block in trials.learned.items():
-        key = f"axis.{axis}.control.{'prefilter' if request.prefilter else 'feedforward'}"
-        text = to_toml(block, key, rotary=file.loops[axis].axis.rotary)
-        texts.append(text if request.prefilter else text.replace(f"[{key}]", f"[[{key}]]", 1))
-    section = "\n".join(texts)
+    name = "prefilter" if request.prefilter else "feedforward"
+    section = "\n".join(
+        to_toml(block, f"axis.{axis}.control.{name}", listed=not request.prefilter, rotary=file.loops[axis].axis.rotary)
+        for axis, block in trials.learned.items()
+    )
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("writing")

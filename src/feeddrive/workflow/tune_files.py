@@ -18,7 +18,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import summary_text
 from feeddrive.files.section import to_toml
-from feeddrive.files.toml_file import TomlEdit
+from feeddrive.files.toml_file import TomlEdit, key_of
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, sentence
@@ -382,14 +382,8 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
         for i, place in enumerate(kept):
             _numbers(edit, (*where, name, i), before[place], after[i])
         for block in after[len(kept) :]:
-            edit.add(_listed(block, ".".join((*where, name)), rotary))
+            edit.add(to_toml(block, ".".join((*where, name)), listed=True, rotary=rotary))
     return edit.text
-
-
-def _listed(block: Block, key: str, rotary: bool) -> str:
-    """Return a block as another entry of a TOML list."""
-    text = to_toml(block, key, rotary=rotary)
-    return text.replace(f"[{key}]", f"[[{key}]]", 1)
 
 
 def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block) -> None:
@@ -398,9 +392,9 @@ def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block)
     for name, value in tree.leaves(new):
         if before.get(name) != value:
             unit = tree.declaration(new, name).unit
-            written = edit.set((*key, *_path(name)), float(value), unit, _DIGITS)
+            written = edit.set((*key, *key_of(name)), float(value), unit, _DIGITS)
             if name in before:  # a comment on the old number must not be read as one on the new number
-                scale = _scale(str(written[-1]), _path(name)[-1], unit)
+                scale = _scale(str(written[-1]), key_of(name)[-1], unit)
                 edit.comment(written, f"was {number(before[name] / scale, 7)}")
 
 
@@ -408,7 +402,3 @@ def _scale(written: str, name: str | int, unit: str) -> float:
     """Return the factor from a number in a file to its declared unit: 1000 for Kp_kN_s_per_m, 1 for Kp."""
     stated = written.removeprefix(f"{name}_")
     return 1.0 if stated == written else units.factor(stated, unit)
-
-
-def _path(name: str) -> tuple[str | int, ...]:
-    return tuple(int(part) if part.isdigit() else part for part in name.split("."))

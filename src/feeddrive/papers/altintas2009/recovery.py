@@ -28,7 +28,7 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.linearize import compliance, loop_gain
-from feeddrive.loop.simulate import Run, simulate
+from feeddrive.loop.simulate import Run, root_mean_square, simulate
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, REST, VISCOUS, T, cascade, dadsc, loop, milling
 from feeddrive.papers.claims import Claim, stated
 from feeddrive.plot.chart import Chart
@@ -237,7 +237,7 @@ def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, 
 
 
 def _rms(error: np.ndarray, skip: int = MODE_SKIP) -> float:
-    return 1e6 * float(np.sqrt(np.mean(error[skip:] ** 2)))
+    return 1e6 * root_mean_square(error[skip:])
 
 
 def machine_modes() -> tuple[list[Claim], list[Table], list[Picture]]:
@@ -491,10 +491,6 @@ def _moving(law: Law, compensation: tuple[Compensation, ...] = ()) -> Run:
     return simulate(loop(law, compensation=compensation, friction=DRY), WAY, load=milling(WAY.duration))
 
 
-def _root_mean_square(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def in_motion() -> list[Claim]:
     """Check the recovery under simultaneous friction and cutting while the axis moves, and with a machine mode
     added.
@@ -506,9 +502,9 @@ def in_motion() -> list[Claim]:
     counted = slice(500, None)
     seen = observe(OBSERVERS["recovery, 500 Hz"], run["reading_load"], run["force"], T)
     shift = round(seen.lag / T) - 1
-    recovered = _root_mean_square((seen.disturbance[shift:] - true[: true.size - shift])[counted])
-    whole = _root_mean_square(true[counted])
-    errors = {name: 1e6 * _root_mean_square(outcome["tracking_error"][counted]) for name, outcome in runs.items()}
+    recovered = root_mean_square((seen.disturbance[shift:] - true[: true.size - shift])[counted])
+    whole = root_mean_square(true[counted])
+    errors = {name: 1e6 * root_mean_square(outcome["tracking_error"][counted]) for name, outcome in runs.items()}
     model = ModeCompensation(modes=(mode(),), observer=RECOVERY, friction=DRY)
     blind = ModeCompensation(modes=(mode(),), observer=RECOVERY)
     tool = {}
@@ -519,7 +515,7 @@ def in_motion() -> list[Claim]:
             - compensated_run["set_position"]
             - swing(mode(), -compensated_run["load_force"])
         )
-        tool[name] = 1e6 * _root_mean_square(error[counted])
+        tool[name] = 1e6 * root_mean_square(error[counted])
     rule = (
         f"50 mm out and back in 0.5 s a way, Coulomb friction of 30 N, 161 N RMS of milling at 200 Hz; p = 600 1/s; "
         f"{PLANT}"

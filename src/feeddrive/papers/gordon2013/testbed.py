@@ -16,7 +16,7 @@ from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.learning.trajectory_prefilter import PrefilterFit, tune_prefilter
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import Run, simulate
+from feeddrive.loop.simulate import Run, root_mean_square, simulate
 from feeddrive.papers.claims import Claim, stated
 from feeddrive.report.report import Picture
 
@@ -85,7 +85,7 @@ def fits(loop: Loop, reference: Reference, runs: int = 1) -> tuple[PrefilterFit,
 
 def rms(values: np.ndarray) -> float:
     """Return the RMS in µm of values in m."""
-    return 1e6 * float(np.sqrt(np.mean(values * values)))
+    return 1e6 * root_mean_square(values)
 
 
 def peak(values: np.ndarray) -> float:
