@@ -16,7 +16,7 @@ import pytest
 from feeddrive.studio.server import PAGE
 from studio_server import cookie_of
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium-headless-shell", "chromium", "chromium-browser"))), None)
 
 
 class Opened:
