@@ -28,9 +28,10 @@ from feeddrive.tuning.candidates import PLAIN, candidates
 
 
 def out_of_the_work(job: Job, system: System) -> System:
-    """Return the machine without the cuts of its program, for its margins before cutting."""
+    """Return the machine without the cuts of its program, for the analysis of its axes in air."""
     if not isinstance(system, Machine) or job.program is None or not job.program.cuts:
         return system
+    # the cuts of the program stand behind the couplings of the machine file
     return dataclasses.replace(system, couplings=system.couplings[: len(job.machine.couplings)])
 
 
@@ -56,11 +57,12 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
     )
 
 
-@lru_cache(maxsize=1)  # the laws of a job run the same program
+# the laws of a job run the same program: one entry is enough
+@lru_cache(maxsize=1)
 def on_the_part(program: PlannedProgram) -> np.ndarray | None:
-    """Return a mask of the samples that count: those in which a tool leaves a wall of the part, see `on_part`.
+    """Return a mask of the samples in which the tool cuts a wall of the part (see `on_part`).
 
-    Without a [process] all samples at feed rate count.  A cut in which no sample leaves a wall counts as a whole.
+    Without a [process] section, all samples at feed rate count.  A cut without such a sample counts as a whole.
     """
     counted, process = program.counted, program.process
     if counted is None or process is None or not {"x", "y"} <= set(program.references):
@@ -82,17 +84,18 @@ def on_the_part(program: PlannedProgram) -> np.ndarray | None:
 
 
 def _spindle(job: Job, machine: Machine, run: Run) -> SpindleLoad | None:
-    """Return the spindle power of all tools that cut in a run, and the chip volume; None without cuts."""
+    """Return the spindle load of all cuts in a run, with the volume of chips; None without cuts."""
     program = job.program
     cuts = [cut for cut in machine.couplings if isinstance(cut, MillingCut) and cut not in job.machine.couplings]
     if program is None or program.process is None or not cuts:
         return None
     power = sum((cutting_forces(run, cut).power for cut in cuts), np.zeros(run.samples))
     speed = np.sqrt(sum((run[f"{axis}.set_velocity"] ** 2 for axis in ("x", "y")), np.zeros(run.samples)))
+    # rounding must not put the first sample of a cut into the section before it
     begins = np.searchsorted([cut.begin for cut in program.cuts], run.time + 1e-9, side="right") - 1
     areas = np.array([_area(cut, program.process.tools) for cut in program.cuts])
     volume = float(np.sum(areas[begins] * speed)) * run.sample_time
-    # as a torque at 30/π rpm, 1 rad/s: the power itself
+    # a load is a torque and a speed: at 30/π rpm, which is 1 rad/s, the torque in N m is the power in W
     return spindle_load(power, 30.0 / np.pi, run.sample_time, volume if volume > 0.0 else None)
 
 
@@ -103,15 +106,16 @@ def _area(cut: Cut, tools: Mapping[int, Cutter]) -> float:
 
 
 def listening(job: Job) -> Listening:
-    """Return the catalogue's observers that estimate a disturbance, by kind and axis, with initial gains for tuning.
+    """Return the disturbance observers of the catalog by kind and axis, with initial gains for the axis.
 
-    The mapping is empty for a job that does not cut.
+    The mapping is empty for a job without cuts.
     """
     observers: dict[str, dict[str, Observer]] = {}
     if job.program is None or not job.program.cuts:
         return observers
     for axis, loop in job.machine.loops.items():
         for candidate in candidates(loop)[0]:
+            # other candidates compensate with the same observers: those of the reference law alone give each kind once
             for block in candidate.loop.control.compensation if candidate.name.startswith(PLAIN) else ():
                 observer = getattr(block, "observer", None)
                 if isinstance(observer, Observer):
@@ -143,6 +147,7 @@ def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
     ran = [row for row in rows if row.part is not None]
     if program is None or program.process is None or not ran:
         return ()
+    # beginning and line are no cutting conditions, and `reversed` keeps the first cut of a kind
     kinds = {cut[2:]: cut for cut in reversed(program.cuts) if cut.axial_depth > 0.0}
     best = min(ran, key=lambda row: row.part.contour.rms if row.part is not None else np.inf)
     verdicts: list[Chatter] = []
@@ -153,6 +158,7 @@ def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
         for cut in sorted(kinds.values()):
             try:
                 verdicts.append(_chatters(row, idle, cut, program.process.tools[cut.tool]))
+            # one kind of cut that cannot be judged must not cost the verdicts on the others
             except FeeddriveError as error:
                 verdicts.append(Chatter(row, cut, None, why=str(error)))
     return tuple(verdicts)
@@ -194,7 +200,10 @@ def chatter_remarks(verdicts: Sequence[Chatter]) -> list[str]:
 
 
 def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
-    """Return a table of the cuts by program line, with the cutting force of a row and the chatter verdicts."""
+    """Return the table of the cuts by program line, with the cutting force of a row and the chatter verdicts.
+
+    The list is empty for a job without cuts.
+    """
     program = job.program
     if program is None or row.part is None or row.part.cutting is None:
         return []

@@ -18,8 +18,10 @@ from feeddrive.loop.loop import Loop
 from feeddrive.report.laws import block_sentence
 
 _USED = ("setpoint_position", "position_load", "force", "command", "load_force", "excitation")
-_SCALED = 0.8  # of the residual: with another scale of an injected force it must be less to be worth a word
-_NEAR = 0.1  # of the motor's force per unit of the command
+# share of the residual: a smaller improvement by another scale or injection point is no evidence for it
+_SCALED = 0.8
+# relative: a scale so close to the motor's force per unit of the command points to a wrong unit of the column
+_NEAR = 0.1
 
 
 def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
@@ -42,6 +44,7 @@ def _setpoint(job: Job, log: Log) -> np.ndarray:
     T = next(iter(job.loops.values())).sample_time
     if "setpoint_position" not in log.channels:
         raise LogError(f"{log.name}: the job needs the channel setpoint_position: name its column under [log.channels]")
+    # at a difference of 1e-4 the clocks drift apart by a sample in ten thousand
     if abs(log.sample_time / T - 1.0) > 1e-4:
         raise LogError(
             f"{log.name}: one sample takes {Quantity(log.sample_time, 's'):6 SI}, but the machine's control runs every "
@@ -51,7 +54,9 @@ def _setpoint(job: Job, log: Log) -> np.ndarray:
 
 
 def _per_unit(job: Job, log: Log, role: str) -> float:
-    """Return the table force in N per unit of a channel, in the drive's unit or that of a force or torque."""
+    """Return the force at the table in N per unit of a channel, whose unit is the drive's own or one of force or
+    torque.
+    """
     scale = drive_with(None, next(iter(job.loops.values())), None).force_per_unit(log.units.get(role, ""))
     if scale is None:
         raise LogError(
@@ -70,8 +75,9 @@ def without_answer(job: Job, log: Log) -> Job:
 
 
 def of_channels(job: Job, log: Log) -> list[str]:
-    """Return remarks on the named columns that are not used, and why."""
+    """Return remarks on a missing measured position and on named columns that are not used."""
     assert job.log is not None
+    # a logged force needs no conversion, so that the command is used only in its place
     used = set(_USED) - ({"command"} if "force" in log.channels else set())
     remarks: list[str] = []
     if "position_load" not in log.channels:
@@ -85,9 +91,9 @@ def of_channels(job: Job, log: Log) -> list[str]:
 
 
 def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the signals with the excitation before or behind the force limit, where it acts, and a remark on it.
+    """Return the signals with the excitation placed before or behind the force limit, and a remark on the choice.
 
-    The position residual shows the injection point if the limit is active; otherwise both points are equivalent.
+    The position residual reveals the point of injection if the limit is active; otherwise both points are equivalent.
     """
     if "added_force" not in measured:
         return measured, []
@@ -105,6 +111,7 @@ def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict
         return kept, [
             Text(f"The excitation acts at the drive, before the limit of the force, which cuts it: {residuals}.")
         ]
+    # both ways the residual must differ clearly: noise and an imperfect model decide small differences
     if far < _SCALED * near:
         return measured, [Text(f"The excitation acts at the drive, behind the limit of the force: {residuals}.")]
     return measured, [

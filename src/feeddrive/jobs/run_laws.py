@@ -80,12 +80,12 @@ class JobResult(Result):
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """The user-written texts of job and machine file."""
+        """The user's own texts in the job file and the machine file."""
         return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
 
     def table(self) -> Table:
-        """Return a table of error, force, margins and least dynamic stiffness by law; for a part program, of the
-        contour.
+        """Return a table of error, force, margins and least dynamic stiffness by law, or of contour figures for a part
+        program.
         """
         if self.parts:
             return laws_table(self.job.title, self.parts)
@@ -131,7 +131,7 @@ class JobResult(Result):
         return {row.name: row.part for row in self.rows if row.part is not None}
 
     def others(self) -> Table | None:
-        """Return a table of errors and force of the other axes for a job that runs several together; else None."""
+        """Return a table of the errors and forces of the other axes of a job in which several axes move; else None."""
         rows: list[list[Cell]] = []
         for row in self.rows:
             if row.together is None or row.part is not None:
@@ -164,6 +164,7 @@ def job_report(result: JobResult) -> Report:
 @chart_of.register
 def _chart(result: JobResult) -> Chart:
     """Return a chart of the following error and force of all laws."""
+    # imported here: only a result that is drawn needs the plotting modules
     from feeddrive.plot.over_time import comparison_chart
 
     return comparison_chart({row.name: row.run for row in result.rows})
@@ -178,7 +179,7 @@ def _frame(result: JobResult) -> Any:
 
 
 def numbers(row: Entry) -> dict[str, float | None]:
-    """Return the figures of a row by name, in SI, for a file."""
+    """Return the figures of a row by name, in SI units, in the form in which they are written to files."""
     figures: dict[str, float | None] = {
         "following_error_rms_m": row.rms("following_error"),
         "following_error_peak_m": row.peak("following_error"),
@@ -196,7 +197,8 @@ def numbers(row: Entry) -> dict[str, float | None]:
     if row.replay is not None:
         figures["position_residual_rms_m"] = row.replay.rms("position_load")
         figures["position_residual_peak_m"] = float(np.max(np.abs(row.replay.residual("position_load"))))
-        if np.any(row.replay.measured.get("force", 0.0)):  # of a force that is 0 throughout nothing is a share
+        # a measured force of 0 throughout has no RMS to which a residual could be related
+        if np.any(row.replay.measured.get("force", 0.0)):
             figures["force_residual_share"] = row.replay.share("force")
     return figures
 
@@ -232,12 +234,14 @@ class LawRun(Case[Entry]):
         Raises UnstableError for an unstable loop and DivergedError for a run that leaves its bounds.
         """
         job, velocity, name = self.job, self.velocity, self.law
+        # stability and margins hold for the axes in air: chatter in the cut has a verdict of its own
         loop = job.loops[name]
         where = f"{job.file.name}: law '{name}'"
         progress.step("its linear model")
         whole: System = job.machines.get(name, loop)
         idle = out_of_the_work(job, whole)
         no_model = ""
+        # a law without a linear model, such as one with a root at 0, is still simulated: only its margins are unknown
         try:
             require_stable(idle, velocity=velocity, where=where)
         except NoSlopeError as error:
@@ -254,6 +258,7 @@ class LawRun(Case[Entry]):
             else:
                 run = _simulated(job, loop, name, progress)
             frequency = response_lines(loop)
+            # a law of long period needs one linear model a sample of the period, and the cost grows with its square
             with_gain = not no_model and period_of(idle) <= MOST
             gain = loop_gain(idle, frequency, velocity=velocity, axis=loop.name) if with_gain else None
             if job.program is not None:
@@ -274,6 +279,7 @@ class LawRun(Case[Entry]):
                 else along_program(job, whole, together, self.observers),
             )
         except FeeddriveError as error:
+            # the class is kept, since it decides the exit code of the command
             raise type(error)(f"{where}: {error}") from None
 
 
@@ -287,6 +293,7 @@ def run_laws(job: Job, progress: Progress | None = None, engine: Engine | None =
     remarks: list[str] = [] if log is None else of_channels(job, log)
     measured = None
     if log is not None and "position_load" in log.channels:
+        # all laws of a job control one axis at one sample time, so that the first loop stands for all
         measured, words = placed(next(iter(job.loops.values())), measured_signals(job, log), _skipped(job))
         remarks += words
     elif log is not None:
@@ -296,7 +303,7 @@ def run_laws(job: Job, progress: Progress | None = None, engine: Engine | None =
     cases = [LawRun(job, name, measured, velocity, observers) for name in job.loops]
     bar = Bar(progress or Progress(), LawRun.stages * len(cases) + int(bool(observers)))
     rows = (engine or Engine()).evaluate(cases, bar)
-    # a row that comes back from another process has loops of its own: those of the job are equal, and shared
+    # a row from another process holds a copy of its loop: the equal loop of the job replaces it and is shared
     rows = [dataclasses.replace(row, loop=job.loops[row.name]) for row in rows]
     if measured is not None and rows[0].replay is not None:
         remarks += of_injected(rows[0].loop, measured, rows[0].replay)
@@ -319,7 +326,8 @@ def _matched(job: Job) -> list[str]:
     try:
         return list(matched_dynamics(machine, tuple(job.program.references)).remarks())
     except FeeddriveError:
-        return []  # its linear model is not known, which is remarked of the law
+        # a machine without a linear model already has a remark under its law
+        return []
 
 
 def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
@@ -330,9 +338,10 @@ def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
 
 
 def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progress) -> Run:
-    """Simulate all axes together: that of the rows along the job's reference, the others along theirs or at rest."""
+    """Simulate all axes together: the compared one along the job's reference, the others along theirs or at rest."""
     assert job.reference is not None
     moving = {axis: Other(reference=job.reference, load=job.load), **job.others}
+    # a reference of one row lasts 0 s, and a travel time must be > 0
     still = LinearMove(distance=0.0, travel_time=max(job.reference.duration, machine.sample_time))
     references = dict.fromkeys(machine.axes(), still)
     references |= {other: motion for other, of in moving.items() if (motion := of.reference) and other in references}
@@ -348,8 +357,10 @@ def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | 
         largest = float(np.max(np.abs(np.diff(measured["set_position"])), initial=0.0)) / T
     else:
         assert reference is not None
+        # the peak is an operating point of the linear model only: 2001 instants suffice for a program of any length
         some = np.unique(np.linspace(0, samples(reference.duration, T) - 1, 2001).astype(np.int64)) * T
         largest = float(np.max(np.abs(reference.at(some).velocity)))
+    # half of the top speed, and never 0, since at rest Coulomb friction would hold the axis in the linear model
     return 0.5 * largest if largest > 0.0 else 0.01
 
 
@@ -376,6 +387,7 @@ def _remarks(rows: list[Entry]) -> list[str]:
                     "it."
                 )
             )
+        # below the limit the requested force is passed on bit by bit, so that an exact comparison is right
         held = float(np.mean(row.run["force"] != row.run["requested"]))
         if held > 0.0:
             remarks.append(
@@ -418,7 +430,7 @@ def _ratio(a: float | None, b: float | None) -> str:
 
 
 def _couplings(job: Job) -> dict[str, str]:
-    """Return the report's entries on couplings and other axes, for a job that runs several axes together."""
+    """Return the report's entries on couplings and other axes; empty for a job with a single axis."""
     if not job.machines:
         return {}
     moving = {axis: "stands" for axis in job.machine.loops if axis != job.axis}
