@@ -15,7 +15,8 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 
-RISK = 0.05  # probability that any order is called significant if there is no cogging
+# for all orders together (Bonferroni): of 128 orders some would otherwise be significant by chance
+RISK = 0.05
 _ROWS = 3  # rows a column needs
 
 
@@ -52,7 +53,7 @@ class CoggingFit(Result):
     coulomb   half the difference of the mean forces of both directions; None with one direction
     offset    average of these means; with one direction it includes the friction
     orders    all fitted harmonics
-    residual  of all runs, concatenated
+    residual  residuals of all runs, concatenated
     """
 
     orders: tuple[CoggingOrder, ...]
@@ -165,6 +166,7 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
 
 
 def _most(runs: Sequence[CoggingRun]) -> int:
+    # a position that is visited again adds no resolution
     places = min(np.unique(np.mod(run.turns, 1.0)).size for run in runs)
     return max(1, min(128, places // (2 * _ROWS)))
 
@@ -182,7 +184,7 @@ class _Side:
 
 
 def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
-    """Fit each run by least squares and average the fits; errors are increased if the runs differ by more."""
+    """Fit each run by least squares and average the fits; the errors are increased if the runs scatter by more."""
     if not runs:
         return None
     fits = [_alone(run, orders) for run in runs]
@@ -214,12 +216,13 @@ def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarr
     residual = run.force - columns @ values
     along = residual[np.argsort(run.turns)]
     rho = max(0.0, float(along[1:] @ along[:-1]) / (float(along @ along) or 1.0))
-    # the fit removed the noise at these orders; the correlation of neighboring rows is taken as equal at all orders
+    # (1 + rho)/(1 - rho): spectral density at low frequency of a first-order process over its variance. It serves for
+    # all orders, since the fit removed the noise at the orders themselves
     return values, ols_covariance(columns, residual) * (1.0 + rho) / (1.0 - min(rho, 0.95)), residual
 
 
 def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
-    """Return the variance ratio, at least 1, of the scatter between runs to that predicted by their errors."""
+    """Return the ratio, at least 1, of the variance between runs to the variance that their errors predict."""
     count, width = off.shape
     if count < 2:
         return 1.0
@@ -229,6 +232,7 @@ def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
 
 def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int) -> CoggingOrder:
     """Return a harmonic: its amplitudes by direction and its significance."""
+    # scipy.stats has the same function, but takes a second to import
     from scipy.special import fdtrc
 
     pairs = {sign: side.pairs[place] for sign, side in sides.items()}
@@ -241,7 +245,7 @@ def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int
     even = odd = None
     phase = 0.0
     if forward is not None and backward is not None:
-        # the amplitude of half the sum of both directions, whose noise is independent
+        # the noise of the two directions is independent, so that their covariances add
         spread = 0.25 * (spreads[1] + spreads[-1])
         even = _amplitude("even", 0.5 * (pairs[1] + pairs[-1]), spread, unit)
         odd = _amplitude("odd", 0.5 * (pairs[1] - pairs[-1]), spread, unit)
@@ -288,11 +292,13 @@ def _remarks(orders: Sequence[CoggingOrder], both: bool) -> tuple[str, ...]:
     )
 
 
-_ONE_WAY = 0.98  # share of a run's steps that must go in its direction
+# share of a run's steps that must go in its direction: noise and vibration at low speed turn single ones back
+_ONE_WAY = 0.98
 _TURN = 0.02  # share of the whole travel by which a position must come back to be a reversal
 _END = 0.005  # share of a pass that is cut off at its ends, with the rows that stand still there
 _WHOLE = 0.95  # of a period: least length of a pass
-_FINE = 32  # rows that are kept per wave of the highest order: averaging reduces its amplitude by 0.2 %
+# rows that are kept per wave of the highest order: averaging over 1/32 of a wave reduces its amplitude by 0.2 %
+_FINE = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +346,7 @@ def cogging_passes(
 ) -> tuple[CoggingRun, ...]:
     """Split a log into passes of one direction each; position in periods and force, both of shape (n,).
 
-    A position that wraps after each period is unwrapped.  The log is split at reversals; passes of less than a whole
+    A position that wraps after each period is unwrapped.  The log is split at reversals; passes shorter than 95 % of a
     period are left out, and so is 0.5 % of the travel at both ends of a pass, where it accelerates or stands still.  A
     long pass is averaged to 32 rows per wave of order `highest`.
     Raises LogError for numbers that are not finite, NotIdentifiableError if no pass covers a period.
@@ -366,6 +372,7 @@ def cogging_passes(
         inside = np.flatnonzero((along > _END) & (along < 1.0 - _END))
         rows = slice(begin + int(inside[0]), begin + int(inside[-1]) + 1)
         averaged = _averaged(x[rows], force[rows], highest)
+        # outliers belong to the log and not to a pass: the first pass carries the remark for all
         runs.append(CoggingRun(*averaged, direction=1 if travel > 0.0 else -1, remarks=remarks if not runs else ()))
     if not runs:
         raise NotIdentifiableError(

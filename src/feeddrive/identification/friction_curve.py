@@ -25,9 +25,12 @@ from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 
 WIDTHS = tuple(np.geomspace(0.5e-6, 200e-6, 15).tolist())  # m
-_UNUSED = 3  # one of so many parts of the log, the last, tests what the others gave
-_USUAL = 0.999  # of the rows, whose largest force is that of the axis
-_MOST_LEVEL = 3.0  # times that force, which no sum of stops can exceed
+# the last third of the log validates the fit to the other two
+_UNUSED = 3
+# spikes in a thousandth of the rows are not the largest force of the axis
+_USUAL = 0.999
+# stops cannot bear more than the axis is pushed with; a larger level only balances other columns of the fit
+_MOST_LEVEL = 3.0
 _RIDGE = 1e-3  # of the bells: their prior is so many times wider than the noise of a row
 
 
@@ -37,8 +40,8 @@ class LearnedStops(Result):
 
     stops       the feedforward block
     estimates   mass (if it was not given), viscous friction, offset, total level Σ k δ and total stiffness Σ k
-    left        RMS of the residual force in N: of the used rows, and of the last third, which was not used
-    plain       the same for Coulomb and viscous friction only
+    left        RMS of the residual force in N: in the fitted rows, and in the last third, which was not fitted
+    plain       the same two values for a fit of Coulomb and viscous friction only
     """
 
     name: str
@@ -54,7 +57,9 @@ class LearnedStops(Result):
         raise ParameterError(f"there is no '{parameter}'; there are {', '.join(e.name for e in self.estimates)}")
 
     def table(self) -> Table:
-        """Return a table of the estimates with both standard errors; its title states number and residual of stops."""
+        """Return a table of the estimates with both standard errors; its title states the number of stops and the
+        residual.
+        """
         title = Text(
             f"{self.name}: {len(self.stops.width)} stops leave {Quantity(self.left[0], 'N'):3} RMS, "
             f"{Quantity(self.left[1], 'N'):3} of rows not used; Coulomb and viscous friction "
@@ -99,7 +104,8 @@ def learned_stops(
     Source: Lawson & Hanson 1974 (non-negative least squares); the columns: Al-Bender, Lampaert & Swevers 2004.
     """
     _check_stops(log, widths, mass, bells)
-    from scipy.optimize import nnls  # not for commands that only read
+    # imported here: commands that only read a log start without it
+    from scipy.optimize import nnls
 
     few = max(1, round(1e-3 / log.sample_time))
     prepared = prepare(log, how or Preparation(cutoff=200.0, decimation=few, reversals=True))
@@ -126,7 +132,8 @@ def learned_stops(
             f"within {Quantity(most, 'N'):3}: it does not show presliding; record slow moves to and fro of 1 um to "
             f"{Quantity(4.0 * max(widths), 'm'):2 mm}"
         )
-    if len(kept) == 1:  # a table has two entries at least: its neighbor, without stiffness
+    # `FrictionStops` is a table of at least two stops: a neighbor with stiffness 0 fills it
+    if len(kept) == 1:
         kept = sorted([*kept, kept[0] - 1 if kept[0] else 1])
     stops = FrictionStops(width=np.array([widths[i] for i in kept]), stiffness=solution[kept])
     if bells:
@@ -164,11 +171,12 @@ def _parts(residual: np.ndarray, used: slice) -> tuple[float, float]:
 def _with_bells(
     stops: FrictionStops, velocity: np.ndarray, residual: np.ndarray, used: slice, count: int
 ) -> FrictionStops:
-    """Return the stops with Gaussian bells over the speed, fitted to their residual."""
+    """Return the stops with Gaussian basis functions of the speed, fitted to the residual of the stops."""
     v, left = velocity[used], residual[used]
     places = np.linspace(float(np.min(v)), float(np.max(v)), count)
     wide = float(places[1] - places[0])
     columns = np.exp(-0.5 * ((v[:, None] - places) / wide) ** 2)
+    # neighboring bells are nearly dependent; the ridge grows with the rows as the normal equations do
     heights = np.linalg.solve(columns.T @ columns + _RIDGE * v.size * np.eye(count), columns.T @ left)
     return FrictionStops(
         width=stops.width,
@@ -250,9 +258,11 @@ class SteadyRuns(Result):
     def __post_init__(self) -> None:
         if not self.velocity.size == self.force.size == self.error.size == self.rows.size:
             raise LogError("constant-speed runs need one velocity, force, error and count each")
+        # in ascending order the runs of one direction are a slice: `_sides` relies on it
         order = np.argsort(self.velocity)
         for name in ("velocity", "force", "error", "rows"):
             values = np.asarray(getattr(self, name), dtype=np.float64)[order]
+            # a tabulated friction map has no standard errors: they are NaN
             if not np.all(np.isfinite(values)) and name != "error":
                 raise LogError(
                     f"constant-speed runs: {name} is not finite in run {int(np.argmin(np.isfinite(values))) + 1}"
@@ -376,6 +386,7 @@ def _is_held(part: np.ndarray, whole: np.ndarray) -> bool:
     k = np.arange(part.size) - 0.5 * (part.size - 1)
     slope = float(k @ part) / float(k @ k)
     left = part - np.mean(part) - slope * k
+    # a slope over n rows has the variance 12 s²/n³, and the drift over all of them 12 s²/n
     drift, error = abs(slope) * part.size, float(np.std(left)) * np.sqrt(12.0 / part.size)
     return drift <= max(_DRIFT * mean, _SURE * error)
 
@@ -383,10 +394,14 @@ def _is_held(part: np.ndarray, whole: np.ndarray) -> bool:
 # A friction curve from constant-speed runs: selection of the friction model, and its parameters.
 
 _VELOCITY = "stribeck_velocity"
-_GRID = 60  # Stribeck velocities that are tried before the best is refined
-EQUAL = 2.0  # difference of the criterion that is not significant: the simpler model is taken
-_SAME = 1.02  # ratio of two mean speeds above which they count as different
-CLEAR = 6.0  # difference of the criterion that counts as strong evidence (Kass & Raftery 1995)
+# Stribeck velocities that are tried: the best of them only brackets the minimum, which is then refined
+_GRID = 60
+# Kass & Raftery 1995: a difference of up to 2 is worth no more than a bare mention, so that the simpler model is taken
+EQUAL = 2.0
+# means of runs at one set speed differ slightly: two speeds count as different above this ratio
+_SAME = 1.02
+# Kass & Raftery 1995: a difference of 6 or more is strong evidence
+CLEAR = 6.0
 
 
 @dataclass(frozen=True)
@@ -402,7 +417,7 @@ class Candidate:
 
     @property
     def curve(self) -> TracedForce[Friction]:
-        """The steady curve of the block, traced."""
+        """The traced steady-state curve of the block."""
         return regression.steady_curve(self.friction)
 
     @property
@@ -436,6 +451,7 @@ class Candidate:
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
         """Return True for valid values: no level is negative, no breakaway level is below its Coulomb level."""
+        # the block itself checks its values, so that the bounds are stated once
         try:
             self.block(values)
         except ParameterError:
@@ -513,15 +529,15 @@ class FrictionCurve(Result):
 
     @property
     def frame(self) -> Frame:
-        """The units: those of a table or of a shaft."""
+        """The units of the curve: those of a table or of a shaft."""
         return self.runs.frame
 
     def at(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the friction against the motion, with the offset, at velocities other than 0."""
+        """Return the friction force that opposes the motion, including the offset, at nonzero velocities."""
         return _predicted(self.model, self.values, velocity)
 
     def error(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the standard error of the curve at velocities other than 0: √(j Σ jᵀ), j = d force / d parameters."""
+        """Return the standard error of the curve at nonzero velocities: √(j Σ jᵀ), j = d force / d parameters."""
         columns = self.model.slopes(np.asarray(velocity, dtype=np.float64), self.values)
         return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns), 0.0))
 
@@ -567,13 +583,14 @@ class FrictionCurve(Result):
     def gravity(self) -> Gravity | None:
         """Return the offset as a constant force on the table; None if the model has no offset."""
         regression.require_table(self.frame, "the offset")
+        # the offset is the force of the drive, which balances the constant force on the table
         return Gravity(force=-self["offset"].value) if self.model.offset else None
 
 
 def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES) -> FrictionCurve:
     """Fit all candidates to constant-speed runs and select the best by the information criterion.
 
-    Of models with equal merit the simplest is preferred.
+    Among models whose criteria differ by less than 2, the one with the fewest parameters is selected.
 
         force(v) = level(v) sign(v) + viscous v (+ offset)
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
@@ -597,6 +614,7 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
     near = [fit for fit in fits if fit[0].criterion < fits[0][0].criterion + EQUAL]
     compared, model, values, residual = min(near, key=lambda fit: fit[0].parameters)
     others = [fit[0] for fit in fits]
+    # a refit of a single model, as in `at_table`, compares nothing
     separate = [_separate(runs, candidate) for candidate in SEPARATE] if len(candidates) > 1 else []
     listed = sorted([*others, *(model for model in separate if model is not None)], key=lambda model: model.criterion)
     remarks = (*runs.remarks, *_remarks(compared, model.stribeck, listed, others, runs))
@@ -645,13 +663,15 @@ def _fitted(runs: SteadyRuns, model: Candidate) -> tuple[Compared, Candidate, di
 
 
 def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, float] | None:
-    """Solve the least squares, with a search of the Stribeck velocity between the slowest and the fastest run."""
-    from scipy.optimize import minimize_scalar  # not for commands that only read
+    """Solve the least-squares problem; a Stribeck velocity is searched between the slowest and the fastest run."""
+    # imported here: commands that only read a log start without it
+    from scipy.optimize import minimize_scalar
 
     if not model.stribeck:
         solution = np.linalg.lstsq(model.columns(v), force, rcond=None)[0]
         values = dict(zip(model.parameters, map(float, solution), strict=True))
         return values if model.is_sound(values) else None
+    # beyond the measured speeds a Stribeck curve is flat or a straight line, and its velocity is not identifiable
     speeds = np.abs(v)
     grid = np.geomspace(float(np.min(speeds)), float(np.max(speeds)), _GRID)
 

@@ -19,7 +19,7 @@ _LEAST_SPEED = 1e-6  # m/s: slower is standing
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedPitch(Result):
-    """A pitch compensation, the RMS errors before and after it, m, and the number of samples by direction."""
+    """A pitch compensation with the RMS errors before and after it (m) and the number of samples per direction."""
 
     compensation: PitchCompensation
     before: float
@@ -28,11 +28,11 @@ class LearnedPitch(Result):
 
     @property
     def backlash(self) -> float:
-        """The backlash, as the mean difference of the two tables, m."""
+        """The backlash in m: the mean difference between the tables of the two directions."""
         return float(np.mean(self.compensation.forward - self.compensation.backward))
 
     def table(self) -> Table:
-        """Return a table of the figures, in um."""
+        """Return a table of the figures."""
         block = self.compensation
         peak = max(float(np.max(np.abs(entries))) for entries in (block.forward, block.backward))
         start, spacing = (Quantity(value, "m", form="6 mm") for value in (block.table_start, block.spacing))
@@ -65,8 +65,9 @@ def learned_pitch(
     settle    m of travel left out after each reversal, in which backlash and friction change sides
 
     The piecewise linear function of each direction is fitted as a whole, so that entries do not depend on the location
-    of samples between them.  Raises ParameterError for rows of unequal length, numbers that are not finite, and a part
-    of the travel without samples.
+    of samples between them.  Raises ParameterError for rows of unequal length, numbers that are not finite, motion in
+    one direction only, a part of the travel without samples, and a spacing that is not positive or gives too many
+    entries.
     """
     rows = [np.asarray(channel, dtype=np.float64) for channel in (nominal, reached, velocity)]
     if len({channel.shape for channel in rows}) != 1 or rows[0].ndim != 1:
@@ -107,10 +108,11 @@ def learned_pitch(
 
 
 def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:
-    """Return True for samples within a distance after a reversal."""
+    """Return a mask of the samples within `settle` (m) of travel after a reversal."""
     turning = np.zeros(len(way), bool)
     last, since = 0.0, np.inf
     for k in range(len(way)):
+        # the first motion counts as a reversal, since the flank on which the axis stood before is not known
         if way[k] not in (0.0, last):
             last, since = way[k], 0.0
         elif k:
@@ -120,7 +122,7 @@ def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:
 
 
 def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.ndarray:
-    """Return the entries at 0, 1, ... of the least-squares piecewise linear function (tridiagonal equations)."""
+    """Return the node values at 0, 1, ... of the least-squares piecewise linear function."""
     from scipy.linalg import solveh_banded
 
     below = np.clip(np.floor(place).astype(int), 0, count - 2)
@@ -131,10 +133,12 @@ def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.n
             f"the {named} motion has no sample between entries {missing[0]} and {missing[0] + 1}: measure the whole "
             f"travel both ways, or take a larger spacing"
         )
+    # hat functions overlap with their neighbors only: the normal equations are tridiagonal
     diagonal = np.bincount(below, (1.0 - share) ** 2, count) + np.bincount(below + 1, share**2, count)
     beside = np.bincount(below + 1, share * (1.0 - share), count)
     right = np.bincount(below, (1.0 - share) * values, count) + np.bincount(below + 1, share * values, count)
-    diagonal += 1e-12 * np.max(diagonal)  # an entry that hardly a sample sees
+    # an entry that hardly a sample touches would make the equations singular
+    diagonal += 1e-12 * np.max(diagonal)
     return np.asarray(solveh_banded(np.stack([beside, diagonal]), right))
 
 
@@ -155,14 +159,10 @@ def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", sett
 def learned_from_circles(
     causes: CircleCauses, travel: Mapping[str, tuple[float, float]], *, reversal_distance: float = 1e-5
 ) -> dict[str, PitchCompensation]:
-    """Return scale and backlash of the axes of a circle test as compensations, by axis: -scale x ± backlash/2.
-
-    travel  m, range of the tables by axis
-    Raises ParameterError for a cause that the circles cannot separate from others, with the test to run, and for an
-    axis without a travel.
-    """
+    """Return compensations by axis for the scale errors and the backlash of a circle test: -scale x ± backlash/2."""
     names = [cause.name.removeprefix("backlash ") for cause in causes.causes if cause.name.startswith("backlash ")]
     for name in ("scale, mean", "scale, difference", *(f"backlash {axis}" for axis in names)):
+        # a cause that the circles do not separate from others has an infinite error
         if not np.isfinite(causes[name].error):
             raise ParameterError(f"the circles do not separate '{name}': {causes[name].note}")
     mean, half = causes["scale, mean"].value, causes["scale, difference"].value
@@ -171,6 +171,7 @@ def learned_from_circles(
         if axis not in travel or not travel[axis][0] < travel[axis][1]:
             raise ParameterError(f"travel: axis '{axis}' needs its two ends in m, the lower one first")
         ends, gap = np.array(travel[axis], dtype=np.float64), causes[f"backlash {axis}"].value
+        # a scale error is linear along the travel, so that two entries at its ends suffice
         compensations[axis] = PitchCompensation(
             forward=-scale * ends + 0.5 * gap,
             backward=-scale * ends - 0.5 * gap,

@@ -17,8 +17,9 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 
-_SPEED_OVER = 5e-3  # s: speed is a difference over this time, long enough that encoder counts have little effect
-_ACCELERATION_OVER = 1e-2  # s
+# s: differences over times so long are hardly affected by encoder counts
+_SPEED_OVER = 5e-3
+_ACCELERATION_OVER = 1e-2
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ RANGES = {
         Range("torque over inertia", 1e-2, 1e3, 1e6, "rad/s2", 1, 0, "the largest acceleration with friction on top"),
     ),
 }  # fmt: skip
+# the ranges of a shaft include those of rotary tables
 RANGES[TURNING] = RANGES[SHAFT]
 
 
@@ -176,6 +178,7 @@ def remedy(wrong: Sequence[Range]) -> str:
 def unlikely(frame: Frame, magnitudes: Mapping[str, float]) -> tuple[float, float]:
     """Return the decades outside the ranges, and the squared distance from usual values: smaller is more likely."""
     there = [(limits, magnitudes[limits.quantity]) for limits in RANGES[frame] if limits.quantity in magnitudes]
+    # the decades come first: no usual magnitude outweighs an impossible one
     return sum(limits.apart(value) for limits, value in there), sum(
         limits.unusual(value) ** 2 for limits, value in there
     )

@@ -47,7 +47,7 @@ class Frame:
 
 TABLE = Frame("table", "m", "m/s", "N", "kg", "N s/m")
 SHAFT = Frame("shaft", "rad", "rad/s", "N m", "kg m2", "N m s/rad")
-# an axis that turns by itself, a rotary table: its blocks hold the same numbers, no lead is wanted
+# a rotary table: its blocks are in rad and N m already, so that no lead is needed
 TURNING = Frame("rotary axis", "rad", "rad/s", "N m", "kg m2", "N m s/rad")
 
 
@@ -109,7 +109,7 @@ class Estimate:
         return self.value - NORMAL * self.error, self.value + NORMAL * self.error
 
     def at_table(self, lever: float) -> Self:
-        """Return the estimate, given at a shaft, referred to the table."""
+        """Return an estimate in shaft units referred to the table."""
         factor = lever ** power(self.unit)
         unit = table_unit(self.unit)
         return replace(self, value=factor * self.value, unit=unit, error=factor * self.error, ols=factor * self.ols)
@@ -146,20 +146,24 @@ def estimate_row(estimate: Estimate) -> list[Cell]:
     return [estimate.name, UNIT, estimate.quantity, error, ols, Text(f"{low} .. {high}")]
 
 
-MOST_ROWS = 5000  # scores whose covariance is summed lag by lag
+# more rows of scores are summed in blocks, which bounds the cost of the sum over lags
+MOST_ROWS = 5000
 _MEMORIES = np.linspace(0.0, 0.98, 99)
 SHOWN_LAGS = (1, 2, 5, 10, 20)
-GAP = 5  # rows next to a stretch that are left out of its fit, too: their residuals are correlated
+# rows next to a stretch that are left out of its fit, too: their residuals are correlated
+GAP = 5
 
 
-_STRAY = 8.0  # standard deviations from its neighbors beyond which a sample is no noise: one normal value in 1e15
+# standard deviations from its neighbors beyond which a sample is no noise: one normal value in 1e15
+_STRAY = 8.0
 _RARE, _FURTHER = 0.02, 4.0  # share of the samples that may be strays, and how much further off than the others
-_STRAY_ROWS = 3  # that a fault of a line or of a recorder lasts at most; what lasts longer may be the motion
+# a fault of a line or of a recorder lasts three samples at most; what lasts longer may be the motion
+_STRAY_ROWS = 3
 _NEAR, _AROUND = 9, 61  # rows: of the median that a sample is held against, and of the spread about it
 
 
 def strays(values: np.ndarray) -> np.ndarray:
-    """Return True for outliers: up to three successive samples far from their neighbors; shape (n,).
+    """Return a mask of outliers: up to three successive samples far from their neighbors; shape (n,).
 
         d = |x - median of 9 rows| > max(8 · 1.4826 median d, 4 times the d that 98 % of the rows stay within, 8 quanta)
 
@@ -167,14 +171,15 @@ def strays(values: np.ndarray) -> np.ndarray:
     not an outlier; the quantum is the smallest step of the values.  Steps, ramps and stick-slip contain no outliers.
     Source: Hampel 1974 (the median and its deviation); the windows and the other bounds are ours.
     """
-    from scipy.ndimage import maximum_filter, median_filter  # not for commands that only read
+    # imported here: commands that only read a log start without it
+    from scipy.ndimage import maximum_filter, median_filter
 
     if values.size < _NEAR:
         return np.zeros(values.size, bool)
     away = np.abs(values - median_filter(values, _NEAR, mode="nearest"))
     spread = maximum_filter(median_filter(away, min(_AROUND, values.size), mode="nearest"), _AROUND, mode="nearest")
     quantum = float(np.min(np.diff(np.unique(values)), initial=np.inf))
-    # a force as ragged as its faults, as by coarse counts through a velocity gain, has no strays
+    # coarse counts through a velocity gain make a whole force ragged: its usual deviation is no fault
     usual = _FURTHER * float(np.quantile(away, 1.0 - _RARE))
     far = away > np.maximum(_STRAY * np.maximum(1.4826 * spread, quantum), usual)
     return short_runs(far, _STRAY_ROWS)
@@ -247,20 +252,24 @@ def scores_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 def long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
     """Return the long-run covariance of the scores over `lags`, with a Bartlett window."""
-    from scipy.signal import oaconvolve  # takes a second to import
+    # takes a second to import
+    from scipy.signal import oaconvolve
 
     rows = scores.shape[0]
     # more lags than a quarter of the rows leave too few products for each
     lags = max(0, min(memory(scores) if lags is None else lags, rows // 4))
-    # all lags at once: the scores against themselves, spread by the window
+    # all lags at once: the scores are convolved with the Bartlett window
     window = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
     total = scores.T @ oaconvolve(scores, window[:, None], mode="full", axes=0)[lags : lags + rows]
+    # the rounding of the convolution is not symmetric, and a covariance must be
     total = 0.5 * (total + total.T)
     return widening(lags / rows) ** 2 * total
 
 
 def _in_blocks(scores: np.ndarray) -> np.ndarray:
-    """Sum consecutive rows so that at most `MOST_ROWS` remain; the long-run covariance is not changed."""
+    """Sum consecutive rows so that at most `MOST_ROWS` remain, which leaves the long-run covariance practically
+    unchanged.
+    """
     return _summed(scores, -(-scores.shape[0] // MOST_ROWS))
 
 
@@ -298,6 +307,7 @@ def errors(covariance: np.ndarray) -> np.ndarray:
 
 
 def _inverse(columns: np.ndarray) -> np.ndarray:
+    # columns of unit size: a mass in kg and a friction in N differ by powers of ten
     sizes = np.linalg.norm(columns, axis=0)
     scaled = columns / sizes
     return np.linalg.inv(scaled.T @ scaled) / np.outer(sizes, sizes)
@@ -445,9 +455,9 @@ B = TypeVar("B", bound=Block)
 
 
 class TracedForce(Generic[B]):
-    """A force computed by a block from arguments, traced once, with its forward tangents.
+    """A block's force as a function of its arguments, traced once together with its derivatives.
 
-    `force` takes the block with symbols for its leaves and the arguments by name; `names` are the block's leaves.
+    `force` is called with the block, whose leaves are symbols, and with the arguments by name; `names` are the leaves.
     """
 
     def __init__(self, block: B, arguments: Sequence[str], force: Callable[[B, Mapping[str, Number]], Number]) -> None:
@@ -455,6 +465,7 @@ class TracedForce(Generic[B]):
         self.names, self.arguments = tuple(name for name, _ in tree.leaves(block)), tuple(arguments)
         leaves = [graph.input(name) for name in self.names]
         symbolic = tree.rebuild(block, (cast(Number, leaf) for leaf in leaves))
+        # the prefix keeps an argument apart from a parameter of the same name
         symbols = {name: cast(Number, graph.input(f"of {name}")) for name in self.arguments}
         end = graph.symbol(force(symbolic, symbols)).index
         values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
@@ -484,7 +495,8 @@ def solve(
 
     Ψ has shape (samples, columns); S scales its columns to 1.  Without an active bound it is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
     """
-    from scipy.optimize import lsq_linear  # not for commands that only read
+    # imported here: commands that only read a log start without it
+    from scipy.optimize import lsq_linear
 
     if not seen.shape[1]:
         return np.zeros(0), np.zeros(0, dtype=bool)
@@ -493,6 +505,7 @@ def solve(
     right = np.concatenate([error, np.zeros(sizes.size)])
     step = np.linalg.lstsq(rows, right, rcond=None)[0]
     low, high = least * sizes, most * sizes
+    # the bounds are rarely active, and the unbounded solution needs no iteration
     if np.all(step >= low) and np.all(step <= high):
         return step / sizes, np.zeros(sizes.size, dtype=bool)
     # the triangular factor has the same minimum and only a few rows
@@ -513,6 +526,7 @@ def standard_errors(seen: np.ndarray, residual: np.ndarray, lags: int) -> np.nda
     n, count = seen.shape
     if not count:
         return np.zeros(0)
+    # padded to twice the length, so that the correlation does not wrap around
     size = 1 << (2 * n - 1).bit_length()
     lags = max(1, min(lags, n // 4))
     spectrum = np.abs(np.fft.rfft(residual, size)) ** 2
@@ -523,6 +537,7 @@ def standard_errors(seen: np.ndarray, residual: np.ndarray, lags: int) -> np.nda
     colour = np.maximum(np.fft.rfft(even).real, 0.0)
     sizes = np.linalg.norm(seen, axis=0)
     lines = np.fft.rfft(seen / sizes, size, axis=0)
+    # a line between 0 Hz and Nyquist stands for its negative frequency, too
     weight = np.full(colour.size, 2.0)
     weight[0] = weight[-1] = 1.0
     inner = ((weight * colour)[:, None] * lines).T @ lines.conj()

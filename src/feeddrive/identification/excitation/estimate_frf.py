@@ -43,7 +43,7 @@ class Averaged:
 
 
 def excited_lines(cause: np.ndarray) -> np.ndarray:
-    """Return True for excited lines: those above the widest gap in the sorted magnitudes; cause of shape (lines,).
+    """Return a mask of the excited lines: those above the widest gap in the sorted magnitudes; cause of shape (lines,).
 
     The gap to the empty lines is the widest even if the spectrum falls by decades over the band.
     """
@@ -58,7 +58,7 @@ def excited_lines(cause: np.ndarray) -> np.ndarray:
 
 
 def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
-    """Return the levels on empty lines: "odd" and "even" distortion with the noise subtracted.
+    """Return the levels of odd and even distortion on empty lines, with the noise subtracted.
 
         D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean over 5 lines of a kind of (|D|² - noise)
 
@@ -70,6 +70,7 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
     lines = np.flatnonzero(mean.excited)
     first, last = int(lines[0]), int(lines[-1])
     levels: dict[str, Level] = {}
+    # distortion of third order reaches up to three times the band
     everywhere = np.arange(min(3 * (last + 1), mean.frequency.size))
     empty = everywhere[~mean.excited[everywhere]]
     if not empty.size:
@@ -81,6 +82,7 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
     power = np.abs(mean.output[empty] - guessed * mean.input[empty]) ** 2
     noise = mean.noise(guessed, empty)
     size = np.interp(empty, lines, np.abs(mean.input[lines]))
+    # line k has the index k - 1
     for name, kind in (("odd", (empty + 1) % 2 == 1), ("even", (empty + 1) % 2 == 0)):
         if not np.any(kind):
             continue
@@ -132,6 +134,7 @@ def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) 
     f, u, y = frequency[around], input[around], output[around]
     x = f - 0.5 * (f[:, :1] + f[:, -1:])
     x = x / x[:, -1:]
+    # a response that falls as 1/f² is no parabola over eleven lines at low frequency: its slope is taken out first
     response = np.log(np.maximum(np.abs(y / u), 1e-300))
     away = np.log(f) - np.mean(np.log(f), axis=1, keepdims=True)
     slope = np.sum(away * response, axis=1, keepdims=True) / np.sum(away**2, axis=1, keepdims=True)
@@ -187,6 +190,7 @@ def periodic(
     Source: Pintelon & Schoukens 2012, sections 2.5 and 4.3.
     """
     cuts = [frequency_estimate.cut(record, period) for record in records]
+    # feedback fills the empty lines of the input, so that only a reference shows which lines are excited
     cause = cuts[0][2][0] if records[0].references else cuts[0][0]
     frequency = np.arange(1, (period + 1) // 2) / (period * records[0].sample_time)
     excited = excited_lines(cause.mean(axis=0))
@@ -313,7 +317,9 @@ def _total(
     freedom: np.ndarray,
     levels: dict[str, Level],
 ) -> tuple[np.ndarray, bool, np.ndarray, str]:
-    """Return the variance, True if it includes nonlinear distortion, its degrees of freedom, and the method."""
+    """Return the variance, a flag that is true if it includes nonlinear distortion, its degrees of freedom, and the
+    method.
+    """
     m = len(drawn)
     if m > 1:
         u, y = _turned(drawn, lines)
@@ -342,7 +348,8 @@ def _total(
 
 ALL = ("auto", "periodic", "impact", "local_polynomial", *METHODS)
 MOST_LINES = 2000  # of a local polynomial by default
-_LEAST_PERIODS = 2  # one period has no scatter, and so no variance
+# one period has no scatter, and so no variance
+_LEAST_PERIODS = 2
 _ENDS = 0.01  # share of a period that may differ without being cut off
 
 
@@ -364,7 +371,7 @@ def estimate_frf(
              is periodic in the record, impact if the input consists of short pulses from rest, else local polynomials
     band     lowest and highest frequency, Hz
     period   samples; default: detected in the reference, or in the input if there is none
-    skip     periods dropped at the start; default: by a test
+    skip     periods dropped at the start; default: determined by a test
     segment  samples per segment of averaged spectra, and `overlap` the share common to two of them
     lines    maximum number of lines of local polynomials; default: 2000
 

@@ -29,7 +29,8 @@ from feeddrive.loop.simulate import simulate
 
 OUTPUTS = {"reading_load": "m", "reading_motor": "m"}
 _TRIALS = 5  # simulations to find an amplitude that keeps the limits
-_HOPELESS = 100.0  # times the limit: an amplitude that keeps such a limit is too small to measure with
+# times the limit: an amplitude that keeps such a limit is too small to measure with
+_HOPELESS = 100.0
 
 
 def readable(value: float, unit: str) -> Quantity:
@@ -181,7 +182,7 @@ def limits(
 
 
 def _worst(excitation: Excitation) -> tuple[Limit, float]:
-    """Return the limit exceeded most, and the factor."""
+    """Return the limit that is exceeded most, and the ratio of the peak to it."""
     shares = {limit: limit.got / limit.most if limit.most else np.inf for limit in excitation.limits if not limit.holds}
     worst = max(shares, key=lambda limit: shares[limit])
     return worst, shares[worst]
@@ -206,6 +207,7 @@ def advice(excitation: Excitation, drawn: Callable[[float], Excitation]) -> str:
     """Return advice: an amplitude that satisfies all limits in a simulation, or what else to change."""
     other = ""
     worst, share = _worst(excitation)
+    # the travel grows with the duration at the offset speed: fewer periods need less of it
     if worst.what == "travel" and excitation.offset_velocity:
         fitting = int(excitation.periods / share)
         other = f"{fitting} periods" if fitting >= 2 else "a smaller offset velocity"
@@ -227,10 +229,13 @@ def advice(excitation: Excitation, drawn: Callable[[float], Excitation]) -> str:
 WHERE = ("force", "setpoint")
 FLAT = ("position", "velocity", "acceleration")
 _CLEAR = 1.5  # offset speed over the peak of the excited speed
-_SLIDING = 3.0  # Stribeck velocities by which the axis stays faster
-_RAMP = 0.15  # s, for the motion underneath to come to its speed
+# at three Stribeck velocities at most 5 % (e⁻³) of the extra level of friction is left
+_SLIDING = 3.0
+# half of the time, s, in which the underlying motion reaches its speed
+_RAMP = 0.15
 _LONGEST_FADE = 0.25  # s
-_MOST_SAMPLES = 4_000_000  # of the periods of one realization: some 1 GB while it is simulated
+# of the periods of one realization: some 1 GB while it is simulated
+_MOST_SAMPLES = 4_000_000
 _RECORD = ("force", "set_position", "reading_load", "reading_motor", "velocity_load", "velocity_motor", "trip")
 GRIDS = ("full", "odd", "random_odd", "odd_odd")
 _GROUP = 4  # odd lines of which a random one stays empty
@@ -279,7 +284,7 @@ def design_excitation(
 ) -> Excitation:
     """Design a multisine with travel, speed and force within limits, by a simulation of the whole loop.
 
-        x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ clipped from Schroeder's or random phases
+        x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ from Schroeder's or random phases by clipping
 
     band             Hz; lines are multiples of the resolution within it
     amplitude        peak, N (force) or m (setpoint)
@@ -461,6 +466,7 @@ def _offset(
     for output in ("velocity_load", "velocity_motor"):
         response = model.response(frequency, output).response
         for phase, scale in zip(phases, waves, strict=True):
+            # four points a sample, since a peak may lie between two samples
             wave = summed(lines, scale * sizes * np.abs(response), phase + np.angle(response), 4 * period)
             peak = max(peak, float(np.max(np.abs(wave))))
     axis = loop.axis
@@ -488,6 +494,7 @@ def _simulated(
     tau = t - times.ramp * T
     k = np.arange(times.samples) - times.first
 
+    # exact derivatives up to snap for the feedforward: differences of the sum would be wrong near Nyquist
     def turn(order: int) -> np.ndarray:
         return summed(lines, sizes, phases, times.period, order)[k % times.period] / (times.period * T) ** order
 
@@ -516,6 +523,7 @@ def _simulated(
         )
     signals = dict(run.signals)
     del signals["trip"]
+    # the excitation enters behind the control, so that its force does not contain it
     if added is not None:
         signals["force"] = signals["force"] + wave[0]
     return Drawing(t, wave[0], np.asarray(under.position), signals)
@@ -561,6 +569,7 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
         raise ParameterError(f"grid = {grid!r} must be one of {', '.join(GRIDS)}")
     if not 0.0 < lowest <= highest:
         raise ParameterError(f"band {span(lowest, highest, 'Hz', '6', between='..')} must be above 0 Hz and rise")
+    # rounding must not lose a line on the edge of the band
     every = np.arange(max(1, int(np.ceil(lowest * period * (1 - 1e-12)))), int(highest * period * (1 + 1e-12)) + 1)
     if grid == "odd_odd":
         chosen = every[every % 4 == 1]

@@ -123,6 +123,7 @@ def find_period(values: np.ndarray) -> int | None:
     # normalized by the overlapping part, or the correlation would fall with the lag
     power = np.sqrt(np.maximum(squares[n - lags] * (squares[n] - squares[lags]), np.finfo(float).tiny))
     alike = lagged / power
+    # near lag 0 every signal resembles itself: the search begins behind the first zero
     below = np.flatnonzero(alike <= 0.0)
     if not below.size or below[0] >= alike.size - 1:
         return None
@@ -175,6 +176,7 @@ def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
     def transformed(values: np.ndarray) -> np.ndarray:
         kept = values[start:]
+        # the mean of a whole period contains no excitation, so that the steps between means show the drift alone
         steps = np.diff(kept.reshape(count, period).mean(axis=1))[(count - 1) // 2 :]
         error = np.std(steps, ddof=1) / np.sqrt(steps.size) if steps.size > 1 else 0.0
         slope = np.mean(steps) / period if abs(np.mean(steps)) > _DRIFTS * error else 0.0
@@ -196,7 +198,8 @@ def transient_periods(periods: np.ndarray) -> int:
     A period beyond the quantile for a risk of 1 % over all bands is dropped; the first one within it ends the test,
     since a transient only decays.
     """
-    from scipy.special import fdtri  # not scipy.stats, which takes a second to import
+    # scipy.stats has the same function, but takes a second to import
+    from scipy.special import fdtri
 
     count, lines = periods.shape
     half = count // 2
@@ -286,7 +289,7 @@ class FrequencyEstimate(Result):
         )
 
     def where_excited(self, doubt: np.ndarray) -> Self:
-        """Return the estimate on lines with sufficient excitation: `doubt`, the relative variance of the input, <= 0.1.
+        """Return the estimate on the lines with sufficient excitation: relative variance of the input, `doubt`, <= 0.1.
 
         The variance of a quotient is undefined if the denominator may be 0.  Raises LogError if no line is left.
         """

@@ -15,7 +15,8 @@ from feeddrive.loop.frequency_response import FRF, coherence_of
 _STRONG = 0.1  # of the largest force: a sample above it belongs to a blow
 _BUSY = 0.05  # share of strong samples up to which a force counts as blows
 _INSIDE = 0.9  # share of the energy of the force, beyond its noise, that its blows hold
-_ONE_WAY = 0.1  # of the largest force: how far blows may go in the other direction, as a ringing sensor does
+# of the largest force: a ringing sensor swings back by so much, any other excitation by more
+_ONE_WAY = 0.1
 _WEAK = 0.3  # of the median blow: weaker ones are not used
 _BOUNCE = 0.1  # of the usual time between blows: a pulse that comes sooner is a bounce of the same blow
 _SHORT = 0.5  # of the median stretch: shorter ones are not used
@@ -72,6 +73,7 @@ def find_blows(force: np.ndarray) -> list[_Blow]:
 
 def _rest(u: np.ndarray) -> float:
     """Return the standard deviation of the force at rest, from its median absolute value."""
+    # 1.4826 turns a median deviation into the standard deviation of normal noise; a few blows do not move a median
     return 1.4826 * float(np.median(np.abs(u)))
 
 
@@ -164,6 +166,7 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
         freedom = float(count - 1)
     else:
         rest = _noise_of_one(records, stretches[0], sigma, length) + np.abs(response) ** 2 * noise
+        # lines of the local function less its complex unknowns
         freedom = float(2 * _HALF + 1 - 4)
     variance = rest / power
     omega = 2.0 * np.pi * frequency
@@ -180,7 +183,8 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
             at=1j * sigma,
             correlation=_correlation(sigma * first.sample_time, length),
         )
-        if count == 1:  # the residual of the local function is noise, too
+        # a single blow has no scatter: the residual of the local function counts as noise, too
+        if count == 1:
             more = np.maximum(excess / (2.0 * freedom), 1.0)
             variance, spread = floor * more, spread * more
         if sigma:
@@ -241,6 +245,7 @@ def _stretches(by_record: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tu
                 usable.append((record, blow, end - _start(blow)))
     typical = float(np.median([length for *_, length in usable]))
     kept = [(record, blow, length) for record, blow, length in usable if length >= _SHORT * typical]
+    # one length for all segments, so that their lines coincide
     length = min(length for *_, length in kept)
     if length < 4 * FEWEST:
         raise LogError(
@@ -261,7 +266,7 @@ def _stretches(by_record: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tu
 
 
 def _start(blow: _Blow) -> int:
-    """Return the first sample of a segment: one blow length before the blow, since a filter may round its start."""
+    """Return the first sample of a segment: half a pulse length before the blow, since a filter may smear its start."""
     return max(0, blow.begin - (blow.end - blow.begin) // 2 - 1)
 
 
@@ -330,6 +335,7 @@ def _saturation(stretches: Sequence[tuple[Record, _Blow]]) -> list[str]:
 def _clipped(pulse: np.ndarray) -> bool:
     """Return True for a pulse with three or more samples at exactly its largest value."""
     away = np.abs(pulse)
+    # a pulse of a sensor within its range has one largest sample, or two by rounding
     return int(np.count_nonzero(away == np.max(away))) >= 3
 
 

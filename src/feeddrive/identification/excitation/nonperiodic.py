@@ -142,11 +142,12 @@ def averaged(
 def _closed(
     u: np.ndarray, y: np.ndarray, r: np.ndarray, averages: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
-    """Return response, variance, coherence, degrees of freedom and doubt, using the input due to the references."""
+    """Return response, variance, coherence, degrees of freedom and doubt from the input due to the references."""
     lines = r.transpose(2, 0, 1)  # (lines, stretches, references)
     nu = averages - lines.shape[2]
     if nu < 1.0:
         raise LogError(f"{Quantity(averages):.1f} independent stretches do not separate {lines.shape[2]} references")
+    # an orthonormal basis, since references may be correlated
     base = np.linalg.qr(lines)[0]
     projected = np.einsum("lsr,lr->sl", base, np.einsum("lsr,sl->lr", np.conj(base), u))
     power = np.mean(np.abs(projected) ** 2, axis=0)
@@ -247,7 +248,7 @@ def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: 
 
 
 def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...]:
-    """Return response, variance due to unit noise, noise power and relative variance of U/R of one record."""
+    """Return response, variance for unit noise, noise power and relative variance of U/R for one record."""
     spectrum = {
         name: np.fft.rfft(values - values.mean()) for name, values in (("u", record.input), ("y", record.output))
     }
@@ -262,7 +263,7 @@ def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...
 def _solved(cause: np.ndarray, u: np.ndarray, y: np.ndarray, half: int, closed: bool) -> tuple[np.ndarray, ...]:
     """Solve the local systems of many lines: regressors (lines, 2n + 1, 6), outputs (lines, 2n + 1, 1 or 2)."""
     powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(ORDER + 1)
-    # the powers of the input side are scaled to 1, so that the systems are well conditioned
+    # the columns of the input are scaled to 1, so that the systems are well conditioned
     size = np.sqrt(np.mean(np.abs(cause) ** 2, axis=1, keepdims=True))[:, :, None]
     size = np.maximum(size, np.finfo(float).tiny)
     regressors = np.concatenate(
@@ -346,7 +347,7 @@ def local_rational(
     slopes = np.stack([np.ones_like(v), v, v * v, -v * value], axis=1) / below[:, None]
     if correlation is None:
         return value, np.real(np.einsum("ni,nij,nj->n", slopes, inverse, np.conj(slopes))), residuals
-    # how the value follows each line, with the noise of its deviation
+    # the sensitivity of the value to each line, times the standard deviation of that line
     follows = np.einsum("ni,nij,nkj->nk", slopes, inverse, columns.conj() * weight[:, :, None])
     follows = follows * (1.0 + coefficients[:, 3:4] * u) * np.sqrt(spread[place])
     apart = np.arange(width)[:, None] - np.arange(width)

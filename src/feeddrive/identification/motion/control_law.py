@@ -31,11 +31,12 @@ LARGEST = 0.05  # largest unexplained share of the force for which a law counts 
 _START = 20  # samples that a difference over the past needs
 _FIRST = _START - MOST_DELAY  # first sample whose reading counts
 _GAINS = ("Kv", "velocity_feedforward", "Kp")
+# at these gains the slopes are the columns of Kp Kv, Kp share and Kp
 _PLAIN = {
     "Kv": 0.0,
     "velocity_feedforward": 0.0,
     "Kp": 1.0,
-}  # here the slopes are those to Kp Kv, Kp share and Kp
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,7 +150,7 @@ def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: Motio
     assert log.set_position is not None
     x, wanted, T = log.position, log.set_position, log.sample_time
     before = {f"position_{i + 1}": x[_FIRST - 1 - i : x.size - 1 - i] for i in range(n)}
-    # the set velocity as the law differences it; without an acceleration it is taken unchanged
+    # the law forms a backward difference itself: with an acceleration of 0 it passes this one on unchanged
     velocity = np.diff(wanted[_FIRST - 1 :]) / T
     _, slopes = law.at(
         gains, T=np.array(T), set_position=wanted[_FIRST:], set_velocity=velocity, position=x[_FIRST:], **before
@@ -161,10 +162,12 @@ def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: Motio
 
 # A check of a law against a log: its command at the log's own readings is compared with the force of the log.
 
-MOST_OFF = 0.1  # of a gain: where one is 20 % wrong, the mass of the closed loop is up to 10 % off; of half of it, 5 %
+# of a gain: where one is 20 % wrong, the mass of the closed loop is up to 10 % off; of half of it, 5 %
+MOST_OFF = 0.1
 SURE = 3.0  # standard errors
 _ROW = 0.01  # s: rows of the inverse dynamics, and their low pass
-_SKIP = 0.05  # s at the start, where filters and differences of the law have another past than the drive's
+# s at the start, where filters and differences of the law lack the past of those in the drive
+_SKIP = 0.05
 _STEP = 1e-3  # of a parameter, for its slope
 _ACTS = 1e-3  # of the force: a parameter that makes less of it has no part in the log
 _DRAWN = 4  # sets of readings with other places within their counts
@@ -224,7 +227,7 @@ class LawCheck:
 
     @property
     def disagrees(self) -> bool:
-        """True if the logged force is not that of the law only."""
+        """True if the logged force is not that of the law alone."""
         return bool(self._against)
 
     @property
@@ -390,16 +393,19 @@ class _Fit(NamedTuple):
             values = {name: float(tree.get(control, name)) * (1.0 + c) for name, c in zip(names, change, strict=True)}
             try:
                 tried = tree.vary(control, values)
-            except ParameterError:  # beyond a bound
+            # the step leads beyond a bound of a gain
+            except ParameterError:
                 break
             answer = rows.answers(tried, rows.log.position)
             left = force - rows.reduced(answer, delay)
+            # negated, so that NaN ends the fit, too
             if not np.std(left) < _LOWER * np.std(y):
                 break
             control, plain, y = tried, answer, left
             raw = rows.columns(control, plain, rows.log.position, names)
         columns = rows.reduced(raw, delay)
-        acts = np.std(columns, axis=1) > 0.0  # a limit that is not reached with the other numbers has no part any more
+        # a limit that the new gains no longer reach has no effect on the command
+        acts = np.std(columns, axis=1) > 0.0
         off = np.full(len(names), np.inf)
         wide = np.vstack([columns[acts], np.ones(y.size)]).T
         off[acts] = regression.errors(covariance_of(wide, y - wide @ _solved(columns[acts], y)))[:-1]
@@ -459,13 +465,14 @@ def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[s
         if wanted and isinstance(value, float) and value != 0.0:
             try:
                 varied = tree.vary(control, {name: value * (1.0 + _STEP)})
-            except ParameterError:  # it is at its bound: a share of 1
+            # a share of 1 is at its bound and cannot be increased
+            except ParameterError:
                 continue
             yield name, varied
 
 
 def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
-    """Return the names of linearly independent columns, preferring nested names: a common factor is not a gain."""
+    """Return the names of linearly independent columns; parameters of parts come first, since they are the gains."""
     kept: list[str] = []
     for name in sorted(columns, key=lambda key: -key.count(".")):
         column = columns[name] - np.mean(columns[name])
@@ -479,6 +486,7 @@ def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
 
 def _readings(log: MotionLog) -> Iterator[np.ndarray]:
     """Yield readings with a random error within their count, constant while the count does not change."""
+    # a fixed seed: the same log gives the same errors
     count, random = count_of(log.position), np.random.default_rng(0)
     since = np.cumsum(np.diff(log.position, prepend=log.position[0]) != 0.0)
     for _ in range(_DRAWN if count > 0.0 else 0):

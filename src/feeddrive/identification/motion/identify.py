@@ -69,10 +69,10 @@ def own_viscous(axis: Axis) -> float:
 
 
 def refined_names(loop: Loop) -> tuple[str, ...] | None:
-    """Return the names of the parameters to be fitted by output error; None stands for `physics` of a rigid axis.
+    """Return the names of the parameters fitted by output error; None selects `physics`, for a rigid, plain axis.
 
-    For other axes these are nonzero friction and forces. Of a richer friction model only levels and slopes are fitted;
-    its parameters near standstill are kept.
+    Otherwise these are nonzero friction and forces, and the mass of a rigid plant.  Of a richer friction model only
+    levels and slopes are fitted; its parameters near standstill are kept.
     """
     if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
         return None
@@ -148,13 +148,15 @@ def _scaled(richer: Friction, identified: Friction) -> Friction:
                 changes[name] = mean * (float(old[name]) / before if before > 0.0 else 1.0)
             else:
                 changes[name] = mean
+    # the LuGre model refuses a level of 0
     least = {"coulomb": 1e-9, "breakaway": 1e-9}
     return tree.vary(richer, {name: max(value, least.get(name, 0.0)) for name, value in changes.items()})
 
 
 # The choice between inverse dynamics and closed loop, where they contradict each other on the same log.
 
-_RUNS = 16  # of the closed loop with its counts: one log in 17 leaves more than the worst of them by chance
+# runs of the closed loop with its counts: one log in 17 leaves more than the worst of 16 by chance
+_RUNS = 16
 
 
 def agreed(
@@ -174,7 +176,8 @@ def agreed(
     try:
         other = refine(loop, log, tuple(estimate.name for estimate in fit.estimates), delays=[extra])
         value, error = dead_time(other, log)
-    except DivergedError:  # a loop near its limit, which is no loop that ran
+    # a loop that diverges with this dead time is not the loop that ran
+    except DivergedError:
         return fit
     left, without = other.by_delay[extra], fit.by_delay[fit.delay]
     apart = abs(delay.dead_time - stated - value)
@@ -196,7 +199,7 @@ def agreed(
 
 
 def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
-    """Return the output-error fit, or None if its mass contradicts the inverse dynamics and these have less residual.
+    """Return the output-error fit, or None if its mass contradicts the inverse dynamics, which leave less residual.
 
     Both are compared in the rows of the inverse dynamics; a contradiction is a difference of more than three joint
     standard errors.
@@ -225,7 +228,7 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
 def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation) -> RigidFit:
     """Return the inverse dynamics with the residual due to quantization, from simulations of the closed loop.
 
-    Through a velocity gain coarse counts shake the axis, which its readings do not show, so that the residual is larger
+    Through a velocity gain coarse counts excite vibration that the readings do not show, so that the residual is larger
     than that of the reading errors alone.  If quantization is the reason, simulations of the fitted loop with the
     counts of the log have such a residual; the largest one is used.
     """
@@ -241,6 +244,7 @@ def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparati
                 how=how,
             )
         except (LogError, NotIdentifiableError):
+            # a run that cannot be fitted shows nothing about counts
             return rigid
         used.append(run.residuals.relative)
         unused.append(run.validation.relative)
@@ -295,7 +299,7 @@ class Identified(Result):
 
     @property
     def unusable(self) -> str:
-        """The reason why the values must not be used in a machine file; empty if they may."""
+        """The reason why the values must not be used in a machine file; empty if there is none."""
         rigid = self.rigid
         if self.law is not None and self.law.wrong:
             return self.law.wrong
@@ -369,7 +373,8 @@ def identify_motion(
     whole, remarks = checked(log), list[str]()
     closed = log.set_position is not None and log.frame is not SHAFT
     check = _checked_law(log, start, law) if closed else None
-    if check is None or not check.proves:  # what the law commanded is no spike
+    # a peak that the law itself commanded is no fault of the recorder
+    if check is None or not check.proves:
         log, spikes = whole.without_spikes()
         remarks += spikes
     control = (
@@ -377,8 +382,10 @@ def identify_motion(
         if start is None and law is None and closed
         else None
     )
-    if control is not None:  # gains that no law can have come of a wrong sign, which the rigid drive names
+    # a wrong sign gives gains that no law can have: the fit of the rigid drive reports it
+    if control is not None:
         check = _attempted(lambda: _checked_law(log, None, control.law()), [])
+    # a law that reproduces the force proves that both channels are on one clock
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     stated = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
@@ -424,7 +431,7 @@ def identify_motion(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """Check the law against the log; None if no law is stated, or if it reads two encoders: the log has one."""
+    """Check the law against the log; None without a law, or for a law that reads two encoders, since a log has one."""
     if start is not None:
         return (
             None
@@ -489,7 +496,9 @@ def _unseen_gains(check: LawCheck | None) -> list[str]:
 
 
 def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
-    """Return why the magnitudes are implausible for a feed drive, and add a remark on what to check; else empty."""
+    """Return the reason why the magnitudes are implausible for a feed drive, and add a remark with the remedy; else
+    empty.
+    """
     magnitudes = sizes(log.frame, log.sample_time, log.position, log.force, rigid["mass"].value)
     wrong = outside(log.frame, magnitudes)
     if not wrong:
@@ -500,11 +509,12 @@ def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
 
 
 def swapped(channels: Mapping[str, Any]) -> bool:
-    """Return True if position and force of a `MotionLog` are interchanged: swapped they fit a rigid drive."""
+    """Return True if position and force of a `MotionLog` are interchanged: exchanged, they fit a rigid drive."""
     both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
     both |= {"set_position": None, "force_limit": None}
     try:
         return identify_rigid(MotionLog(**both), friction="symmetric").left < POOR
+    # a fit that fails is no evidence for an interchange
     except FeeddriveError:
         return False
 
@@ -593,7 +603,8 @@ def _loop(
         law = control.law()
     if law is None:
         return None
-    T, late = log.sample_time, 0 if control is None else control.delay  # of a law that was given the fit finds it
+    # with a stated law the output-error fit finds the dead time
+    T, late = log.sample_time, 0 if control is None else control.delay
     axis = with_rigid(Axis(plant=rigid.plant(), rotary=log.turning), rigid)
     delayed = replace(axis, actuator=replace(axis.actuator, dead_time=late * T))
     return Loop(control=Control(law=law, force_limit=log.force_limit), axis=delayed, sample_time=T)

@@ -20,10 +20,12 @@ from feeddrive.loop.simulate import simulate
 # The input of an identification: position and force over time, checked.
 
 LEAST_ROWS = 100
-LARGEST = 1e100  # in SI: its square does not overflow
+# in SI: its square does not overflow
+LARGEST = 1e100
 _USUAL_SHARE = 0.99  # of the rows, whose largest force is the usual one
 _NEAR, _AROUND, _NOISE = 9, 61, 8.0  # rows of the medians about a spike; standard deviations that it exceeds
-_SPIKE = 5.0  # times the usual force: no real force peak is so short and so high
+# times the usual force: no real force peak is so short and so high
+_SPIKE = 5.0
 _JUMP = 3.0  # usual steps by which a row of a position leaves its neighbors
 _JUMP_TRAVEL = 1e-3  # of the travel, the least that counts
 _BEYOND = 1.05  # times its limit, beyond which a force was not commanded under that limit
@@ -114,7 +116,8 @@ class MotionLog:
                 "the force, and the force limit and axis of the machine file"
             )
         there = np.abs(force) >= most * (1.0 - 1e-9)
-        held = there[1:] & there[:-1]  # a peak reaches its value once; a limit holds it over several samples
+        # a peak reaches its value once; a limit holds it over several samples
+        held = there[1:] & there[:-1]
         share = float(np.mean(held))
         if share > MOST_SATURATED:
             raise NotIdentifiableError(
@@ -153,7 +156,8 @@ class MotionLog:
         least = max(_JUMP * usual, _JUMP_TRAVEL * float(np.ptp(self.position)))
         if float(np.max(steps)) <= least:
             return
-        from scipy.ndimage import median_filter  # not for commands that only read
+        # imported here: commands that only read a log start without it
+        from scipy.ndimage import median_filter
 
         away = np.abs(self.position - median_filter(self.position, _NEAR, mode="nearest"))
         jumps = short_runs(away > least, _SPIKE_ROWS)
@@ -177,7 +181,7 @@ class MotionLog:
 
             d = |f - median9(f)| > max(F, 8 · 1.4826 median61(d))
 
-        So short a force has no visible effect on an axis, so that even if it was really commanded the fit is the same.
+        So short a force hardly moves an axis, so that the fit is the same even if the force was commanded.
         More than 1 % of such rows are not line faults: they are caused by coarse counts through a velocity gain.
         """
         from scipy.ndimage import median_filter  # not for commands that only read
@@ -207,8 +211,10 @@ def checked(log: MotionLog) -> MotionLog:
 # The effect of an encoder's counts on a closed loop: the run of a log, drawn anew with other offsets of the counts.
 
 SIGNALS = ("reading_load", "force")
-_ON_COUNT = 0.05  # of a count: how far a reading may be off it by the rounding of its file
-_NEAR_COUNT = 51  # rows over which the spread is averaged: of some sixteen runs each row alone knows it to a fifth
+# of a count: a file rounds its readings, which may be off their counts by so much
+_ON_COUNT = 0.05
+# rows over which the spread is averaged: from sixteen runs a single row is known to a fifth only
+_NEAR_COUNT = 51
 _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at rest
 
 
@@ -228,7 +234,7 @@ def count_of(position: np.ndarray) -> float:
 
 
 def at_rest(log: MotionLog, skip: int) -> np.ndarray:
-    """Return True for rows where the set position has been constant for `_STILL`, after `skip` samples.
+    """Return a mask of the rows where the set position has been constant for `_STILL`, from sample `skip` on.
 
     There the quantization error of a reading is constant, and friction balances any force.
     """
@@ -280,6 +286,7 @@ def drawn(
         begin = position + count * random.uniform(-0.5, 0.5)
         load = None
         if unknown is not None and np.any(unknown):
+            # shifted in time at random: the runs have a force of the size and memory of the log's, at other instants
             turned = np.roll(unknown, random.integers(unknown.size))
             load = RecordedForce(force=np.resize(turned, log.position.size), sample_time=float(loop.sample_time))
         run = simulate(
@@ -320,7 +327,8 @@ def _counted(loop: Loop, count: float) -> tuple[Loop, dict[str, float]]:
     }
 
 
-HOLD = 0.5  # samples: a force that is held from k to k+1 acts at k + 1/2 on average
+# samples: a force that is held from k to k+1 acts at k + 1/2 on average
+HOLD = 0.5
 _LEAST_ROWS = 40
 _REST = 5e-3  # share of the largest speed below which the axis counts as at rest
 _ORDER = 8  # of the decimating low pass
@@ -357,8 +365,8 @@ class Preparation:
     reversals: bool = False
 
 
-# What Janot, Gautier & Brunot 2019 do.  A force is assumed to act at its sample instant, not over the time that it is
-# held; docs/identification.md states the resulting error.
+# The preparation of Janot, Gautier & Brunot 2019.  A force is assumed to act at its sample instant, not over the time
+# that it is held; docs/identification.md states the resulting error.
 JANOT = Preparation(delay=0.0, acceleration="twice", skip=49, skip_end=0, decimation=10, reversals=True)
 
 
@@ -370,7 +378,7 @@ class Prepared:
     constant    a constant 1 after the filter, slightly reduced by its ripple
     places      sample indices of the rows in the log
     stretches   ranges of samples of the log that were filtered separately
-    cutoff      Hz, of the position's low pass; sample_time in s of the log; `how` it was prepared
+    cutoff      Hz, of the low pass on the position; `sample_time` in s of the log; `how`: the settings
     """
 
     time: np.ndarray
@@ -498,7 +506,7 @@ def delayed(values: np.ndarray, samples: float) -> np.ndarray:
 
 
 def _away(velocity: np.ndarray, places: np.ndarray, factor: int) -> np.ndarray:
-    """Return True for rows more than a decimated step away from every change of direction, rest included."""
+    """Return a mask of the rows more than one decimated step away from every change of direction, including rest."""
     turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0.0)
     if not turns.size:
         return np.ones(places.size, dtype=bool)

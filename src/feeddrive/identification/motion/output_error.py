@@ -23,18 +23,22 @@ from feeddrive.loop.simulate import simulate
 
 _SIGNALS = ("position_load", "force")
 _STEP = 1e-3  # of a parameter, for its difference
-_FINE = 1e-13  # m, resolution of the encoders in the simulations for differences
+# m: a rounded reading has no slope, so that simulations for differences need practically continuous ones
+_FINE = 1e-13
 _MOST = 12  # steps of Gauss and Newton
 _DONE = 1e-5  # of the cost: the last step is one that lowers it by less
 DELAYS = (0, 1)  # samples of dead time, in addition to that of the loop, that are always tried
 _LATEST = 10  # samples: as long as the last delay tried is the best, one more is tried, up to this
 _FEW, _RUNS = 4, 16  # runs with counts: to see whether they matter, and where they do
-_STUDENT = 2.131 / 1.960  # an interval from 16 runs over that from many: Student's t
+# an interval from 16 runs over that from many: Student's t with 15 degrees of freedom
+_STUDENT = 2.131 / 1.960
 _ROUNDS = 3  # corrections by what counts do on average
 _MATTERS = 0.1  # of a standard error: what counts shift or scatter less is left as it is
-_SMOOTH = 16  # rows over which scores are summed to see how long they hang together: noise of counts hides it
+# rows over which scores are summed: noise of counts hides how long they are correlated
+_SMOOTH = 16
 _MOVING = 10  # rows in motion a parameter without which rows at rest must count, too
-_LEAST = 0.5  # of the variance of a residual: the least that does not come from counts, so that no row has all weight
+# of the variance of a residual: the least that counts do not explain, so that no row gets all of the weight
+_LEAST = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,7 +47,6 @@ class Refinement(Result):
 
     estimates   by dotted name in the loop, with standard errors
     start       initial values by name
-    cost        weighted RMS before and after; 1 is the best fit with the chosen delay
     by_delay    tried dead time in samples -> RMS of the position residual, m
     replay      replay of the fitted loop
     count       m, resolution of the readings if the fit accounts for quantization; else 0
@@ -81,7 +84,7 @@ class Refinement(Result):
 
 
 def physics(loop: Loop) -> tuple[str, ...]:
-    """Return the names of nonzero mass, friction and constant force of a loop, the parameters fitted by default."""
+    """Return the names of the nonzero mass, friction and constant-force parameters, which are fitted by default."""
     axis = loop.place_of("axis")
     wanted = tuple(f"{axis}.{part}" for part in ("plant.mass", "friction_load.", "friction_motor.", "forces."))
     skipped = ("stribeck_velocity", "smoothing", "transition_velocity", "period", "phase", "share")
@@ -196,7 +199,7 @@ def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
 
 
 class _Fit(NamedTuple):
-    """A fitted loop, its position residual in m, its parameters, number of steps, and the resolution considered."""
+    """A fitted loop with its position residual in m, parameters and number of steps; `counted`: the resolution used."""
 
     loop: Loop
     left: float
@@ -210,6 +213,7 @@ def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _F
     measured = np.array([log.position[skip:], log.force[skip:]])
     try:
         model = _signals(loop, log, skip)
+    # a dead time with which the loop is unstable is no candidate
     except DivergedError:
         return None
     steps = 0
@@ -268,6 +272,7 @@ def _with_counts(
         weighed = _Weighed.of(loop, log, names, skip, count, unknown)
         if turn == 0:
             unknown = weighed.unknown
+    # other draws than those of the fit, which lie too close to their own mean
     others = drawn(loop, log, skip, count, _RUNS, 2, unknown)
     others = (others - np.mean(others, axis=0)) / weighed.scale
     moved = np.array([_solved(weighed.columns, other) for other in others])
@@ -351,6 +356,7 @@ def _columns(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, mode
     for name in names:
         value = float(tree.get(loop, name))
         step = _STEP * (abs(value) or 1.0)
+        # one-sided, since only the directions of the descent and the errors follow from these slopes
         slopes.append((_signals(tree.vary(loop, {name: value + step}), log, skip) - model) / step)
     return np.stack(slopes, axis=-1)
 
@@ -375,7 +381,7 @@ def _advance(
     change: np.ndarray,
     now: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> tuple[Loop, np.ndarray, float]:
-    """Apply the fraction of a step that lowers the cost; return the loop, its signals and the relative decrease."""
+    """Apply the largest fraction of a step that lowers the cost; return loop, signals and relative decrease."""
     measured, sizes, model = now
     before = float(np.mean(((measured - model) / sizes) ** 2))
     # a full step may make the loop unstable or reverse the sign of friction: the cost is flat or undefined there

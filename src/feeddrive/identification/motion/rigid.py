@@ -19,10 +19,11 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 
+# by structure alone: the columns are traced, so that the values do not matter
 FRICTIONS: dict[str, Friction] = {
     "symmetric": Coulomb(coulomb=1.0),
     "directional": Directional(coulomb_positive=1.0, coulomb_negative=1.0),
-}  # by their structure alone
+}
 NAMES = {
     "symmetric": ("mass", "viscous", "coulomb", "offset"),
     "directional": ("mass", "viscous_positive", "coulomb_positive", "viscous_negative", "coulomb_negative"),
@@ -30,7 +31,8 @@ NAMES = {
 _DRAWN = 4  # sets of readings with other places within their counts
 LEAST_REVERSAL = 0.05  # least share of the moving rows in each direction
 LEAST_INDEPENDENT = 0.02  # share of a column's size that the other columns must leave unexplained
-MOST_MEMORY = 0.97  # correlation from row to row that is taken out of scores: as in Andrews' rule
+# bounded as in Andrews' rule: near 1 the recolored covariance would grow without limit
+MOST_MEMORY = 0.97
 LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts as identified
 
 
@@ -122,6 +124,7 @@ class RigidFit(Result):
     def gravity(self) -> Gravity | None:
         """Return the constant force that acts on the table, from the offset; None for directional friction."""
         regression.require_table(self.frame, "the offset")
+        # the offset is the force of the drive, which balances the constant force on the table
         return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None
 
 
@@ -156,6 +159,7 @@ def identify_rigid(
 def columns_of(rows: Prepared, friction: str) -> np.ndarray:
     """Return the columns of the inverse dynamics, shape (n, p), in the order of `NAMES`."""
     curve = regression.steady_curve(FRICTIONS[friction])
+    # the curve is linear in its parameters, so that its slopes at 0 are the columns
     _, slopes = curve.at(dict.fromkeys(curve.names, 0.0), velocity=rows.filtered)
     columns = {"mass": rows.acceleration, "offset": rows.constant}
     columns |= dict(zip(curve.names, rows.reduced(slopes.T), strict=True))
@@ -169,6 +173,7 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
     residual = rows.force - columns @ values
     counted, shifts = _with_counts(log, rows, columns, values, friction)
     size = float(np.sqrt(np.mean(rows.force**2)))
+    # the bias due to quantization is not removed but counts as an error
     robust = covariance_of(columns, residual) + np.outer(shifts, shifts)
     frame = log.frame
     units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
@@ -194,6 +199,7 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
         criterion={friction: regression.information(residual, len(names))},
         time=rows.time,
         frame=frame,
+        # quantization acts alike in used and in unused rows
         counts=(counted / size, counted / size),
     )
 
@@ -312,7 +318,8 @@ def _next(parameter: str) -> str:
 REACH = 20  # samples to both sides that are tried
 LATEST = 5e-3  # s: a force that acts later than that does not belong to this clock
 CLEAR = 0.9  # largest ratio of the residuals of two delays at which the better one counts as certain
-_EARLY = 1e-3  # s: unknown forces and counts shift the delay of a closed loop by as much
+# s: unknown forces and counts shift the delay of a closed loop by as much
+_EARLY = 1e-3
 _DRIFT = 2  # times that, and samples, by which the delays of the two halves of a log differ if they drift
 
 
@@ -386,7 +393,8 @@ def find_delay(
     delays = np.arange(-REACH, REACH + 1)
     base = motion_log.prepare(log, how)
     columns = columns_of(base, friction)
-    columns = columns[:, np.any(columns != 0.0, axis=0)]  # a direction without motion has no friction
+    # a direction without motion has an empty column of friction
+    columns = columns[:, np.any(columns != 0.0, axis=0)]
     basis = np.linalg.qr(columns)[0]
     # the force is shifted and not the motion, so that the columns and their factorization serve all delays
     forces = base.reduced(np.array([motion_log.delayed(log.force, motion_log.HOLD + d) for d in delays]))
@@ -397,6 +405,7 @@ def find_delay(
         _check(log, int(delays[best]), delays, residual)
         _check_drift(log, columns, forces, delays)
     slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
+    # negative: a later force is the force less its slope times the delay
     wide = np.column_stack([columns, -slope])
     values = np.linalg.lstsq(wide, forces[best], rcond=None)[0]
     error = float(regression.errors(covariance_of(wide, forces[best] - wide @ values))[-1])

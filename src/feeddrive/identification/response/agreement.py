@@ -144,7 +144,7 @@ def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order:
         curves = [response for response, _ in model.on(lines)(values)]
         finer: list[np.ndarray] = []
         for f, response in zip(lines, curves, strict=True):
-            # mobility: of position the rigid motion, of acceleration the noise at the highest line would get all points
+            # mobility: in position the rigid-body motion, in acceleration the highest line would get all points
             place = response * (2j * np.pi * f) ** (1 - order)
             far = np.flatnonzero(np.abs(np.diff(place)) > _STEP * np.max(np.abs(place)))
             finer.append(np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1])))
@@ -192,14 +192,14 @@ def predicted(
 
 
 def _lines_above_noise(frf: FRF) -> np.ndarray:
-    """Return True for lines above the noise; for all lines if hardly any are above it."""
+    """Return a mask of the lines above the noise, or of all lines if hardly any is above it."""
     share = np.zeros(frf.frequency.size) if frf.variance is None else frf.variance / frf.magnitude**2
     above_noise = share < _OPEN_LINE**2
     return above_noise if np.count_nonzero(above_noise) >= 2 * _FOLDS else np.ones(above_noise.size, bool)
 
 
 def advice(name: str, band: tuple[float, float], mass: float, error: float, units: ResponseUnits) -> str:
-    """Return why a parameter cannot be identified from these lines, and what to measure next; band in Hz."""
+    """Return the reason why these lines do not identify a parameter, and what to measure next; band in Hz."""
     low, high = band
     last = name.rsplit(".", 1)[-1]
     known = Text(f"its standard error is {Quantity(error):2}")

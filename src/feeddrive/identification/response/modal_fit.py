@@ -18,6 +18,7 @@ from feeddrive.loop.frequency_response import FRF
 
 # Responses of a rigid body and modes in parallel with their derivatives, and the start poles of a fit.
 
+# relocations converge within a few turns, and the fit that follows moves the poles anyway
 _TURNS = 12
 
 
@@ -28,8 +29,7 @@ def common_poles(
 
     The responses are fitted by Σ c/(s - p) + d with common poles, by least squares weighted with |G|^-power: 1 for
     equal weight of peaks and valleys, 0.5 if valleys are only noise.  Heights are relative to the response.  Poles are
-    relocated to the zeros of
-    σ(s) = Σ c̃/(s - p) + d̃ until σ is one; unstable poles are mirrored.
+    relocated to the zeros of σ(s) = Σ c̃/(s - p) + d̃ until σ is one; unstable poles are mirrored.
     Sources: Gustavsen & Semlyen 1999; Gustavsen 2006 (relaxed); Deschrijver et al. 2008 (one QR per response).
     """
     low, high = min(float(abs(points[0])) for points in s), max(float(abs(points[-1])) for points in s)
@@ -222,6 +222,7 @@ def initial(
                 matrix = model.shapes(s, parameters) * (np.exp(-s * delay) / g)[:, None]
                 stacked = np.vstack([np.real(matrix), np.imag(matrix)])
                 scale = np.linalg.norm(stacked, axis=0)
+                # a term that the model lacks has a column of 0, and its weight becomes 0
                 scale[scale == 0.0] = np.inf
                 wanted = np.concatenate([np.ones(s.size), np.zeros(s.size)])
                 weights = np.linalg.lstsq(stacked / scale, wanted, rcond=None)[0] / scale
@@ -365,9 +366,9 @@ def fit_modes(
     modes         number of modes; None: as many as unused lines support (at most 8)
     band          Hz, lowest and highest line that counts
     rigid         True if the axis moves freely at low frequencies
-    proportional  residues are real, skew = 0: all points of a mode move in phase, as in an undamped structure. Friction
-                  and local dampers violate this
-    rest          a constant for all modes above the band
+    proportional  True for real residues, skew = 0: all points of a mode move in phase, as in an undamped structure.
+                  Friction and local dampers violate this
+    rest          True to add a constant for all modes above the band
     progress      reports the number of modes being tried
     dead_time     s; None: it is fitted
 
@@ -423,7 +424,7 @@ def _named(responses: FRF | Sequence[FRF] | Mapping[str, FRF]) -> dict[str, FRF]
 
 
 def _simplest(candidates: Sequence[tuple[float, ModalResponse, list[Unknown], Refined]]) -> Any:
-    """Return the candidate with the fewest modes, unless a larger one is better by 10 % per mode."""
+    """Return the candidate with the fewest modes that no larger one beats by 10 % per additional mode."""
     for i, (error, *_) in enumerate(candidates):
         rest = candidates[i + 1 :]
         if not any(other < error * _GAIN ** (more + 1) for more, (other, *_) in enumerate(rest)):
@@ -439,7 +440,9 @@ def _best_start(
     dead_time: float | None,
     poles: Poles,
 ) -> tuple[float, list[Unknown], Refined] | None:
-    """Return the best of several automatic starts after a few steps, by its mean |ln(fitted/measured)|, at most 1."""
+    """Return the best of several automatic starts after a few steps, by mean |ln(fitted/measured)|, bounded to 1 per
+    line.
+    """
     best: tuple[float, list[Unknown], Refined] | None = None
     arrays = [frf.response for frf in frfs]
     low, high = min(frf.frequency[0] for frf in frfs), max(frf.frequency[-1] for frf in frfs)
@@ -471,6 +474,7 @@ def _settled(unknown: Unknown, model: ModalResponse, dead_time: float | None, lo
         unknown = replace(
             unknown, least=0.5 * low, most=2.0 * high, start=min(max(unknown.start, 0.5 * low), 2.0 * high)
         )
+    # the corner is optimized by its logarithm and cannot start at 0
     if absent and kind != "corner":
         return replace(unknown, start=0.0, fixed=True)
     if unknown.name == "dead_time" and dead_time is not None:

@@ -165,6 +165,7 @@ class Task:
                 unknowns.append(Unknown(name, unit, value, positive=True, least=value / reach, most=value * reach))
             else:
                 if name.endswith("damping_ratio"):
+                    # it is optimized by its logarithm, which needs a start above 0
                     unknowns.append(Unknown(name, unit, max(value, 1e-4), positive=True, least=1e-5, most=2.0))
                     continue
                 usual = {"N s/m": mass * np.sqrt(low * high), "": 1.0}.get(declared.unit, abs(value) or 1.0)
@@ -182,6 +183,7 @@ def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = S
     plant = tree.rebuild(task.plant, iter(model.values(refined.values)))
     actuator = replace(
         task.actuator,
+        # a fit may end at a negative dead time, which no actuator has: it is reported by a remark
         dead_time=max(float(values.get("dead_time", task.actuator.dead_time)), 0.0),
         current_loop=values.get("current_loop", task.actuator.current_loop),
     )
@@ -373,7 +375,8 @@ class TracedPlant:
         for sensor_lines in self.lines:
             T = None if sensor_lines.order else sensor_lines.sample_time
             key = sensor_lines.frequency.tobytes(), T
-            if key not in shared:  # encoders on the same lines share them
+            # encoders on the same lines share the solved core, which is the costly part
+            if key not in shared:
                 shared[key] = _core(model, sensor_lines.frequency, T, values["dead_time"])
             s, factor, responses, moved = shared[key]
             place = _SENSORS.index(sensor_lines.sensor)
@@ -486,6 +489,7 @@ def fit_plant(
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
     fixed_values = dict(fixed or {})
+    # only for its error: a name that the plant lacks is refused before the fit
     for name in fixed_values:
         tree.get(plant, name)
     actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
@@ -598,6 +602,7 @@ def fit_modal_axis(
     When not: where residues are far from real, see `fit_modes` with proportional=False.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+    # only start values are needed, and equal weights have the wider basin
     plain = {name: replace(frf, variance=None) for name, frf in responses.items()}
     modal = fit_modes(plain, modes, proportional=True, dead_time=dead_time)
     check_signs(modal)
@@ -610,6 +615,7 @@ def fit_modal_axis(
         _check_driven(modal, mode.frequency.value, at.get("motor", 0.0))
         drive = abs(at.get("motor", at.get("load", 0.0))) or 1e-6 * free
         shape = at.get("load", drive) / drive
+        # residues determine only the ratio of shape to mass, so that the shape at the motor is 1
         fixed += [f"modes.{i}.motor"]
         if "load" not in at or "motor" not in at:
             shape = float(np.sign(shape)) or 1.0
@@ -638,6 +644,7 @@ def starts(responses: Mapping[str, FRF], units: ResponseUnits, dead_time: float 
     for count in (1, 2):
         try:
             modal = fit_modes(plain, count, proportional=True, rest=count > 1, dead_time=dead_time)
+        # without a modal fit the grid still gives starts
         except ParameterError:
             continue
         if count == 1:
@@ -766,7 +773,7 @@ def fit_axis(
     travel_per_unit: float | None = None,
     progress: Progress | None = None,
 ) -> AxisFits:
-    """Fit possible structures of an axis, from simple to complex, and select the one that predicts best.
+    """Fit the candidate structures of an axis, from simple to complex, and select the simplest of the best.
 
     plant      plant of a machine file: its structure is tried too, from its values, if it is not rigid
     actuator   actuator of that file: if it has a current loop, its bandwidth is identified too
@@ -835,11 +842,13 @@ def _ways(
 
     def rigid() -> PlantFit:
         responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+        # between friction and the first resonance acceleration over force is 1/mass
         sizes = [frf.magnitude * (2.0 * np.pi * frf.frequency) ** (2 - units.order) for frf in responses.values()]
         start = Rigid(mass=1.0 / float(np.median(np.concatenate(sizes))), viscous=0.0)
         return fit_plant(start, motor, load, fixed=fixed, absent=("viscous",), **common)
 
     ways: dict[str, Callable[[], PlantFit]] = {"rigid": rigid}
+    # a two-mass plant of the file has the structure "two-mass", which finds its own starts
     if plant is not None and plant.kind not in ("rigid", "two_mass"):
         start_plant = plant
         absent = tuple(name for name, _ in tree.leaves(start_plant) if name.rsplit(".", 1)[-1].startswith("viscous"))

@@ -79,7 +79,7 @@ def taken(
     force_per_unit: float | None,
     travel_per_unit: float | None,
 ) -> tuple[dict[str, FRF], ResponseUnits]:
-    """Return the available responses, cut to a band in Hz and in SI, with their input and output quantities.
+    """Return the available responses in SI, cut to a band in Hz, with their input and output quantities.
 
     force_per_unit    N per unit of the input, such as the force constant of a motor in N/A
     travel_per_unit   m per unit of the output, such as lead/2π for an angle in rad
@@ -127,6 +127,7 @@ def taken(
         }
         cut = replace(frf, frequency=frf.frequency[inside], response=frf.response[inside], unit=unit, **parts)
         kept[name] = cut * scale if scale != 1.0 else cut
+        # a factor does not change the coherence, which the multiplication drops
         if scale != 1.0:
             kept[name] = replace(kept[name], coherence=cut.coherence)
     return kept, first
@@ -137,7 +138,8 @@ Model = Callable[[np.ndarray], "list[tuple[np.ndarray, np.ndarray]]"]
 
 _FAR = 2.0  # standard deviations above which a residual is weighted less
 _OPEN = 1.0  # standard error of a logarithm above which its start value is more reliable than the lines
-_ROUNDING = 3e-7  # of a singular value of unit columns: its square is still well above that of doubles
+# of a singular value of unit columns: its square is still well above the rounding of doubles
+_ROUNDING = 3e-7
 STEPS = 100
 _FLAT = 1e-7  # share of the cost by which a step must still lower it: far less than a standard error moves it
 _LITTLE = 1e-3  # of a squared residual: two steps in a row that lower the cost by less do not move an error
@@ -330,6 +332,7 @@ def _residuals(
     whole: list[np.ndarray] = []
     rows: list[np.ndarray] = []
     slopes: list[np.ndarray] = []
+    # a step too far may overflow: its cost is then infinite, and the step is refused
     with np.errstate(all="ignore"):
         for (response, slope), weighted, kept in zip(model(values), data, use, strict=True):
             if weighted.relative:
@@ -365,7 +368,7 @@ def _descend(
     steps: int,
     noise: float | None = None,
 ) -> Refined:
-    """Minimize from `u`; with a noise level only in directions that the residuals determine."""
+    """Minimize the cost from `u`; with a noise level, only in the directions that the residuals determine."""
     lower, upper = (
         np.array([getattr(unknown, side) / (1.0 if unknown.positive else unknown.scale) for unknown in unknowns])
         for side in ("least", "most")
@@ -381,7 +384,8 @@ def _descend(
     loose = np.array([not unknown.fixed for unknown in unknowns])
     free = loose
     for step in range(steps):
-        if step % 5 == 4:  # the outlier limit is updated for each fit, not for each step
+        # a limit that moved with each step would change the cost under the descent
+        if step % 5 == 4:
             far = _FAR * _spread(r)
             cost = _cost(r, far)
         weight = 1.0 / np.sqrt(1.0 + (r / far) ** 2)
