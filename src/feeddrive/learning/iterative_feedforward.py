@@ -29,14 +29,14 @@ from feeddrive.loop.simulate import samples
 FORMS = ("model_free", "model_based", "axis_model")
 _TINY = 1e-6  # of the axis's mass: replaces a mass of 0, which a plant refuses
 _ENDS = ("motor", "load")
-_EDGE = 1.0 - 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
+_EDGE = 1.0 - 1e-9  # of |z|: the uncertainty of eigenvalues of a small matrix
 _DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admissible mass
 
 
 def error_model(
     loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
 ) -> StateSpace | Lifted:
-    """Return the error model Ĝ_d, from the force missing in the feedforward (N) to the following error (m), sampled.
+    """Return the sampled error model Ĝ_d, from the force missing in the feedforward (N) to the following error (m).
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
@@ -45,13 +45,13 @@ def error_model(
     model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`; else a rigid axis with
                  the mass (at least `least_mass`, kg) and the viscous friction that are fed forward now; else, if no
                  mass is fed forward or the law needs two encoders, the axis itself.
-    axis_model   the same with the axis of the loop: for a machine file whose axis was identified.
+    axis_model   As model_based, with the axis of the loop: for a machine file whose axis was identified.
 
     C comes from the linear model of the control itself, that is, from the simulated code, for any law. For a multirate
     law Ĝ_d has a model for each sample of a period: feedforward, its columns and the error are those of the fast
     samples.  A trial is assumed to begin where the slow part runs; another first sample changes next to nothing.
-    Raises UnstableError, with the nearest mass that is admissible, for a model loop that is not stable; UnstableError
-    for a controller without a stable inverse; ParameterError for another form.
+    Raises UnstableError for a model loop that is not stable, with the nearest admissible mass, and for a controller
+    without a stable inverse; ParameterError for another form.
     Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), the part that was available; the three forms of Ĝ_d, the
     model-free inverse among them, and the sampled form are this library's.
     """
@@ -69,7 +69,7 @@ def error_model(
 
 
 def true_error_model(loop: Loop) -> StateSpace | Lifted:
-    """Return G_d of a simulated loop without friction and quantizers, as the reference for a Ĝ_d."""
+    """Return the true G_d of a loop with viscous friction only and without quantization, as the reference for Ĝ_d."""
     return _required(loop, None)
 
 
@@ -78,10 +78,10 @@ def _samples(model: StateSpace | Lifted) -> tuple[StateSpace, ...]:
 
 
 def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
-    """Filter columns, shape (n, columns), through a model with one input and one output; the first row is its first
-    sample.
+    """Filter columns, shape (n, columns), through a model with one input and one output.
 
-    Before the first row the columns are taken as 0, or, if the axis was `moving`, as those of the first row.
+    Row 0 is the first sample of the model's period.  Before it the columns are assumed to be 0, or, with `moving`,
+    equal to those of row 0.
     """
     samples = _samples(model)
     N, n = len(samples), samples[0].A.shape[0]
@@ -112,7 +112,10 @@ def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
 
 
 def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """Return G_d of the model loop if it is stable; without a plant that of the axis with its viscous friction."""
+    """Return G_d of the model loop, or, without a plant, of the axis with its viscous friction; raise UnstableError for
+    an
+    unstable loop.
+    """
     model = _closed(loop, plant)
     size = _growth(model)
     if size < _EDGE:
@@ -329,7 +332,7 @@ def begin_compensation(
                        not feed them forward itself
     stribeck_velocity  m/s, needed with the column `stribeck`
 
-    An Inertia is taken over; an existing compensator keeps its values and gets the missing columns.
+    An Inertia is replaced by its values; an existing compensator keeps its values and gets the missing columns.
     Raises ParameterError for an unknown column, and StructureError for a term that would be fed forward twice.
     """
     for name in columns or ():
@@ -374,12 +377,12 @@ _LEAST_ROWS = 20  # least number of rows per column
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Iteration(Result):
-    """Result of one trial: the feedforward before and after, and the standard errors of its parameters.
+    """The result of one trial: the feedforward before and after, and the standard errors of its parameters.
 
     loop       the loop of the next trial
     errors     standard error of each tuned parameter, of the full step (gamma = 1), SI
     frozen     parameters that keep their value, with the reason
-    held       parameters that are held by their bound
+    held       parameters at their bound
     predicted  following error of the next trial along the same reference, m, shape (n,)
     condition  condition number of the columns used, scaled to equal norm
     """
@@ -438,11 +441,11 @@ def next_iteration(
         Ψ = Ĝ_d φ,   θ_next = θ + gamma (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e,   S scales the columns of Ψ to the same size
 
     `loop` is the loop that ran the trial, with its present parameters in a DisturbanceCompensator; its control must be
-    the real one, its axis is used only where `form` or a frozen model needs it.  The next reference may be another.
+    the real one; its axis is used only where `form` or a frozen model needs it.  The next reference may differ.
 
     form        "model_free", "model_based" or "axis_model", see `error_model`
-    gamma       share of the step that is taken, 0 < gamma <= 1; at most 0.5 if the controller's gains are known only
-                roughly: the error of the parameters is multiplied by about |1 - gamma · true gain/believed gain|
+    gamma       fraction of the step that is applied, 0 < gamma <= 1; at most 0.5 if the controller's gains are known
+                only roughly: the error of the parameters is multiplied by about |1 - gamma · true/believed gain|
     mu          >= 0; reduces the step in directions that the trial hardly excites
     columns     names of the parameters to tune; default: all that the block has.  Parameters that a trial does not
                 excite are frozen: friction without a reversal, columns that are 0 or that others explain
@@ -649,10 +652,10 @@ def convergence(
 
     believed  the loop with the gains and parameters that the tuner assumes; default: the loop itself
 
-    The other arguments are those of `next_iteration`.  Friction is taken as fed forward along the set velocity, so
-    deviations of the real velocity are neglected.
+    The other arguments are those of `next_iteration`.  Friction is assumed to follow the set velocity: deviations of
+    the real velocity are neglected.
     Raises UnstableError for a model loop that is not stable, and ParameterError for a column that is 0 throughout.
-    Source: this library's, for the step of `next_iteration`; the text of Wu, Han, Xiong & Ding 2017 at hand ends at eq.
+    Source: derived here for the step of `next_iteration`; the available text of Wu, Han, Xiong & Ding 2017 ends at eq.
     (10) and states no rate.
     """
     T = float(loop.sample_time)

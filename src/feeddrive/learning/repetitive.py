@@ -55,9 +55,10 @@ def tune_repetitive(
 
         min over leads l of   max over f of   |q (1 - learning_gain T_r z^l)|
 
-    T_r is the response of the load to a shift of the set position, differenced into the set velocity, while the axis
-    moves with `velocity` (m/s).  A repetitive controller already in the loop is left out.  When not: with a `passes` so
-    small that q passes frequencies at which the loop is unknown; 32 is -3 dB at 0.033 of the sample rate.
+    T_r is the response of the load position to a shift of the set position, whose difference quotient is added to the
+    set velocity, while the axis moves with `velocity` (m/s).  A repetitive controller already in the loop is ignored.
+    When not: with so few `passes` that q passes frequencies at which the loop is unknown; 32 is -3 dB at 0.033 of the
+    sample rate.
     Raises ParameterError for a period that is no whole number of samples, UnstableError where no lead converges.
     """
     T = float(loop.sample_time)

@@ -110,7 +110,8 @@ def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
     """Return a cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values, which sum to
     1.
     """
-    from scipy.interpolate import BSpline  # not for commands that only read
+    # imported here: commands that only read a log start without it
+    from scipy.interpolate import BSpline
 
     t = np.arange((degree + 1) * spacing + 1) / spacing
     spline = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)(t)
@@ -179,8 +180,8 @@ def filtered_splines(
     Windows are solved by QR, with a ridge of 1e-6: normal equations would lose all digits.
 
     Raises ParameterError for a spacing below the degree, and for a path of more than 20000 samples without a window.
-    When to use: for modes that no encoder sees, and for zeros outside the unit circle, known ahead of time.  When not:
-    against disturbances; a model error acts in full.
+    When to use: on paths known in advance, for modes that no encoder measures and for zeros outside the unit circle.
+    When not: against disturbances; a model error acts in full.
     Source: Okwudire, Ramani & Duan 2016; Duan, Yoon & Okwudire 2018 (limited preview).
     """
     if not 3 <= degree <= 5 or spacing < degree:
@@ -270,7 +271,7 @@ class InversePath:
 
     @property
     def preview(self) -> int:
-        """The number of samples r + s that the set path must be known ahead, s = deg B⁻."""
+        """The preview r + s in samples, by which the set path must be known in advance, s = deg B⁻."""
         return self.delay + self.kept.size - 1
 
     def gain(self, frequency: np.ndarray, sample_time: float) -> np.ndarray:
@@ -280,7 +281,8 @@ class InversePath:
 
     def filtered(self, wanted: np.ndarray) -> np.ndarray:
         """Return x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r), for a wanted path at rest at both ends."""
-        from scipy.signal import lfilter  # not for commands that only read
+        # imported here: commands that only read a log start without it
+        from scipy.signal import lfilter
 
         s = self.kept.size - 1
         ahead = np.concatenate([wanted - wanted[0], np.full(self.preview, wanted[-1] - wanted[0])])
@@ -319,13 +321,13 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
 
 
 def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
-    """Return set positions with which the table follows a reference without phase error, by the linear loop model.
+    """Return set positions with which, by its linear model, the loop follows a reference without phase error.
 
         T_r = q^r B⁺ B⁻ / A,    x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r)
 
     The motion is delayed by the preview of r + s samples (`lead`).
-    When to use: on smooth moves with a loop that is known and linear.  When not: against friction, for which it does
-    nothing; with gains that are changed afterwards; with 20 % of unknown load most of its advantage is gone.
+    When to use: on smooth moves with a loop that is known and linear.  When not: against friction, which it does not
+    compensate for; with gains that are changed afterwards; with 20 % of unknown load most of its advantage is gone.
     Raises ParameterError where the polynomials lose their digits, from about degree 10 on (filters, two encoders).
     Source: Tomizuka 1987; which zeros are kept, and B by Markov parameters, are this library's.
     """
@@ -334,7 +336,7 @@ def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
     wanted = sampled(reference, T, path.preview, round(_SETTLING / T))
     filtered = path.filtered(wanted)
     before, after = (_left(model, positions, wanted) for positions in (wanted, filtered))
-    # lost digits show in no residual of the polynomials: the model itself is asked
+    # lost digits show in no residual of the polynomials: the model itself is simulated
     if not after < before:
         raise ParameterError(
             f"the model of the loop itself is {Quantity(after, 'm')} off the path with this inverse, and "

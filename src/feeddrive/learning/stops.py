@@ -17,16 +17,16 @@ _DURATION = 4.0  # s
 
 
 def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
-    """Return the loop with stops in place of its friction feedforward, identified from a simulated log, and the stops.
+    """Return the loop with stops, identified from a simulated log, in place of its friction feedforward, and the fit.
 
     In the middle of its travel the axis swings for 4 s by 5 mm at 0.5 Hz, with smaller and faster swings on top.  Its
-    mass is given; viscous friction and offset are identified together with the stops and left to the other blocks.
+    mass is known; viscous friction and offset are identified together with the stops and left to the other blocks.
     `seed` is that of the encoder noise.
     Raises NotIdentifiableError if the log does not show friction.
     """
     T = float(loop.sample_time)
     control = loop.control
-    # the friction feedforward that is there would hide the friction that is looked for
+    # the present friction feedforward would hide the friction that is to be identified
     others = tuple(block for block in control.feedforward if "friction" not in block.fed())
     bare = replace(loop, control=replace(control, feedforward=others))
     run = simulate(bare, _swings(_center(loop), T), seed=seed, record=["reading_load", "force"], name="swings")

@@ -32,10 +32,10 @@ class PrefilterFit(Result):
     remainder.
 
     theta             by regressor, in s, s², s³, s⁴
-    standard_error    of theta, for an autocorrelated remainder
-    condition         of the regressors' columns, scaled to equal RMS
-    present           the prefilter that the run had; `prefilter` adds θ to it
-    error, explained  m, shape (n,); `regressors` the columns by name; `counted` the samples that are not at rest
+    standard_error    standard errors of theta, for an autocorrelated remainder
+    condition         condition number of the regressors' columns, scaled to equal RMS
+    present           prefilter of the run; `prefilter` adds θ to it
+    error, explained  m, shape (n,); `counted`: mask of the samples that are not at rest
     """
 
     theta: Mapping[str, float]
@@ -131,12 +131,12 @@ def fit_prefilter(
     regressors: Sequence[str] = REGRESSORS,
     present: TrajectoryPrefilter | None = None,
 ) -> PrefilterFit:
-    """Fit a prefilter to one run of a loop along a reference; iterate while the error still falls.
+    """Fit a prefilter to one run of a loop along a reference; repeat while the error still falls.
 
         least ‖e - [v a j s] θ‖ over the samples in motion,  e = set position - reading,  v .. s exact, not filtered
 
     regressors  derivatives that may be used
-    present     the prefilter with which the run was made; θ is added to it
+    present     prefilter of the run; θ is added to it
     Columns are scaled to their maximum; standard errors allow for autocorrelated remainders (Newey & West 1987).
 
     Raises ParameterError for unknown regressors, and LogError for a run that reached its force limit, moves for too

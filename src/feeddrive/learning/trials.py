@@ -123,7 +123,7 @@ def iterate_trials(
     trials      number of trials, >= 2
     believed    the loop with the gains that the tuner assumes, if they differ from the real ones
     load        force on the table, or a function that returns it for the index of a trial, from 0 on
-    seed        of the noise; trial j has seed + j
+    seed        seed of the noise; trial j has seed + j
     """
     if trials < 2:
         raise ParameterError(f"trials = {trials} must be >= 2: the first shows the error, the second what was learned")
@@ -215,7 +215,7 @@ def learn_signal(
 
         f_next = Q (f + gain L e),   L = Ĝ_d* / (|Ĝ_d|² + ε²),   Q = 1 / (1 + (frequency/bandwidth)⁴)
 
-    Q has zero phase, since it filters the record; Ĝ_d is that of `error_model`.  It converges where |Q (1 - gain L
+    Q has zero phase, since it filters the record; Ĝ_d is that of `error_model`.  Learning converges if |Q (1 - gain L
     G_d)| < 1 at all frequencies: the bandwidth must end where Ĝ_d is no longer known.
 
     bandwidth  Hz, of the robustness filter Q
@@ -378,7 +378,7 @@ def tune_prefilters(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> MachineTrials:
-    """Tune the trajectory prefilters of all moving axes from run to run (see `fit_prefilter` for the law).
+    """Tune the trajectory prefilters of all moving axes from run to run (see `fit_prefilter` for the fit).
 
     Raises ParameterError for fewer than two runs and for a prefilter of another kind, and the errors of `simulate`.
     """
