@@ -25,7 +25,7 @@ _WORTH_SAYING = 1e-6  # m off a line at 45 degrees
 class MatchedDynamics(Result):
     """The mismatch of axis dynamics, on a line at 45 degrees and on a circle with a feed in m/s and a radius in m.
 
-    lag      s by which each axis follows its setpoint at constant velocity
+    lag      lag in s of each axis behind its setpoint at constant velocity
     answer   response of each axis at the circle's frequency, from the set position with its derivatives to the table
     """
 
@@ -163,7 +163,7 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
     N = I - t tᵀ and the gain of each law. The eigenvalues of that matrix decide stability; the gain is found by
     bisection to 1e-6 in each direction.  For equal axes it is the largest stable Kv minus Kv.  The rotation of the
     path direction at V/R is neglected, which is permissible while V/R is far below Kv.
-    Raises ParameterError if that coupling is no `CrossCoupled`.
+    Raises ParameterError if that coupling is not a `CrossCoupled`.
     """
     coupling = machine.couplings[place] if 0 <= place < len(machine.couplings) else None
     if not isinstance(coupling, CrossCoupled):

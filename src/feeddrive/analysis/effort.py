@@ -47,7 +47,7 @@ def effort(loop: Loop) -> Effort:
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(plain.control)}
     control = tree.rebuild(plain.control, (graph.input(name) for name, _ in tree.leaves(plain.control)))
     control = tree.with_tables(control, rows)
-    # a number that stands in the text of `prepare` stays part of the graph, as it does when it is compiled
+    # a literal in the code of `prepare` stays a constant of the graph, as it does in compiled code
     held = tree.rebuild(
         prepared, (v if type(v) is float else graph.input(name) for name, v in tree.leaves(prepared, "prepared"))
     )

@@ -59,7 +59,7 @@ def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
     """Linearize a loop that moves with `velocity` (m/s), opened at the actuator.
 
     Its inputs are `cut`, `load_force` and both readings.
-    Raises ParameterError if a loop gain is requested of a law whose period exceeds 64 samples.
+    `loop_gain` of the model raises ParameterError for a law whose period exceeds 64 samples.
     """
     inputs = ("cut", "load_force", "reading_motor", "reading_load")
     if loop.control.law.period() > 1:
@@ -91,8 +91,8 @@ def close(model: StateSpace, gain: float = 1.0) -> StateSpace:
     )
 
 
-_HIGHEST, _STEPS = 1e3, 120  # up to which gain the first edge is looked for, and in how many steps
-_LATEST = 400  # samples of dead time likewise
+_HIGHEST, _STEPS = 1e3, 120  # largest gain of the search for the first edge, and its number of steps
+_LATEST = 400  # samples: largest dead time of the search
 
 
 def gain_edge(model: Lifted) -> float | None:

@@ -27,7 +27,7 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
 
         b(P, C) = min over the lines of |1 + PC| / √((1 + |P|²)(1 + |C|²))
 
-    The closed loop, stable itself, stays stable while the normalized coprime factors of P change by less than b; its
+    A stable closed loop remains stable while the normalized coprime factors of P change by less than b; its
     phase margin is at least 2 asin b, its gain margin (1 + b)/(1 - b).  No controller of 1/s² exceeds 1/√(4 + 2√2).
     P is the sampled axis with its dead time where C is a sampled law: P = L/C.
     When not: as a goal for P-PI, which does not roll off: b then measures its gain at half the sample rate.
@@ -208,7 +208,7 @@ class Margins(Result):
         return 1.0 / self.modulus_margin if self.modulus_margin > 0.0 else float("inf")
 
     def numbers(self) -> dict[str, float | None]:
-        """Return the scalar figures by name, for a file."""
+        """Return the scalar figures by name, as they are written to files."""
         return {
             "crossover_Hz": self.crossover,
             "phase_margin_deg": self.phase_margin_deg,
@@ -251,9 +251,9 @@ def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) ->
 
     Between two lines ln |L| and the phase are interpolated linearly over ln f, so a pure power of f is exact; the
     modulus margin is interpolated by a parabola.  The phase of two neighboring lines must differ by less than 180°.  If
-    a sampled loop is given up to Nyquist, its last line is taken as real. For an array or a loop gain of another tool
-    give `frequency` in Hz: see `as_frf`.  A `Loop` is linearized at 0.05 m/s and opened at the drive (`loop_model`);
-    without `frequency` the lines are chosen automatically.
+    a sampled loop is given up to Nyquist, its last line is assumed to be real.  For an array or a loop gain of another
+    tool give `frequency` in Hz: see `as_frf`.  A `Loop` is linearized at 0.05 m/s and opened at the drive
+    (`loop_model`); without `frequency` the lines are chosen automatically.
     Raises ParameterError for fewer than two lines.
 
     When not: for a loop that is not stable when closed, and for a measured L where its coherence is low.
@@ -297,7 +297,8 @@ def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FR
 def complementary_sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:
     """Return T = L/(1 + L) = 1 - S: the closed-loop response to a signal at the point where the loop was opened.
 
-    Raises ParameterError as `sensitivity`.  The response to the setpoint, which includes feedforward, is `tracking`.
+    Raises ParameterError if L is exactly -1 on a line.  The response to the setpoint, which includes feedforward, is
+    `tracking`.
     """
     L = as_frf(loop_gain, frequency)
     _check(L)
@@ -470,7 +471,7 @@ FIGURES: dict[str, tuple[str, Callable[[Margins], float | None]]] = {
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with its confidence interval; `sure` if the figure exists and agrees in nearly all draws."""
+    """A figure with its confidence interval; `sure` is True if the figure exists and agrees in nearly all draws."""
 
     value: float
     low: float
@@ -483,9 +484,9 @@ class Interval:
 class MarginIntervals(Result):
     """The confidence intervals of margins, by name of the figure in `Margins`; figures that do not exist are left out.
 
-    margins  of the smoothed loop gain; the values of the intervals are these minus the bias caused by noise
+    margins  margins of the smoothed loop gain; the values of the intervals are these minus the bias caused by noise
     level    confidence level of each single interval
-    draws, seed   of the Monte Carlo
+    draws, seed   number of draws and random seed of the Monte Carlo simulation
     """
 
     margins: Margins
@@ -517,8 +518,8 @@ class MarginIntervals(Result):
 def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: int = 0) -> MarginIntervals:
     """Compute confidence intervals of all margins from the variance of a measured loop gain, by Monte Carlo.
 
-    The least of many noisy distances to -1 is too small, and noisy lines cross |L| = 1 many times.  So the loop gain is
-    first smoothed as far as its variances allow, and every draw is smoothed a little less (`smoothers`):
+    The smallest of many noisy distances to -1 is biased low, and noisy lines cross |L| = 1 many times.  So the loop
+    gain is first smoothed as far as its variances allow, and every draw is smoothed a little less (`smoothers`):
 
         L* = B (A L + e),  e complex normal with the variance of each line, independent from line to line
         θ = margins of A L - (mean(θ*) - margins of B A L),  θ* = margins of L*,  interval = θ ± z std(θ*)

@@ -78,7 +78,7 @@ class Crossings:
         with np.errstate(invalid="ignore"):
             high, low, gap = y >= self._level, (y < self._level) & (y <= self._low), ~np.isfinite(y)
         known = high | low | gap
-        # whether the last sample at or before each one that is high, low or a gap was low
+        # True if the last sample up to each one that was high, low or a gap was low
         index = np.where(known, np.arange(y.size), -1)
         # without a loop over samples: a drive gives thousands of rows a second
         index = np.maximum.accumulate(index)
@@ -122,11 +122,11 @@ class LiveSource(Protocol):
 
     name: str
     channels: Mapping[str, str]
-    """Units by name, empty where none is known; nothing before the first rows."""
+    """The units by channel name, empty if unknown; the mapping is empty before the first rows."""
     clock: str
-    """Unit of the time: `s`, or `samples` where the source has no clock."""
+    """The unit of the time: `s`, or `samples` for a source without a clock."""
     over: bool
-    """No more will come."""
+    """True if the source has ended."""
 
     def take(self) -> Rows:
         """Return the new rows since the last call, without waiting. Raises FeeddriveError for a source that failed."""
@@ -144,7 +144,7 @@ class Recording:
     """A buffer for the last rows of several channels, at most `MOST_NUMBERS` numbers; the oldest rows are dropped."""
 
     most: int
-    """Rows that are kept."""
+    """The number of rows that are kept."""
 
     def __init__(self, channels: int) -> None:
         self.most = max(2, MOST_NUMBERS // (channels + 1))
@@ -191,7 +191,7 @@ class Recording:
             self._from += int(np.searchsorted(self.time, self.time[-1] - seconds))
 
     def between(self, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return copies of time and values of the rows from `start` to `end`, s, both included."""
+        """Return copies of time and values of the rows from `start` to `end`, s, both inclusive."""
         first, last = np.searchsorted(self.time, start, "left"), np.searchsorted(self.time, end, "right")
         return self.time[first:last].copy(), self.values[first:last].copy()
 
@@ -303,7 +303,7 @@ class Oscilloscope:
         self.arm()
 
     def arm(self) -> None:
-        """Rearm the trigger; in single mode for one more window."""
+        """Rearm the trigger, in single mode for one more window. Raises ParameterError for an unknown channel."""
         if self.trigger is not None and self.channels and self.trigger.channel not in self.channels:
             raise ParameterError(
                 f"there is no channel '{self.trigger.channel:.60}'{nearest(self.trigger.channel, self.channels)}"
@@ -356,7 +356,7 @@ class Oscilloscope:
 
     @property
     def lack(self) -> str:
-        """A sentence if the window is longer than the recording can be, so that none is ever complete; else empty."""
+        """A message if the window exceeds the capacity of the recording and can never be complete; else empty."""
         time = self.recording.time
         kept = float(time[-1] - time[self._at_once]) if time.size >= self.recording.most else math.inf
         if not 0.0 < kept < self.window:

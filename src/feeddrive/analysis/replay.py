@@ -57,7 +57,7 @@ def commanded(
 ) -> np.ndarray:
     """Return the force in N that a control commands at each row of a log, shape (n,).
 
-    set_position   m, shape (n,), one row a sample of the control
+    set_position   m, shape (n,), one row per sample of the control
     reading        m, shape (n,): reading of the load encoder, also used for the motor if `reading_motor` is None
     force          N, shape (n,), as it was commanded at each row
 
@@ -165,11 +165,11 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
 
     measured  `set_position` and `position_load` in m, optionally `force` in N and `load_force` in N (a known extra
               force on the table, which is applied to the model too) and `added_force` in N (one that an experiment
-              added at the drive, behind the limit); all of shape (n,), one row a sample of the loop
+              added at the drive, behind the limit); all of shape (n,), one row per sample of the loop
     skip      samples at the start that do not count
 
-    A drive may log its command before or after such a force is added; the log is interpreted as the one nearer to the
-    model's force.
+    A drive may log its command before or after such a force is added.  Of the two interpretations the one closer to the
+    model's force is used.
 
     Raises LogError for a log too short to estimate its start.
     """

@@ -17,7 +17,7 @@ class Spectrum(Result):
     """The one-sided amplitude spectrum and cumulative RMS of a signal by `frequency` in Hz, 0 to Nyquist, shape (m,).
 
     A sine of amplitude a on a line has the value a.  The last value of `cumulative_rms` is the RMS of the whole signal.
-    `unit` is SI, and so are the numbers.
+    All values are in `unit`, an SI unit.
     """
 
     name: str

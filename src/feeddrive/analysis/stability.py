@@ -18,12 +18,12 @@ from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System, check_system
 
-_ROUNDING = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
+_ROUNDING = 1e-9  # of |z|: the uncertainty of eigenvalues of a small matrix
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stability(Result):
-    """The dominant pole of a sampled model, which decides its stability. `sample_time` in s.
+    """The dominant pole of a sampled model, which decides its stability.
 
     `growth` is |z|, the growth factor of the motion per sample; below 1 the motion decays.
     """
@@ -174,7 +174,7 @@ _DISC = 2.4477  # √χ²(95 %, 2): deviations of the real part within which 95 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Encirclement(Result):
-    """The stability of the closed loop by its Nyquist curve.
+    """The stability of the closed loop according to its Nyquist curve.
 
     turns          encirclements of -1 by L, counterclockwise, over all frequencies, -∞ to ∞
     unstable       unstable poles of the closed loop: unstable_poles of the open loop - turns
@@ -194,7 +194,7 @@ class Encirclement(Result):
 
     @property
     def stable(self) -> bool:
-        """True if the closed loop has no unstable pole; `certain` tells if the lines suffice to decide it."""
+        """True if the closed loop has no unstable pole; `certain` is True if the lines suffice to decide it."""
         return self.unstable == 0
 
     @property
@@ -233,7 +233,7 @@ def encirclement(
 
         unstable = unstable_poles - turns,   turns = (2/2π) [arc + Σ arg((1 + Lₖ₊₁)/(1 + Lₖ)) + closing]
 
-    unstable_poles  of the open loop, outside the left half plane (or the unit circle), without those at the origin
+    unstable_poles  poles of the open loop outside the left half plane (or the unit circle), without those at the origin
     integrators     poles of L at the origin (z = 1); None: from the slope of its lowest lines
 
     Below the first line L is assumed to start at +∞ and to follow the arc of its integrators, -90° each, to the nearest
@@ -335,7 +335,7 @@ def _integrators(L: FRF) -> int:
 def _arc(angle: float, integrators: int) -> tuple[float, float]:
     """Return the start phase of L, 0 (+∞) or for a negative gain π (-∞), and its turn from there to `angle`, rad.
 
-    Of the possible turns the one nearest to -90° per integrator is taken.
+    Of the possible turns the one nearest to -90° per integrator is selected.
     """
     wanted = -0.5 * np.pi * integrators
     turns = [wanted + (angle - begin - wanted + np.pi) % (2.0 * np.pi) - np.pi for begin in (0.0, np.pi)]

@@ -43,7 +43,7 @@ class StepResponse(Result):
 
     @property
     def settling_time(self) -> float:
-        """The settling time: the position stays within the settling band afterwards, s."""
+        """The time in s after which the position stays within the settling band."""
         return settling_time(self.time, self.position / self.final - 1.0, self.settled)
 
     @property

@@ -48,7 +48,7 @@ NAMED = (1.0, 10.0, 100.0, 1000.0)  # Hz, at which the table states it
 class Stiffness(Result):
     """The dynamic stiffness |force/displacement| in N/m by `frequency` in Hz, both of shape (n,); shown in N/um.
 
-    `static` is its limit at 0 Hz, infinite with integral action, None where it is not known.
+    `static` is its limit at 0 Hz, infinite with integral action, None if it is unknown.
     """
 
     frequency: np.ndarray
@@ -74,7 +74,10 @@ class Stiffness(Result):
         return least(np.log(self.frequency), np.log(self.magnitude))
 
     def at(self, frequency: float) -> float:
-        """Return N/m at a frequency in Hz, interpolated on log-log axes. Raises ParameterError outside the lines."""
+        """Return the stiffness in N/m at a frequency in Hz, interpolated on log-log axes.
+
+        Raises ParameterError outside the lines.
+        """
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             raise ParameterError(
                 f"frequency {Quantity(frequency, 'Hz'):6} is outside of the stiffness's lines, "
@@ -221,7 +224,7 @@ def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared
     shared       True if one encoder gives both readings: its error, `load`, is in both
 
     A count of q has an error of q/√12, white if the axis moves by at least a count per sample.  For a lifted model the
-    mean square is taken over the samples of a period.
+    mean square is averaged over the samples of a period.
     Raises UnstableError for a model that is not stable.
     """
     if isinstance(model, Lifted):
@@ -268,7 +271,7 @@ def force_noise_of_lines(frequency: np.ndarray, T: float, readings: Sequence[tup
     return float(np.sqrt(sum(float(np.sum(weight * sigma**2 * np.abs(C) ** 2)) for C, sigma in readings)))
 
 
-_EDGE = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
+_EDGE = 1e-9  # of |z|: the uncertainty of eigenvalues of a small matrix
 
 
 class Robustness(NamedTuple):
