@@ -40,7 +40,7 @@ class MatchedDynamics(Result):
         return 0.5 * self.feed * abs(self.lag[a] - self.lag[b])
 
     def circle(self, a: str, b: str) -> float:
-        """Return half the difference between the axes of the ellipse traced instead of a circle, m."""
+        """Return the contour error of two axes on a circle, m: radius/2 · |difference of their responses|."""
         first, second = self.answer[a], self.answer[b]
         return 0.5 * self.radius * abs(first - second)
 

@@ -547,7 +547,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     curves = spread_by(center + noise[0] + 1j * noise[1])
     drawn = [margins(replace(L, response=curve, variance=None)) for curve in curves]
     quiet = margins(replace(L, response=spread_by(center), variance=None))
-    # normal intervals from mean and deviation: quantiles of 200 draws at 95 % hang on five of them at each end
+    # normal intervals from mean and deviation: quantiles of 200 draws at 95 % depend on five of them at each end
     reach = _two_sided(level)
     intervals: dict[str, Interval] = {}
     for name, (unit, figure) in FIGURES.items():
@@ -584,7 +584,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 def _settled(drawn: np.ndarray) -> bool:
     """Return True if nearly all draws lie around one value: no gap exceeds the deviations on both sides."""
     ordered = np.sort(drawn)
-    # a gap near an end separates a few outliers only, and says nothing of two crossings
+    # a gap near an end separates a few outliers only, and is no sign of two crossings
     beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # fewer draws than this are outliers
     place = beyond + int(np.argmax(np.diff(ordered)[beyond - 1 : ordered.size - beyond]))
     low, high = ordered[:place], ordered[place:]

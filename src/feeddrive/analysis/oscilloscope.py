@@ -186,7 +186,7 @@ class Recording:
         self._rows, self._from, self._to = rows, 0, len(held)
 
     def keep(self, seconds: float) -> None:
-        """Drop rows that are more than this time in s older than the last row."""
+        """Drop rows that are older than the last row by more than `seconds`."""
         if len(self):
             self._from += int(np.searchsorted(self.time, self.time[-1] - seconds))
 

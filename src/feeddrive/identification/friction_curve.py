@@ -432,7 +432,7 @@ class Candidate:
         return (*linear, *(("offset",) if self.offset else ()), *((_VELOCITY,) if self.stribeck else ()))
 
     def slopes(self, velocity: np.ndarray, values: Mapping[str, Any]) -> np.ndarray:
-        """Return d force / d parameter on a last axis, in the order of the parameters; missing values count as 0."""
+        """Return d force / d parameter along the last axis, in the order of `parameters`; missing values count as 0."""
         _, slopes = self.curve.at({name: values.get(name, 0.0) for name in self.curve.names}, velocity=velocity)
         slopes = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
         places = [self.curve.names.index(name) if name != "offset" else -1 for name in self.parameters]
@@ -450,7 +450,7 @@ class Candidate:
         return replace(self.friction, **parameters)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
-        """Return True for valid values: no level is negative, no breakaway level is below its Coulomb level."""
+        """Return True if the values are valid: no level is negative, no breakaway level is below its Coulomb level."""
         # the block itself checks its values, so that the bounds are stated once
         try:
             self.block(values)

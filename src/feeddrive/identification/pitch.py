@@ -32,7 +32,7 @@ class LearnedPitch(Result):
         return float(np.mean(self.compensation.forward - self.compensation.backward))
 
     def table(self) -> Table:
-        """Return a table of the figures."""
+        """Return a table of the size, the errors and the backlash of the compensation."""
         block = self.compensation
         peak = max(float(np.max(np.abs(entries))) for entries in (block.forward, block.backward))
         start, spacing = (Quantity(value, "m", form="6 mm") for value in (block.table_start, block.spacing))

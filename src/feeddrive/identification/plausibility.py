@@ -17,7 +17,7 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 
-# s: differences over times so long are hardly affected by encoder counts
+# s: differences over such times are hardly affected by encoder counts
 _SPEED_OVER = 5e-3
 _ACCELERATION_OVER = 1e-2
 

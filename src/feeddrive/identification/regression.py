@@ -474,7 +474,7 @@ class TracedForce(Generic[B]):
         self.ends = [end, *(graph.symbol(0.0 if slope is None else slope).index for slope in slopes)]
 
     def at(self, values: Mapping[str, Any], **arguments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the force, and its derivatives on a last axis; leaf values are numbers, or arrays that broadcast."""
+        """Return the force and its derivatives along the last axis; leaf values are numbers or broadcastable arrays."""
         leaves = {name: np.asarray(values[name], np.float64) for name in self.names}
         leaves |= {f"of {name}": np.asarray(arguments[name], np.float64) for name in self.arguments}
         shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves.values()))

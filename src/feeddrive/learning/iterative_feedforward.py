@@ -646,7 +646,7 @@ def convergence(
     plant: Plant | None = None,
     least_mass: float = 0.0,
 ) -> Convergence:
-    """Return the convergence rate of `next_iteration` on a loop with a known axis, if the tuner assumes another axis.
+    """Return the convergence rate of `next_iteration` on a loop with a known axis, if the tuner assumes another one.
 
         Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the believed one,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
 

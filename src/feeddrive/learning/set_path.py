@@ -129,7 +129,7 @@ class _Columns:
         self.answers = {phase: self._answer(path, phase) for phase in phases}
 
     def _answer(self, path: SetPath, phase: int) -> np.ndarray:
-        """Return the response of the table to the spline, up to its settling."""
+        """Return the response of the table to the spline, until it has settled."""
         rows = 2 * self.spline.size
         while True:
             positions = np.zeros((rows, 1))
@@ -259,7 +259,7 @@ _SETTLING = 0.05  # s of rest after the end
 
 @dataclass(frozen=True, eq=False)
 class InversePath:
-    """The closed loop from set position to table, T_r = q^r B⁺ B⁻ / A in q = z⁻¹, coefficients from q⁰ on.
+    """The closed loop from set position to table, T_r = q^r B⁺ B⁻ / A in q = z⁻¹, in ascending powers of q.
 
     B⁻, normalized to begin with 1, holds the zeros that are not inverted: |z| >= 1, or left of 0 with |z| > 0.6.
     """

@@ -235,7 +235,7 @@ def _checked(smoothing: int, rows: int) -> int:
 
 
 def _padded(x: np.ndarray, rows: int) -> np.ndarray:
-    """Return the record extended by some rows on each side by point reflection at its ends."""
+    """Return the record, extended by `rows` on each side by point reflection at its ends."""
     return np.pad(x, rows, mode="reflect", reflect_type="odd")
 
 

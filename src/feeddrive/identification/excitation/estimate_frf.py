@@ -317,9 +317,7 @@ def _total(
     freedom: np.ndarray,
     levels: dict[str, Level],
 ) -> tuple[np.ndarray, bool, np.ndarray, str]:
-    """Return the variance, a flag that is true if it includes nonlinear distortion, its degrees of freedom, and the
-    method.
-    """
+    """Return the variance, a flag for nonlinear distortion in it, its degrees of freedom, and the method."""
     m = len(drawn)
     if m > 1:
         u, y = _turned(drawn, lines)
@@ -434,7 +432,7 @@ def _struck(records: Sequence[Record]) -> bool:
 
 
 def _steady(record: Record, period: int) -> Record:
-    """Return the part with a periodic reference, at least two periods; without a reference the whole record."""
+    """Return the part of a record whose reference is periodic, at least two periods, or else the whole record."""
     if not record.references:
         return record
     begin, end = frequency_estimate.repeating(record.references[0], period)
@@ -463,7 +461,7 @@ def _check_band(record: Record, band: tuple[float, float]) -> None:
 
 
 def within(estimate: FrequencyEstimate, band: tuple[float, float] | None) -> FrequencyEstimate:
-    """Return the estimate on the lines of a band. Raises ParameterError if there are none."""
+    """Return the estimate restricted to the lines of a band. Raises ParameterError if there are none."""
     if band is None:
         return estimate
     f = estimate.frf

@@ -189,7 +189,7 @@ def _worst(excitation: Excitation) -> tuple[Limit, float]:
 
 
 def broken(excitation: Excitation) -> str:
-    """Return the beginning of a sentence that names the limit exceeded most."""
+    """Return the first part of an error message: the limit exceeded most, with the peak value."""
     worst, share = _worst(excitation)
     assert worst.most is not None
     got, may = readable(worst.got, worst.unit), readable(worst.most, worst.unit)
@@ -436,7 +436,7 @@ def _check(
 
 
 def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
-    """Return low-crest phases of each realization, from Schroeder's phases for the first, else random ones."""
+    """Return low-crest phases of each realization, from Schroeder's phases for the first, then from random ones."""
     rng = np.random.default_rng(seed)
     starts = [schroeder_phases(lines, sizes)]
     starts += [2.0 * np.pi * rng.random(lines.size) for _ in range(count - 1)]

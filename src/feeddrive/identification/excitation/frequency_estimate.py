@@ -91,7 +91,7 @@ class Record:
 
 
 def saturation(name: str, values: np.ndarray) -> list[str]:
-    """Return a remark for each end of its range at which a channel is saturated."""
+    """Return a remark for each end of its range, largest or smallest value, at which a channel is saturated."""
     remarks: list[str] = []
     for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         share = float(np.mean(values == end))

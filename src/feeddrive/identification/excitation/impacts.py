@@ -94,13 +94,13 @@ def _after(quiet: np.ndarray, end: int) -> int:
 
 
 def _wide(begin: int, end: int, size: int) -> tuple[int, int]:
-    """Extend a pulse by half its length on each side, since its ends are below the noise."""
+    """Extend a pulse by half its length on each side, since its ends are hidden in the noise."""
     more = (end - begin + 1) // 2
     return max(0, begin - more), min(size, end + more)
 
 
 def _bounces_joined(u: np.ndarray, pulses: Sequence[Sequence[int]]) -> list[_Blow]:
-    """Join pulses to blows; a pulse that follows another one after much less than the blow interval is a bounce."""
+    """Merge pulses into blows; a pulse that follows another one after much less than the usual interval is a bounce."""
     begins = np.array([begin for begin, _ in pulses])
     gaps = np.diff(begins)
     usual = float(np.max(gaps)) if gaps.size else np.inf

@@ -69,7 +69,7 @@ def spectra(records: Sequence[Record], segment: int | None = None, overlap: floa
 
 
 def _level(pieces: np.ndarray) -> np.ndarray:
-    """Remove mean and linear trend, since a drift would leak over all lines."""
+    """Remove mean and linear trend, since a drift would leak into all lines."""
     t = np.arange(pieces.shape[-1]) - 0.5 * (pieces.shape[-1] - 1)
     slope = (pieces @ t) / np.sum(t * t)
     return pieces - pieces.mean(axis=-1, keepdims=True) - slope[..., None] * t
@@ -142,7 +142,7 @@ def averaged(
 def _closed(
     u: np.ndarray, y: np.ndarray, r: np.ndarray, averages: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
-    """Return response, variance, coherence, degrees of freedom and doubt from the input due to the references."""
+    """Return response, variance, coherence, degrees of freedom, and relative variance of the projected input."""
     lines = r.transpose(2, 0, 1)  # (lines, stretches, references)
     nu = averages - lines.shape[2]
     if nu < 1.0:

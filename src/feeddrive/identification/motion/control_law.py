@@ -227,7 +227,7 @@ class LawCheck:
 
     @property
     def disagrees(self) -> bool:
-        """True if the logged force is not that of the law alone."""
+        """True if the logged force is not the command of the law alone."""
         return bool(self._against)
 
     @property
@@ -459,7 +459,7 @@ class _Rows:
 
 
 def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[str, Control]]:
-    """Yield each nonzero gain of a control, or those of `names`, with the control with that gain slightly increased."""
+    """Yield the nonzero gains of a control, or those of `names`, each with the control in which it is increased."""
     for name, value in tree.parameters(control).items():
         wanted = not name.startswith("guard.") if names is None else name in names
         if wanted and isinstance(value, float) and value != 0.0:
@@ -472,7 +472,7 @@ def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[s
 
 
 def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
-    """Return the names of linearly independent columns; parameters of parts come first, since they are the gains."""
+    """Return the names of linearly independent columns; parameters of nested blocks are preferred to common factors."""
     kept: list[str] = []
     for name in sorted(columns, key=lambda key: -key.count(".")):
         column = columns[name] - np.mean(columns[name])
@@ -485,7 +485,7 @@ def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _readings(log: MotionLog) -> Iterator[np.ndarray]:
-    """Yield readings with a random error within their count, constant while the count does not change."""
+    """Yield readings with a random error within one count, constant while the count does not change."""
     # a fixed seed: the same log gives the same errors
     count, random = count_of(log.position), np.random.default_rng(0)
     since = np.cumsum(np.diff(log.position, prepend=log.position[0]) != 0.0)

@@ -69,7 +69,7 @@ def own_viscous(axis: Axis) -> float:
 
 
 def refined_names(loop: Loop) -> tuple[str, ...] | None:
-    """Return the names of the parameters fitted by output error; None selects `physics`, for a rigid, plain axis.
+    """Return the names of the parameters fitted by output error; None (rigid axis, plain friction) selects `physics`.
 
     Otherwise these are nonzero friction and forces, and the mass of a rigid plant.  Of a richer friction model only
     levels and slopes are fitted; its parameters near standstill are kept.

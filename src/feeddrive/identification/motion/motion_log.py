@@ -70,7 +70,7 @@ class MotionLog:
 
     @property
     def frame(self) -> Frame:
-        """The units: those of a table, of a shaft, or of a rotary axis."""
+        """The units of the log: those of a table, of a shaft, or of a rotary axis."""
         return TURNING if self.turning else frame_of(self.rotary)
 
     @property
@@ -219,7 +219,7 @@ _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at r
 
 
 def count_of(position: np.ndarray) -> float:
-    """Return the resolution of readings in m, of which all their differences are multiples; 0 if there is none."""
+    """Return the resolution of readings in m: all their differences are multiples of it; 0 if there is none."""
     levels = np.unique(position)
     steps = np.diff(levels)
     # levels that differ by rounding of the file are one level
@@ -247,7 +247,7 @@ def at_rest(log: MotionLog, skip: int) -> np.ndarray:
 
 
 def unknown_force(residual: np.ndarray, runs: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Return the unmodelled force in N, row by row in motion; 0 if quantization explains the residual.
+    """Return the unmodeled force in N for each row in motion; 0 if quantization explains the residual.
 
         d = -share · r̃,   share² = 1 - Σ s̃² / Σ r̃²
 
@@ -309,7 +309,7 @@ def spread(runs: np.ndarray) -> np.ndarray:
 
 
 def _counted(loop: Loop, count: float) -> tuple[Loop, dict[str, float]]:
-    """Return the loop with quantizing encoders, and the names of their offsets; an axis without encoder gets one."""
+    """Return the loop with quantizing encoders and their offsets by name; an axis without an encoder is given one."""
     ends = {end: getattr(loop.axis, end) for end in ("encoder_motor", "encoder_load")}
     if all(encoder is None for encoder in ends.values()):
         ends["encoder_load"] = Encoder(resolution=count)
@@ -572,7 +572,7 @@ def kept(samples: int, factor: int) -> np.ndarray:
 
 
 def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray:
-    """Filter forward and backward in second-order sections; a single polynomial would be unstable by rounding."""
+    """Filter forward and backward in second-order sections; a single polynomial would become unstable by rounding."""
     ends = 3 * order
     if values.shape[-1] <= ends:
         raise LogError(

@@ -330,7 +330,7 @@ def _estimates(
 
 
 def _solved(columns: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """Solve the least squares for the change of the parameters."""
+    """Solve the least-squares problem for the change of the parameters."""
     flat = columns.reshape(-1, columns.shape[-1])
     sizes = np.linalg.norm(flat, axis=0)
     # columns of length 1: a mass in kg and a friction in N differ by powers of ten

@@ -175,7 +175,7 @@ class ModalResponse:
 
 
 class Poles:
-    """The common resonances of several responses, computed once for each number and weight."""
+    """The common resonances of several responses, computed once for each number of resonances and weighting."""
 
     def __init__(self, model: ModalResponse, responses: Sequence[np.ndarray], dead_time: float | None) -> None:
         late = dead_time or 0.0
@@ -440,9 +440,7 @@ def _best_start(
     dead_time: float | None,
     poles: Poles,
 ) -> tuple[float, list[Unknown], Refined] | None:
-    """Return the best of several automatic starts after a few steps, by mean |ln(fitted/measured)|, bounded to 1 per
-    line.
-    """
+    """Return the best of several automatic starts after a few steps, by mean |ln(fitted/measured)|, each at most 1."""
     best: tuple[float, list[Unknown], Refined] | None = None
     arrays = [frf.response for frf in frfs]
     low, high = min(frf.frequency[0] for frf in frfs), max(frf.frequency[-1] for frf in frfs)

@@ -561,7 +561,7 @@ def fit_two_mass(
 
 
 def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
-    """Raise ParameterError for a mode with negative residue at the motor encoder."""
+    """Raise WrongSignError for a mode with a negative residue at the motor encoder."""
     by_name = {estimate.name: estimate for estimate in modal.estimates}
     number = int(np.argmin(np.abs(modal.values[: modal.model.modes] - frequency))) + 1
     error = by_name[f"residue_{number}_motor"].error if f"residue_{number}_motor" in by_name else np.inf

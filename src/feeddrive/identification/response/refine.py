@@ -413,7 +413,7 @@ def _descend(
         else:
             settled = True
             break
-        # the step after the outlier limit has changed is no evidence: its cost is another one
+        # the step after the outlier limit has changed is no evidence: its cost is a different one
         little = before - cost <= max(_FLAT * before, _LITTLE * (far / _FAR) ** 2)
         flat = flat + 1 if little and step % 5 != 4 else 0
         if flat == 2:
