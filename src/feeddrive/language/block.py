@@ -38,6 +38,7 @@ from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import UNIT, Cell, Column, Table
 from feeddrive.language.text import Text, joined
 
+# "finite" is two comparisons with it, since symbols and targets have no isfinite
 LARGEST = sys.float_info.max
 
 
@@ -111,6 +112,7 @@ def check_choice(where: str, declaration: Declaration, value: Any) -> None:
         allowed = ", ".join(repr(option) for option in declaration.options)
         raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be one of {allowed}")
     if declaration.least is not None:
+        # bool is a subclass of int: True would pass as 1
         if isinstance(value, bool) or not isinstance(value, int):
             raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be a whole number")
         if value < declaration.least:
@@ -262,7 +264,7 @@ def snake_case(name: str) -> str:
 
 
 STRUCTURE = "_structure_and_values"
-"""The attribute in which a block keeps its structure, see `tree.structure_and_values`."""
+"""The attribute in which a block caches its structure, see `tree.structure_and_values`."""
 
 
 @dataclass_transform(
@@ -278,6 +280,7 @@ class Block(Declared):
 
     def __init_subclass__(cls) -> None:
         cls.kind = snake_case(cls.__name__)
+        # eq=False: parameters may be arrays, whose == is no truth value, and blocks are dictionary keys by identity
         dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
         cls.__init__ = _checking_names(cls, cls.__init__)
         for spec in dataclasses.fields(cls):  # type: ignore[arg-type]
@@ -304,6 +307,7 @@ class Block(Declared):
     def require(self) -> None:
         """Raise the error of `check`, or ParameterError for the first violated rule."""
         self.check()
+        # a block without rules is spared the copy that `enforce` makes
         if type(self).rules is not Block.rules:
             enforce(self, lambda block: block.rules())
 
@@ -408,6 +412,7 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
                 raise ParameterError(
                     f"{cls.__name__} needs {', '.join(f'{name} ({declared[name].meaning})' for name in needed)}"
                 ) from None
+            # the arguments are right: the error was raised inside the constructor
             raise
 
     return construct
@@ -440,6 +445,7 @@ def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
 
 def _plain(block: Block, variant: int | None = None) -> Block | None:
     """Copy a block with NumPy numbers as parameters, for one variant or all; return None if a parameter is a symbol."""
+    # not the constructor, which enforces the rules and would end up here again
     plain = object.__new__(type(block))
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
@@ -490,6 +496,7 @@ def checked(kind: str, name: str, declaration: Declaration, value: Any) -> Any:
 
 
 def _checked_number(where: str, declaration: Declaration, value: Any) -> Any:
+    # a trace has no values: its bounds become conditions of the routine, which targets test
     if isinstance(value, Symbol):
         return value
     if isinstance(value, np.ndarray):
@@ -523,6 +530,6 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
 
 
 def check_tree(tree: Any) -> None:
-    """Raise ParameterError for a file's content object, which contains loops but is not itself a loop or block."""
+    """Raise ParameterError for the content of a machine file, which contains loops but is not a loop or a block."""
     if getattr(tree, "instead", ""):
         raise ParameterError(f"a loop or a block has parameters, not a {type(tree).__name__}: {tree.instead}")

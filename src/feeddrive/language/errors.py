@@ -80,7 +80,7 @@ class LogError(FeeddriveError):
 
 
 class NotIdentifiableError(LogError):
-    """A valid log without enough information for the requested parameters; the message says what to measure next."""
+    """A valid log without enough information for the requested parameters; the message states what to measure next."""
 
     exit_code = 1
 
@@ -126,6 +126,7 @@ class WorkerError(FeeddriveError):
 class CancelledError(FeeddriveError):
     """A job that was canceled on request; the message states which results were kept, usually none."""
 
+    # 128 + 2: the exit code of shells after SIGINT
     exit_code = 130
 
 
@@ -154,6 +155,7 @@ def plain(text: str) -> str:
     if text.isprintable():
         return text
     kept = Text("".join(piece if is_mark else _printable(piece) for piece, is_mark in split(marked(text))))
+    # the fields of a mark come from the same text: if they are damaged, the quantities are given up
     is_safe = kept.isprintable() and all(part.isprintable() for mark in marks(kept) for part in mark)
     return kept if is_safe else _printable(text)
 
@@ -172,6 +174,7 @@ def shown(value: Any) -> str:
     """Format a value for a message: short, on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
+    # repr raises ValueError for an integer of more than 4300 digits, which a file may contain
     if isinstance(value, int) and abs(value) >= 10**20:
         return "a whole number of more than 20 digits"
     text = repr(value)

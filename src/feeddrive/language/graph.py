@@ -103,7 +103,7 @@ class Graph:
     """
 
     def __init__(self, counted: Callable[[Symbol], float] | None = None) -> None:
-        """Create an empty graph; `counted` bounds the count of a fixed-count loop (`ops.most`), None if unknown."""
+        """Create an empty graph; `counted` returns the bound of a fixed-count loop (`ops.most`), None if unknown."""
         self.counted = counted
         self.nodes: list[Node] = []
         self.lines: dict[int, Line] = {}
@@ -143,6 +143,7 @@ class Graph:
         """Append an operation on symbols and plain numbers; return its symbol."""
         symbols = [self.symbol(argument) for argument in arguments]
         index = self._store((name, *(symbol.index for symbol in symbols)))
+        # a shared subexpression keeps the line that computed it first
         if name in STEEP and index not in self.lines:
             frame = _frame()
             if frame is not None:
@@ -227,6 +228,7 @@ class Symbol:
     def __abs__(self) -> Symbol:
         return self.graph.apply("abs", self)
 
+    # a set or dictionary compares its keys by ==, which raises below
     __hash__ = None  # type: ignore[assignment]
 
     def __eq__(self, other: object) -> NoReturn:
@@ -282,6 +284,7 @@ class Symbol:
             if name is not None:
                 raise _refused("a law does not put signals into arrays of numpy: keep them in tuples")
             raise _refused(f"a law does not use numpy.{ufunc.__name__}: {_instead(ufunc.__name__)}")
+        # a > b is stored as b < a: graphs have no operation for "greater"
         return self.graph.apply(name, *(reversed(inputs) if ufunc.__name__.startswith("greater") else inputs))
 
 
@@ -311,8 +314,10 @@ def _called() -> str:
         return ""
     # f_lasti counts bytes; an instruction has two
     first, last, begin, end = list(frame.f_code.co_positions())[frame.f_lasti // 2]
+    # each column counts from the start of its own line: a call that spans lines is not parsed
     if first is None or first != last:
         return ""
+    # the columns count bytes of UTF-8, not characters
     text = linecache.getline(frame.f_code.co_filename, first).encode()[begin:end].decode(errors="replace")
     called = re.match(r"(?:\w+\.)*(\w+)\(", text)
     return called[1] if called else ""

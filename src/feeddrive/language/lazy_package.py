@@ -43,7 +43,8 @@ class LazyPackage(ModuleType):
 
     def __setattr__(self, name: str, value: Any) -> None:
         place = self.__dict__["_public"].get(name, self.__name__)
-        if place == self.__name__ or not isinstance(value, ModuleType):  # an import may not hide the public name
+        # importing a submodule sets it on the package, where it would hide the public name
+        if place == self.__name__ or not isinstance(value, ModuleType):
             super().__setattr__(name, value)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
@@ -73,4 +74,5 @@ def make_lazy(
     }
     module.__dict__["_other"] = other or missing
     module.__dict__["_no_function"] = no_function or f"'{package}' is a package, not a function"
+    # the class of the module is changed, since importers already hold this object
     module.__class__ = LazyPackage

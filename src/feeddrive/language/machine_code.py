@@ -41,6 +41,7 @@ _lock = Lock()
 @lru_cache(maxsize=1)
 def target() -> tuple[str, str, str]:
     """Return the target triple, the processor name and its features."""
+    # imported on first use: commands that compile nothing start without LLVM
     import llvmlite.binding as binding
 
     binding.set_option("feeddrive", _ORDER)
@@ -105,6 +106,7 @@ def _key(content: str, effort: int, passes: Sequence[str]) -> str:
     import llvmlite
 
     _, processor, features = target()
+    # the cache may be shared by machines whose processors cannot run each other's code
     parts = [llvmlite.__version__, processor, features, _ORDER, str(effort), *passes, content]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
@@ -176,6 +178,7 @@ def _stored(key: str) -> bytes | None:
         kept = (place / f"{key}.o").read_bytes()
     except OSError:
         return None
+    # a truncated file would be executed as machine code
     digest, code = kept[:32], kept[32:]
     return code if hashlib.sha256(code).digest() == digest else None
 
@@ -186,6 +189,7 @@ def _store(key: str, code: bytes) -> None:
     if place is None:
         return
     with contextlib.suppress(OSError):
+        # written beside and renamed: other processes may read the cache at the same time
         handle, name = tempfile.mkstemp(dir=place)
         with os.fdopen(handle, "wb") as file:
             file.write(hashlib.sha256(code).digest() + code)

@@ -38,7 +38,7 @@ HALF_PI = tuple(
     )
 )
 
-# Beyond these arguments eˣ is taken as infinite (2¹⁰²³·⁵) and as 0 (2⁻¹⁰²¹).
+# Beyond these arguments eˣ counts as infinite (2¹⁰²³·⁵) and as 0 (2⁻¹⁰²¹).
 # 1e-9 less: k = floor(x/ln 2 + ½) must not become 1024, for which there is no 2ᵏ
 EXP_MOST = 1023.5 * math.log(2.0) - 1e-9
 EXP_LEAST = -1021.0 * math.log(2.0)
@@ -74,7 +74,8 @@ def _reduced_exp(x: Any) -> tuple[Any, Any]:
 def exp(x: Any) -> Any:
     """Return eˣ = 2ᵏ (1 + p). Results below 2⁻¹⁰²¹ are 0, above 2¹⁰²³·⁵ infinite."""
     k, p = _reduced_exp(x)
-    scale = power_of_two(k)  # not valid beyond the bounds, where it is not selected
+    # not valid beyond the bounds, where it is not selected
+    scale = power_of_two(k)
     result = scale + p * scale
     return where(x > EXP_MOST, math.inf, where(x < EXP_LEAST, 0.0, result))
 
@@ -102,10 +103,12 @@ _ATANH = [2.0 / (2 * i + 1) for i in range(1, 11)]
 
 def log(x: Any) -> Any:
     """Return ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...) with x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1)."""
-    small = x < 1e-300  # near the end of the normal numbers the exponent cannot be read: scale up
+    # subnormal numbers have no exponent to be read: scale up
+    small = x < 1e-300
     scaled = where(small, x * 2.0**54, x)
     k = exponent(scaled)
-    m = (0.5 * scaled) * power_of_two(1.0 - k)  # in two factors, since 2⁻¹⁰²³ is no normal number
+    # in two factors, since 2⁻¹⁰²³ is no normal number
+    m = (0.5 * scaled) * power_of_two(1.0 - k)
     high = m > math.sqrt(2.0)
     m = where(high, 0.5 * m, m)
     k = where(high, k + 1.0, k) - where(small, 54.0, 0.0)
@@ -118,7 +121,7 @@ def log(x: Any) -> Any:
 
 
 def _log_ends(x: Any, result: Any) -> Any:
-    """Return ln x at its ends: -inf for 0, inf for inf, and NaN (as √-1) below 0 or for NaN."""
+    """Return the logarithm with its limits: -inf for 0, inf for inf, NaN (as √-1) for x < 0, and NaN for NaN."""
     result = where(x > 1.7976931348623157e308, math.inf, result)
     result = where(x <= 0.0, where(x < 0.0, sqrt(-1.0 - absolute(x)), -math.inf), result)
     return where(equal(x, x), result, x)
@@ -130,6 +133,7 @@ _COS = [(-1.0) ** i / math.factorial(2 * i) for i in range(2, 10)]
 
 def _reduced_angle(x: Any) -> tuple[Any, Any]:
     """Return k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
+    # up to 1e9 rad k is below 2³⁰, and its products with the high parts of π/2 are exact
     held = where(absolute(x) <= 1e9, x, 0.0)
     k = floor(held * (2.0 / math.pi) + 0.5)
     r = held
@@ -156,16 +160,17 @@ def _wave(x: Any, quarter: float) -> Any:
     odd = either(equal(place, 1.0), equal(place, 3.0))
     size = where(odd, _cosine_part(r), _sine_part(r))
     value = where(place >= 2.0, -size, size)
+    # NaN as the root of a negative number, since a graph refuses NaN as a constant
     return where(absolute(x) <= 1e9, value, sqrt(-1.0 - absolute(x)))
 
 
 def sin(x: Any) -> Any:
-    """Return sin x by quarter turns."""
+    """Return sin x, reduced to a quarter turn."""
     return _wave(x, 0.0)
 
 
 def cos(x: Any) -> Any:
-    """Return cos x by quarter turns."""
+    """Return cos x, reduced to a quarter turn."""
     return _wave(x, 1.0)
 
 
@@ -174,7 +179,7 @@ TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
 def atan(x: Any) -> Any:
-    """Return z - z³/3 + z⁵/5 - ... by |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8."""
+    """Return atan x = z - z³/3 + z⁵/5 - ..., by |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8."""
     size = absolute(x)
     inverted = size > 1.0
     # the other branch of a choice is computed, too: it must not divide by 0

@@ -130,6 +130,7 @@ def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[M
     for s in range(_most(squarings)):
         squared = add(scale(2.0, total), multiply(total, total))
         if s >= at_least:
+            # a literal zero stays one, so that later products with it cost no operation
             squared = tuple(
                 tuple(
                     x if is_zero(x) and is_zero(y) else ops.where(squarings > s, x, y)
@@ -175,6 +176,7 @@ def _most(squarings: Any) -> int:
     return int(ops.most(squarings, MOST_SQUARINGS))
 
 
+# 2⁴⁸ powers separate a magnitude of 1 - 1e-13 from 1; products of entries up to 1e150 do not overflow
 SQUARINGS, TOO_LARGE = 48, 1e150
 
 
@@ -225,6 +227,7 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
     """
     matrices = _numbers(a)
     stack = np.moveaxis(matrices.reshape(len(a), len(a), -1), 2, 0)
+    # LAPACK refuses a matrix that is not finite
     finite = np.all(np.isfinite(stack), axis=(1, 2))
     rates = np.full(len(stack), math.inf)
     rates[finite] = np.max(np.abs(np.linalg.eigvals(stack[finite])), axis=1)

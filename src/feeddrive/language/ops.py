@@ -73,6 +73,7 @@ pi = 3.141592653589793
 
 def exp(x: Any) -> Any:
     """Return eˣ."""
+    # in a trace one node: gradients have a rule for it, and each printer chooses its arithmetic
     symbol = on_symbols("exp", x)
     return symbol if symbol is not None else mathematics.exp(x)
 
@@ -120,6 +121,7 @@ def atan(x: Any) -> Any:
 
 def atan2(y: Any, x: Any) -> Any:
     """Return the angle of the point (x, y) in rad, in (-π, π]; 0 at the origin."""
+    # both branches are computed: the one that is not selected must not divide by 0
     safe = where(equal(x, 0.0), 1.0, x)
     angle = atan(y / safe)
     beside = where(x < 0.0, where(y < 0.0, angle - pi, angle + pi), angle)
@@ -133,5 +135,6 @@ def power(x: Any, y: Any) -> Any:
 
 def normal(seed: Any, sample: Any, channel: Any) -> Any:
     """Return a standard normal random number (Box & Muller 1958) from two uniform ones."""
+    # `uniform` is never 0, so that the logarithm is finite
     radius = sqrt(-2.0 * log(uniform(seed, sample, 2.0 * channel)))
     return radius * cos(2.0 * pi * uniform(seed, sample, 2.0 * channel + 1.0))

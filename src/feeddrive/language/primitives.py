@@ -84,6 +84,7 @@ def floor(x: Any) -> Any:
 
 def minimum(a: Any, b: Any) -> Any:
     """Return the smaller number; `a` if either is NaN."""
+    # not numpy.minimum, which returns any NaN: a graph has only comparison and selection
     return where(b < a, b, a)
 
 
@@ -161,6 +162,7 @@ def interpolate(row: Any, place: Any) -> Any:
     return left + share * (right - left)
 
 
+# The two multipliers of SplitMix64; its increment is the first stride. Odd factors lose no bits modulo 2⁶⁴.
 MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 STRIDES = (0x9E3779B97F4A7C15, 0xD1B54A32D192ED03, 0x8CB92BA72F3D8DD7)
 
@@ -185,6 +187,7 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
             bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(MIX[0])
             bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(MIX[1])
             bits = bits ^ (bits >> np.uint64(31))
+    # + 1/2 keeps the number off 0 and 1, since `normal` takes its logarithm
     share = ((bits >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
     return share if lanes else np.float64(share)
 

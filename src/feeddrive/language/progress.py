@@ -22,7 +22,7 @@ from feeddrive.language.errors import CancelledError
 from feeddrive.language.table import Table
 
 ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals of Ctrl-C, of a service manager and of a closing terminal: work is canceled in order on all of them."""
+"""The signals of Ctrl-C, of a service manager and of a closing terminal; each cancels the job in an orderly way."""
 
 
 class Progress:
@@ -41,7 +41,7 @@ class Progress:
         self._cancelled.set()
 
     def step(self, what: str, done: int | None = None, of: int | None = None, part: str = "") -> None:
-        """Report the step that begins, and that `done` of `of` are done; `part` names one of several parallel jobs.
+        """Report the start of a step after `done` of `of` steps; `part` names one of several parallel jobs.
 
         Raises CancelledError if the job was canceled.
         """
@@ -123,6 +123,7 @@ _THREADS = "OPENBLAS_NUM_THREADS"
 def one_thread() -> Generator[None]:
     """Limit processes started in this context to one BLAS thread each, so that they do not compete for cores."""
     before = os.environ.get(_THREADS)
+    # OpenBLAS reads it once, when it is loaded: it must be set before the process starts
     os.environ[_THREADS] = "1"
     try:
         yield
@@ -140,6 +141,7 @@ def follow_parent() -> None:
 
     def follow() -> None:
         parent.join()
-        os._exit(1)  # the computing thread may be in machine code for a while
+        # not sys.exit: the computing thread may be in machine code for a while
+        os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()

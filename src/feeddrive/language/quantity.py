@@ -134,6 +134,7 @@ class Units:
     def _chosen(self, unit: str, usual: str) -> str:
         if unit == "Hz" and usual == "Hz":
             return self.frequency
+        # the lengths of a rotary axis are angles, which have no inch
         if self.length != USUAL_LENGTH and not self.rotary and unit in ("m", "N/m", "m/N"):
             usual = _LENGTH_WORD.sub(_LENGTHS[self.length], usual)
         if self.force != "N" and unit in ("N", "N/m", "m/N"):
@@ -153,7 +154,8 @@ class Units:
             numeral = _numeral(value, digits)
         else:
             decimals = max(0, 2 - _places(error, 2))
-            if error < abs(value) * 10.0**-_READABLE:  # data without noise: fixed decimals would be far too many
+            # data without noise: fixed decimals would be far too many
+            if error < abs(value) * 10.0**-_READABLE:
                 shares = number(value, _READABLE), number(error, 2)
             else:
                 shares = f"{value:.{decimals}f}", f"{error:.{decimals}f}"
@@ -206,6 +208,7 @@ def _factor(unit: str, shown: str) -> float:
         return 1.0
     if unit in ("", "share", "1") and shown in _SHARES:
         return _SHARES[shown]
+    # the grammar of units has no roots; √s is on both sides
     plain, other = (word.replace("√s", "1") for word in (unit, shown))
     return factor(plain, other)
 

@@ -78,6 +78,7 @@ class Ring:
 
     def _place(self, index: Any) -> Any:
         """Return the index modulo the length, in 0 .. length - 1."""
+        # by floor, so that the negative indices of a history wrap, too
         return index - float(self.length) * floor(index / float(self.length))
 
 
@@ -155,6 +156,7 @@ class History(NamedTuple):
     def push(self, value: Any) -> History:
         """Return the history with a value appended as the newest."""
         last = float(self.ring.length - 1)
+        # wrapped and limited here: in single precision a counter stops at 2²⁴, after 70 min at 4 kHz
         head = where(self.head >= last, 0.0, self.head + 1.0)
         filled = minimum(self.filled + 1.0, last + 1.0)
         return History(self.ring.put(self.head, value), head, filled, self.initial)

@@ -48,7 +48,8 @@ LN2_HIGH = float.fromhex("0x1.62e4p-1")
 LN2_LOW = held(float.fromhex("0x1.7f7d1cf79abcap-20"))
 HALF_PI = tuple(map(float.fromhex, ("0x1.920p+0", "0x1.fb4p-12", "0x1.444p-24", "0x1.68c234p-39")))
 
-# Beyond these arguments eˣ is taken as infinite (2¹²⁷·⁵) and as 0 (2⁻¹²⁵).
+# Beyond these arguments eˣ counts as infinite (2¹²⁷·⁵) and as 0 (2⁻¹²⁵).
+# 1e-4 less, as in `mathematics`: k must not become 128
 EXP_MOST = held(127.5 * math.log(2.0) - 1e-4)
 EXP_LEAST = held(-125.0 * math.log(2.0))
 PER_LN2 = held(1.0 / math.log(2.0))
@@ -79,8 +80,10 @@ def _reduced_exp(x: Any) -> tuple[Any, Any]:
 def exp(x: Any) -> Any:
     """Return eˣ = 2ᵏ (1 + p). Results below 2⁻¹²⁵ are 0, above 2¹²⁷·⁵ infinite."""
     k, p = _reduced_exp(x)
-    scale = power_of_two(k)  # not valid beyond the bounds, where it is not selected
-    result = (1.0 + p) * scale  # p · scale alone could be below the normal numbers
+    # not valid beyond the bounds, where it is not selected
+    scale = power_of_two(k)
+    # p · scale alone could be below the normal numbers
+    result = (1.0 + p) * scale
     return where(x > EXP_MOST, math.inf, where(x < EXP_LEAST, 0.0, result))
 
 
@@ -104,8 +107,10 @@ def tanh(x: Any) -> Any:
 def log(x: Any) -> Any:
     """Return ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...) with x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1)."""
     k = exponent(x)
-    m = (0.5 * x) * power_of_two(1.0 - k)  # in two factors, since 2⁻¹²⁷ is no normal number
-    m = where(x < 2.0 * LEAST_NORMAL, x * 2.0**126, m)  # here the half would not be normal
+    # in two factors, since 2⁻¹²⁷ is no normal number
+    m = (0.5 * x) * power_of_two(1.0 - k)
+    # here the half would not be normal
+    m = where(x < 2.0 * LEAST_NORMAL, x * 2.0**126, m)
     high = m > ROOT_TWO
     m = where(high, 0.5 * m, m)
     k = where(high, k + 1.0, k)
@@ -150,17 +155,17 @@ def _wave(x: Any, quarter: float) -> Any:
 
 
 def sin(x: Any) -> Any:
-    """Return sin x by quarter turns."""
+    """Return sin x, reduced to a quarter turn."""
     return _wave(x, 0.0)
 
 
 def cos(x: Any) -> Any:
-    """Return cos x by quarter turns."""
+    """Return cos x, reduced to a quarter turn."""
     return _wave(x, 1.0)
 
 
 def atan(x: Any) -> Any:
-    """Return z - z³/3 + z⁵/5 - ... by |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8."""
+    """Return atan x = z - z³/3 + z⁵/5 - ..., by |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8."""
     size = absolute(x)
     inverted = size > 1.0
     y = where(inverted, 1.0 / maximum(size, 1.0), size)
@@ -240,6 +245,7 @@ def _gather(row: Any, index: Any) -> Any:
 
 
 def _quantise(x: Any, step: Any) -> Any:
+    # flushed after each operation, as on a target
     return step * np.floor(_flushed(_flushed(x / step) + np.float32(0.5)))
 
 

@@ -68,6 +68,7 @@ class Column:
                 return str(ABSENT)
             case str() | UnitOfRow():
                 return "" if isinstance(cell, UnitOfRow) else marked(cell)  # `UNIT` in a row without quantities
+            # before int, of which bool is a subclass
             case bool():
                 return "yes" if cell else "no"
             case int() if self.unit is None:
@@ -127,7 +128,7 @@ class Table:
     A head may be a plain text, which means `Column(text)`. If rows have different units, one column holds quantities
     and another one the cell `UNIT`.
 
-    sentences  index of a column whose cells are sentences, if no `Column` says so
+    sentences  index of a column whose cells are sentences, if no `Column` is marked as such
     """
 
     title: str
@@ -230,7 +231,7 @@ def report_of(result: Any) -> Any:
 
 
 READER: ContextVar[Units] = ContextVar("READER", default=DRAWN)
-"""The units of the reader for whom a picture is drawn: the functions that draw do not hand them on."""
+"""The units of the reader for whom a picture is drawn, since the drawing functions have no argument for them."""
 
 
 @contextmanager

@@ -28,6 +28,7 @@ KEEPS = "KEEPS_QUANTITIES"
 
 def keeps_marks() -> bool:
     """Return True if the f-string whose `__format__` calls this is in a module that keeps quantities."""
+    # two frames up: the caller of the `__format__` that calls this
     names = sys._getframe(2).f_globals  # pyright: ignore[reportPrivateUsage]
     return str(names.get("__name__", "")).partition(".")[0] == "feeddrive" or KEEPS in names
 
@@ -86,6 +87,7 @@ def plain(text: str) -> str:
 
     def reading(match: re.Match[str]) -> str:
         mark = _mark(match[1])
+        # no mark of ours: a user's text contains these characters, and no font shows them
         return ascii(match[0])[1:-1] if mark is None else mark.plain
 
     return text if _BEGIN not in text else _MARK.sub(reading, text)
@@ -123,6 +125,7 @@ class Text(str):
         return instance
 
     def __reduce__(self) -> tuple[type[Text], tuple[str]]:
+        # the pickle of a str would lose the marks
         return Text, (self.marked,)
 
     def __format__(self, form: str) -> str:

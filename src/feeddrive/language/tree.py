@@ -124,6 +124,7 @@ def _either(condition: Any, a: Any, b: Any) -> Any:
         if a.cells is not None and b.cells is not None and a is not b:
             raise StructureError("a choice between two rings: write to one ring and choose the value")
         return b if a.cells is None else a
+    # the same leaf in both states needs no operation, in exports neither
     return a if a is b else ops.where(condition, a, b)
 
 
@@ -243,6 +244,7 @@ def _require(block: Any) -> None:
             part.require()
         except (ParameterError, StructureError) as error:
             place = f"{path}." if path else ""
+            # a block is checked under its kind; a user knows it by its path
             raise type(error)(re.sub(rf"(?<![\w.]){part.kind}\.(?=\w)", place, str(error))) from None
 
 

@@ -39,6 +39,7 @@ def _metadata(hint: Any) -> tuple[Any, ...]:
 Dimension: TypeAlias = tuple[int, int, int, int, int]
 
 _NONE: Dimension = (0, 0, 0, 0, 0)
+# g instead of kg, since these units may have prefixes
 _BASE: dict[str, tuple[float, Dimension]] = {
     "m": (1.0, (1, 0, 0, 0, 0)),
     "g": (1e-3, (0, 1, 0, 0, 0)),
@@ -52,6 +53,7 @@ _BASE: dict[str, tuple[float, Dimension]] = {
     "Hz": (2 * math.pi, (0, 0, -1, 0, 1)),
 }
 _PREFIX = {"G": 1e9, "M": 1e6, "k": 1e3, "c": 1e-2, "m": 1e-3, "u": 1e-6, "n": 1e-9}
+# Without prefixes, and looked up first: `min` is not a milli-inch.
 _OTHER: dict[str, tuple[float, Dimension]] = {
     "kg": (1.0, (0, 1, 0, 0, 0)),
     "t": (1e3, (0, 1, 0, 0, 0)),
@@ -150,6 +152,7 @@ def response(unit: str) -> tuple[str, float] | None:
     `um/N` is m/N times 1e-6, `rad/(s N m)` and `rad/(N m s)` are (rad/s)/(N m), `mm/s/A` is (m/s)/A times 1e-3.
     Returns None for the unit of another quantity. Raises ParameterError for a text that is not a unit.
     """
+    # for its error: in the loop a ParameterError only means another quantity
     measure(unit)
     for above in _OUTPUTS:
         for below in _INPUTS:
@@ -165,7 +168,8 @@ def response(unit: str) -> tuple[str, float] | None:
 # on a rotary axis lengths become angles, forces torques and masses inertias; the numbers are unchanged
 _LENGTH, _FORCE = r"[kmunµ]?m", r"[kmun]?N"
 _WORD = rf"(?:{_LENGTH}|{_FORCE}|kg|[munµ]?rad|deg|rev|[munµ]?s(?:\^½|\^1/2)?|√s|min|Hz|A|V|1)[2-9²³⁴]?(?![\w^])"
-_JOINED = r"(?: |·|/(?:\u2060|&#8288;)?)"  # a page does not break N/µm across lines
+# with a word joiner behind the slash, by which pages keep N/µm on one line
+_JOINED = r"(?: |·|/(?:\u2060|&#8288;)?)"
 _PRODUCT = rf"(?:\({_WORD}(?:{_JOINED}{_WORD})*\)|{_WORD})"
 _UNIT = re.compile(rf"(?<![\w./^√-]){_PRODUCT}(?:{_JOINED}{_PRODUCT})*(?![\w/^]|\.\w| =)")
 # units that are already rotary, or that no quantity of an axis has, such as N/m2
@@ -187,16 +191,16 @@ def _torque(unit: str) -> str:
 
 
 def in_key(unit: str) -> str:
-    """Return a unit as it stands at the end of a key: `N_per_m_s` for N/(m s)."""
+    """Return a unit in the spelling of key suffixes: `N_per_m_s` for N/(m s)."""
     # a root of seconds has no spelling in a key: such a key names its root itself (rope_snap_ISE_root_m_per_N)
     plain = unit.replace(" √s", "").replace("(", "").replace(")", "")
     return plain.replace("/", "_per_").replace(" ", "_")
 
 
 def turning_key(key: str) -> str:
-    """Return the key of the rotary counterpart: force_peak_N becomes force_peak_N_m; a key without a unit stays.
+    """Return the key of the rotary counterpart: force_peak_N becomes force_peak_N_m; a key without a unit is unchanged.
 
-    The unit is the longest end of the key that is one, so that a unit nobody listed turns too.
+    The unit is the longest suffix of the key that is a valid unit, so that no list of units is needed.
     """
     words = key.split("_")
     for start in range(1, len(words)):
@@ -247,6 +251,7 @@ def shortest(value: float, factor: float) -> str:
     """
     near = value / factor
     texts = [f"{near:.{digits}g}" for digits in range(1, 17)]
+    # 17 digits: rounding in `scaled` may map a neighbor to the value, but not the quotient itself
     texts += [repr(number) for number in (near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf))]
     return next((text for text in texts if scaled(float(text), factor) == value), repr(near))
 

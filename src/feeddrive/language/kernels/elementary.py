@@ -18,7 +18,8 @@ from feeddrive.language.kernels.source import readable
 from feeddrive.language.machine_code import number
 
 _INFINITY = float("inf")
-_WHOLE = 4503599627370496.0  # 2⁵²: every float from here on is an integer
+# 2⁵²: every float from here on is an integer
+_WHOLE = 4503599627370496.0
 
 
 @readable
@@ -64,6 +65,7 @@ def floor_division(x: float, y: float) -> float:
     if quotient == 0.0:
         ratio = x / y
         return -0.0 if ratio < 0.0 else (0.0 if ratio > 0.0 else ratio)
+    # "not <" instead of ">=": a NaN must not reach int()
     if not abs(quotient) < _WHOLE:
         return quotient
     down = float(int(quotient))

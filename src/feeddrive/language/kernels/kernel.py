@@ -141,6 +141,7 @@ class Unit:
     @cached_property
     def number(self) -> int:
         """The number of the file in the statuses of its kernels."""
+        # 40 bits: with the bits of _KERNEL and _FAILURE a status stays positive in 64 bits
         return int(self.key[:10], 16)
 
     # text
@@ -167,6 +168,7 @@ class Unit:
     def text(self, effort: Effort = QUICK) -> str:
         """Return the LLVM module, with its target triple in the first line."""
         functions = [self.function(source) for source in self.sources]
+        # LLVM inlines only functions whose text is in the same module: small ones are copied, all others linked
         declared, copied = list[str](), dict[str, Function]()
         left, seen = [callee for function in functions for callee in function.called], set(self.sources)
         while left:
@@ -202,8 +204,10 @@ class Unit:
         """The machine code, loaded from disk if stored there, else compiled quickly."""
         if self._code is None:
             with _lock:
+                # another thread may have compiled it while this one waited for the lock
                 if self._code is None:
                     code = self._linked(THOROUGH, stored=True)
+                    # a process that has spent that long in quick code would recompile it at once
                     self._effort = QUICK if code is None and Unit.spent <= _LONG else THOROUGH
                     self._code = self._linked(self._effort) if code is None else code
                     _used.add(self)
@@ -230,12 +234,14 @@ class Unit:
         Unit.spent += seconds
         if Unit.spent > _LONG:
             with _lock:
+                # a copy: compiling a file may load others, which adds them to the set
                 for unit in list(_used):
                     unit.make(THOROUGH)
 
     def make(self, effort: Effort) -> None:
         """Compile its code and that of the files it calls with the given effort, unless already done."""
         with _lock:
+            # called files first: the code of a caller contains their addresses
             for unit in self.units:
                 if unit._code is None or unit._effort != effort:
                     unit._code, unit._effort = unit._linked(effort), effort
@@ -260,6 +266,7 @@ class Unit:
         """Return machine code of an effort, linked to that of other files; with `stored`, None if it is not on disk."""
         names = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
         below = [unit.code for unit in self.units[:-1]]
+        # every file has entry functions of the same names: only kernels, whose names are unique, are linked
         symbols = {name: place for code in below for name, place in code.addresses.items() if name.startswith("k")}
         return linked_code(
             self.key,
@@ -274,8 +281,8 @@ class Unit:
 
 
 _open: list[Source] = []  # kernels being printed: the chain of calls
-_keyed: list[Unit] = []  # the same for keys
-_used: WeakSet[Unit] = WeakSet()  # that have code
+_keyed: list[Unit] = []  # units whose keys are being computed
+_used: WeakSet[Unit] = WeakSet()  # units whose code has been loaded
 
 
 def _entry(place: int, source: Source, symbol: str) -> str:
@@ -333,6 +340,7 @@ def _lines(file: str) -> str:
 def _compiler() -> str:
     """Return a digest of the compiler's source files."""
     here = Path(__file__).parent
+    # the folder above, too: `mathematics.py` and `ops.py` are traced into the code of kernels
     texts = [path.read_text(encoding="utf-8") for path in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
     return hashlib.sha256("\n".join([sys.version, *texts]).encode()).hexdigest()
 
@@ -345,7 +353,8 @@ _CELLS: dict[str, np.dtype[Any]] = {
     "int": np.dtype(np.int64),
     "record": np.dtype(np.float64),
 }
-_DATA = object.__basicsize__  # NumPy's PyArrayObject stores the address of the first cell after the object header
+# NumPy's PyArrayObject stores the address of the first cell after the object header
+_DATA = object.__basicsize__
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -425,7 +434,7 @@ class Kernel(Generic[_P, _R]):
         memory = ctypes.create_string_buffer(compiled.size)
         compiled.arguments.pack_into(memory, 0, *words)
         if unit.quick:
-            # of this thread: neither waiting nor other threads count
+            # CPU time of this thread: neither waiting nor the work of other threads counts
             begun = thread_time()
             status = compiled.call(memory)
             unit.ran(thread_time() - begun)
@@ -497,6 +506,7 @@ class Kernel(Generic[_P, _R]):
         kind = self._leaves[place][1]
         if not kind.dimensions:
             if kind.element == "float" and isinstance(value, (float, int, np.floating, np.integer)):
+                # bool is an int in Python, but a type of its own in kernels
                 if not isinstance(value, bool):
                     return float(cast(float, value))
             elif kind.element == "int" and isinstance(value, (int, np.integer)) and not isinstance(value, bool):

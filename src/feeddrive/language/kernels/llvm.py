@@ -27,7 +27,7 @@ class RecordArithmetic(Arithmetic):
 
     @abstractmethod
     def constant(self, value: object, node: ast.expr) -> Value:
-        """Return a known number or record; implemented by `Names`."""
+        """Return a number or record known at compile time; implemented by `Names`."""
 
     def index(self, kind: Type, field: str, node: ast.AST) -> int:
         """Return the index of a field of a record."""
@@ -176,7 +176,7 @@ class Names(RecordArithmetic):
         return None if isinstance(first, ast.Name) and first.id in self.names else self.source.lookup(node)
 
     def constant(self, value: object, node: ast.expr) -> Value:
-        """Return a known number or record."""
+        """Return a number or record known at compile time."""
         if is_record(type(value)):
             return self.constant_record(cast("tuple[object, ...]", value), node)
         if isinstance(value, bool):
@@ -386,6 +386,7 @@ class Expressions(Names):
         self.check_indices(zip(places, array.sizes, strict=False), node)
         offset = places[0]
         for level, size in enumerate(array.sizes[1:], start=1):
+            # nsw: indices are within their sizes here, and the array fits into memory
             offset = self.value(f"mul nsw i64 {offset}, {size}")
             if level < len(places):
                 offset = self.value(f"add nsw i64 {offset}, {places[level]}")
@@ -479,6 +480,7 @@ class Expressions(Names):
             self.stored.add(leaves[place].root)
         returned = struct_type(wanted.results)
         result = self.emit(f"call {returned} @{function.symbol}({', '.join(operands)})")
+        # a call of a kernel that cannot fail needs no branch
         if function.fails:
             status = self.value(f"extractvalue {returned} {result}, 0")
             self.hand_up(status)
@@ -515,6 +517,7 @@ class Expressions(Names):
         x = self.number(self.one(node))
         if x.type == FLOAT:
             return Value(FLOAT, self.value(f"call double @llvm.fabs.f64(double {x.text})"))
+        # |-2⁶³| does not fit into 64 bits
         opposite = self.overflowing("ssub", "0", x.text, node).text
         negative = self.value(f"icmp slt i64 {x.text}, 0")
         return Value(INT, self.value(f"select i1 {negative}, i64 {opposite}, i64 {x.text}"))
@@ -608,6 +611,7 @@ class Assignments(Expressions):
         slots = [slot for leaf in held.leaves for slot in leaf.slots]
         for (kind, operand), slot in zip(value.operands, slots, strict=True):
             self.add(f"store {kind} {operand}, ptr {slot}")
+            # later reads use the operand instead of a load, which halves the text
             self.facts[f"load {kind}, ptr {slot}"] = operand
         for (leaf, _), part in zip(value.type.leaves(name), value.leaves, strict=True):
             if part.root:
@@ -635,6 +639,7 @@ class Assignments(Expressions):
             for target in node.targets:
                 self.put(target, value)
             return None
+        # all values are computed before the first assignment, as in Python: a, b = b, a swaps
         counts = {len(target.elts) for target in node.targets if isinstance(target, ast.Tuple)}
         values = self.values(node.value, counts, node.targets[0])
         for target in node.targets:
@@ -825,6 +830,8 @@ class Statements(Assignments):
             self.refuse(tree.body[-1], "a path ends without a return", "return on every path, or raise")
         self.leave([]) if self.reached() else self.add("unreachable")
         returned = struct_type(signature.results)
+        # one exit for all failures, so that a check costs a comparison and a branch; a status handed up from a called
+        # kernel already contains the numbers of its file and kernel
         for label, ends, added in (("fail", self.failed, number), ("handed", self.handed, 0)):
             if ends:
                 self.begin(label)
@@ -884,6 +891,7 @@ class Statements(Assignments):
             outcomes.append(self.assigned)
             facts += [self.facts] if self.reached() else []
         self.assigned = self.merged(outcomes)
+        # the other branch has returned or raised: all facts of this one hold
         if len(facts) == 1:
             self.facts = facts[0]
         else:
@@ -898,6 +906,7 @@ class Statements(Assignments):
         self.begin(head)
         changed = self.forget(node)
         self.choose(self.truth(node.test), body, after)
+        # `while True` ends only by break: its test adds no path to the code after it
         loop = _Loop(head, after, [None if endless else self.assigned], self.lasting(changed))
         self.begin(body)
         self.turn(node, loop)
@@ -964,6 +973,7 @@ class Statements(Assignments):
 
     def forget(self, loop: ast.While | ast.For) -> set[str]:
         """Discard the cached values of the variables that a loop changes, and return their loads."""
+        # the head is also reached from the end of the body, where these variables have other values
         held = [self.variables[name] for name in assigned(loop)[0] if name in self.variables]
         changed = {load for variable in held for load in variable.loads}
         self.facts = self.lasting(changed)
@@ -1030,7 +1040,8 @@ class Statements(Assignments):
             self.refuse(node, f"the text '{shown(text)}' is not fixed", "write it in quotes, or return a number for it")
         try:
             kind(text.value)
-        except Exception:  # the constructor of an error class may raise anything
+        except Exception:
+            # the constructor of a user's error class may raise anything
             self.refuse(node, f"'{shown(call.func)}' is not made of a text alone", "write  raise ValueError(...)")
         self.end_with(str(self.failure(kind, text.value, node)))
         self.dead()

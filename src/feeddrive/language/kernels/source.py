@@ -119,7 +119,7 @@ class Layout:
     fields: dict[str, Type]
     defaults: dict[str, Any]
     width: int
-    """Columns of a row that holds one; 0 if no row can, since it has fields that are neither float, bool nor record."""
+    """The number of columns of a record in an array; 0 if a field is neither a float, a bool nor such a record."""
 
     @property
     def name(self) -> str:
@@ -155,7 +155,8 @@ def layout_of(record: type) -> Layout:
     """Return the layout of a NamedTuple. Raise UnfitError if a field has a type that kernels do not support."""
     try:
         hints = get_type_hints(record, include_extras=True)
-    except Exception as error:  # the text of an annotation may raise anything
+    except Exception as error:
+        # an annotation is evaluated here, and may raise anything
         raise UnfitError(f"the fields of '{record.__name__}' cannot be read ({error})", "define them above") from error
     fields = dict[str, Type]()
     for name, hint in hints.items():
@@ -251,7 +252,7 @@ class Source:
         self.name = python.__name__
         self.file = python.__code__.co_filename
         self.unit: Any = None  # all kernels of its file, once requested (`kernel.Unit`)
-        self.part = False  # True for a part of kernels that only compiled code calls
+        self.part = False  # True for a helper that only compiled code calls
 
     @cached_property
     def tree(self) -> ast.FunctionDef:
@@ -263,6 +264,7 @@ class Source:
         # the file may have changed since its lines were first read
         linecache.checkcache(self.file)
         try:
+            # the function alone first, since parsing whole files is slow
             tree = _alone(linecache.getlines(self.file), code.co_firstlineno)
             if tree is None:
                 tree = _functions("".join(linecache.getlines(self.file))).get((self.name, code.co_firstlineno))
@@ -287,7 +289,8 @@ class Source:
             return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
         try:
             return self._annotated([_parsed(annotations[name]) for name in names], _parsed(annotations["return"]))
-        except KernelError:  # use the line number in the file
+        except KernelError:
+            # again from the parsed file, whose nodes have line numbers for the message
             return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
 
     def _annotated(self, annotations: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:
@@ -353,6 +356,7 @@ class Source:
         """The values of the names in its code, including module attributes; read once, at the first use."""
         names = self.python.__code__.co_names
         values = {name: self._outside(name) for name in names}
+        # modules may refer to each other: each is visited once
         left, seen = list(values.values()), set[int]()
         while left:
             module = left.pop()
@@ -378,7 +382,7 @@ _Python = TypeVar("_Python", bound=Callable[..., object])
 
 
 def readable(function: _Python) -> _Python:
-    """Mark a function as a part of kernels that only compiled code calls."""
+    """Mark a function as a helper of compiled kernels, which Python code does not call."""
     source = Source(cast(FunctionType, function))
     source.part = True
     vars(function)["source"] = source

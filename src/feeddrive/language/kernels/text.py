@@ -88,7 +88,7 @@ class Function(NamedTuple):
 
     symbol: str
     head: str  # types of results and parameters, as a declaration has them
-    text: str  # of its definition, from the types of its results on
+    text: str  # its definition, from the result types on
     written: frozenset[int]  # indices in `Signature.leaves` of the arrays to which it writes
     failures: list[Failure]  # errors of its own statuses, from 1 on
     fails: bool  # its status can be nonzero
@@ -124,7 +124,7 @@ class Text:
         self.count = 0
         self.failed: list[tuple[str, str]] = []  # index of a failure, and the block where it occurs
         self.handed: list[tuple[str, str]] = []  # status of a called kernel, and the block where it occurs
-        self.kernels: dict[Source, None] = {}  # that it calls
+        self.kernels: dict[Source, None] = {}  # kernels that it calls
         self.elementary: list[Elementary] = []  # sin and the like that it calls
         self.size = 0  # lines of inlined functions
 
@@ -268,6 +268,7 @@ class Arithmetic(Text):
         kind = type(op)
         whole = left.type == INT and right.type == INT
         if whole and kind in _WHOLES:
+            # an overflow is an error, so sums and products of numbers >= 0 are >= 0
             sure = left.sure and right.sure and kind is not ast.Sub
             return self.overflowing(_WHOLES[kind], left.text, right.text, node)._replace(sure=sure)
         if whole and kind in (ast.FloorDiv, ast.Mod):
@@ -325,6 +326,7 @@ class Arithmetic(Text):
         """Check that an integer is exact as a float, since Python rounds a quotient of integers only once."""
         if value.literal is not None and abs(value.literal) <= 2**53:
             return
+        # shifted by 2⁵³, one unsigned comparison tests both bounds
         moved = self.value(f"add i64 {value.text}, {2**53}")
         good = self.value(f"icmp ule i64 {moved}, {2**54}")
         self.check(good, OverflowError, "a quotient of whole numbers beyond 2**53", node)
@@ -370,7 +372,8 @@ class Arithmetic(Text):
         inside = self.value(f"select i1 {below}, double {rounded}, double {number(0.0)}")
         back = self.value(f"fptosi double {inside} to i64")
         exact = self.value(f"icmp {_ORDER[kind]} i64 {whole.text}, {back}")
-        at_top = "true" if kind in (ast.Lt, ast.LtE, ast.NotEq) else "false"  # 2**63 is above every 64-bit integer
+        # rounded up to 2⁶³, the float is above every 64-bit integer
+        at_top = "true" if kind in (ast.Lt, ast.LtE, ast.NotEq) else "false"
         settled = self.value(f"select i1 {below}, i1 {exact}, i1 {at_top}")
         return self.value(f"select i1 {equal}, i1 {settled}, i1 {order}")
 
