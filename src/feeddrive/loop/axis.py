@@ -81,6 +81,7 @@ class Axis(Block):
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """Yield the conditions under which the exact hold and the forces can be computed at the substep length."""
         h = T / self.substeps
+        # at the substep: more substeps allow faster modes
         yield from slow_enough(self.mechanics(), self.actuator.current_loop, h)
         for force in self.forces:
             yield from force.substep_rules(h)

@@ -22,13 +22,13 @@ class Control(Block):
 
         setpoint -> prefilter -> compensation -> law -> filters -> + feedforward + compensation -> limit -> force
 
-    Compensation moves the setpoint or adds a force; feedforward and compensation bypass the filters.  The force really
-    commanded and the force wanted come back to law and compensation with the next reading, as `applied` and
-    `requested`.
+    Compensation moves the setpoint or adds a force; feedforward and compensation bypass the filters.  The force
+    actually commanded and the requested force are fed back to law and compensation with the next reading, as `applied`
+    and `requested`.
 
-    With `feedback_delay` the law sees the setpoint so much later than the feedforward, by Taylor to snap: the force of
-    the feedforward, which acts after the dead time, meets the set motion that it is for, and the feedback sees no
-    error.  The axis follows as much later: give all axes of a machine the same.
+    With `feedback_delay` the law receives the setpoint later than the feedforward by this time, by a Taylor series up
+    to snap.  The feedforward force, which acts after the dead time, then coincides with its set motion, and the
+    feedback sees no error.  The axis lags by the same time, so all axes of a machine need the same value.
     """
 
     law: Law = part("the feedback law")
@@ -73,7 +73,7 @@ class Control(Block):
         guard: Any
 
     class Judged(NamedTuple):
-        """Setpoint and readings (m) that the law is given, and the state and verdict of the guard, if there is one."""
+        """The setpoint and readings (m) for the law, and the state and verdict of the guard, if there is one."""
 
         setpoint: Setpoint
         motor: Number
@@ -82,7 +82,7 @@ class Control(Block):
         verdict: Any = None
 
     class Command(NamedTuple):
-        """Forces in N: commanded, wanted before the limit, its three parts; the trip code; 1 while the loop runs."""
+        """Forces in N: commanded, requested before the limit, its three parts; the trip code; 1 while the loop runs."""
 
         applied: Number
         requested: Number
@@ -155,6 +155,8 @@ class Control(Block):
     def _memory(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> Memory:
         compensation = zip(self.compensation, prepared.compensation, strict=True)
         filters = zip(self.filters, prepared.filters, strict=True)
+        # compensations add their own part of the acting force again: law and filters start from the rest, without a
+        # jump
         force = reduce(_less, (part.carries(reading) for part in self.compensation), reading.applied)
         return self.Memory(
             Nothing() if self.prefilter is None else self.prefilter.start(setpoint),
@@ -197,6 +199,7 @@ class Control(Block):
         if self.guard is None:
             memory, command = self._run(prepared, state.memory, judged.setpoint, reading, T, added)
             return self.State(memory, command.applied, command.requested, judged.guard), command
+        # from the readings of one sample before, so that a law that is started on a moving axis sees its velocity
         fresh = self._memory(
             prepared,
             verdict.setpoint,

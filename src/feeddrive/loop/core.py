@@ -16,7 +16,7 @@ from feeddrive.language.matrix import Row
 from feeddrive.loop.axis import Axis, slow_enough
 from feeddrive.loop.hold import Columns, Hold, JointHold, Rows, Timing, hold
 
-_ALONE = "axis"  # what a single axis is called here
+_ALONE = "axis"  # name of the axis in a core of one axis
 
 
 class Shared(NamedTuple):
@@ -53,7 +53,7 @@ class Core:
 
         mass η'' + damping η' + stiffness η = Σ shape · f
 
-    A single axis without modes gives the same results as without this class.
+    For a single axis without modes the arithmetic is that of the axis alone.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Core:
         return next(iter(self.axes.values())).substeps
 
     def mechanics(self) -> Mechanics:
-        """Return the joint matrices, with viscous friction in the damping; the shape matrix is left out."""
+        """Return the joint matrices, with viscous friction in the damping, without the shape matrix."""
         size = self._own + len(self.modes)
         mass, damping, stiffness = (matrix.zeros(size, size) for _ in range(3))
         for name, plain in self._plain.items():
@@ -177,6 +177,7 @@ class Core:
             lag += len(states[name].drive)
             push = Push(None, at.load)
             if axis.forces:
+                # at the middle: taken at the start of the substep, they would add energy to an oscillation
                 motion, remembered = self.middle(name, states, shared, h), list[Any]()
                 for force, memory in zip(axis.forces, states[name].forces, strict=True):
                     memory, *terms = force.step(memory, axis.plant, motion, drives[name], time + 0.5 * h, h)
@@ -209,6 +210,7 @@ class Core:
                     change = plus(change, column.old[index][i], acting[name].old)
                 change = plus(change, column.forces[0][i], pushes[name].motor)
                 change = plus(change, column.forces[1][i], pushes[name].load)
+            # the change is summed alone and added last: x is much larger, and would cost the change its digits
             free.append(x if matrix.is_zero(change) else x + change)
         return tuple(free)
 
@@ -233,7 +235,8 @@ class Core:
             if axis.friction_load is not None:
                 contacts.append(Contact(axis.friction_load, state.friction_load, rows.load, columns[name].forces[1]))
                 owners.append((name, "friction_load"))
-        # a force on one body moves another at once, or only over the springs between them
+        # Six sweeps if a force on one body moves another at once. Over a spring the effect within one substep is small,
+        # and two suffice.
         at_once = bool(self.modes) or any(share_mass(plain) for plain in self._plain.values())
         sweeps = 1 if len(contacts) < 2 else 6 if at_once else 2
         position, velocity = self._joined(states, shared)
@@ -263,6 +266,7 @@ def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Nu
     """Return the forces over the sample in which a command in N is issued, and the state that stores the command."""
     commands = (command, *state.pending)
     partial = len(columns.old) > 0
+    # newest first: the last commands are those whose dead time ends in this sample
     forces = Acting(commands[-2] if partial else commands[-1], commands[-1] if partial else None, load)
     return forces, state._replace(pending=commands[: len(state.pending)])
 
@@ -344,9 +348,11 @@ def settle(
             answers[i] = Answer(*contact.friction.contact(h, contact.state, start, end, mobility))
     solved = [answer for answer in answers if answer is not None]
     after = list(free)
+    # all forces before any stop, since a stop sets velocities that no later force may change
     for contact, answer in zip(contacts, solved, strict=True):
         after = [plus(x, column, answer.force) for x, column in zip(after, contact.column, strict=True)]
     for contact, answer in zip(contacts, solved, strict=True):
+        # a literal False is a friction that never sticks
         if answer.stuck is not False:
             _stop(contact.row, answer.stuck, after, position, velocity, h)
     return after, solved
@@ -384,6 +390,7 @@ def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h:
     others = [*row[:last], *row[last + 1 :]]
     moving = matrix.dot(others, [*end[n : n + last], *end[n + last + 1 : 2 * n]])
     end[n + last] = ops.where(stuck, 0.0 if matrix.is_zero(moving) else -moving, end[n + last])
+    # a body alone hangs on no spring that could make it creep
     if n > 1:
         place = matrix.dot(row, position) + (0.5 * h) * matrix.dot(row, velocity)
         aside = matrix.dot(others, [*end[:last], *end[last + 1 : n]])
@@ -495,6 +502,7 @@ class Joint:
         h = T / substeps
         for index in range(substeps):
             now = time + index * h
+            # before any axis moves, so that both ends of a coupling see the same instant
             pushes = self._coupled(prepared, moved, shared, remembered, now + 0.5 * h, h)
             for name, push in pushes.items():
                 loads[name].append(push.load)
@@ -537,14 +545,17 @@ def named(values: Mapping[str, Any]) -> Any:
     return _type(tuple(values))(*values.values())
 
 
+# cached, so that equal axes share a class: structures of trees are compared by type
 @lru_cache(maxsize=256)
 def _type(names: tuple[str, ...]) -> Any:
     for name in names:
         if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
             raise ParameterError(f"'{name}' cannot be the name of an axis: letters, digits and _ , first a letter")
-    make: Any = NamedTuple  # names are known at run time only
+    # functional syntax, since the names are known at run time only
+    make: Any = NamedTuple
     kind = make("Axes", [(name, Any) for name in names])
-    kind.__reduce__ = lambda axes: (named, (axes._asdict(),))  # pickle cannot find a class that is made at run time
+    # pickle cannot find a class that is made at run time
+    kind.__reduce__ = lambda axes: (named, (axes._asdict(),))
     return kind
 
 

@@ -17,7 +17,8 @@ def transfer(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, z: np.ndarra
     The transformation is unitary, so the result is as accurate as solving for each z; it is ten times as fast, a
     hundred times for 200 states.
     """
-    from scipy.linalg import matrix_balance, schur  # not for commands that only read
+    # imported here: commands that only read files do not load scipy
+    from scipy.linalg import matrix_balance, schur
 
     # m and N differ by ten powers of ten: unbalanced, the rounding of the large ones would swallow the small ones
     balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
@@ -33,10 +34,12 @@ def transfer(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, z: np.ndarra
     return values
 
 
-TRUSTED = 0.9  # coherence from which a line may carry a tuning
-AVERAGES = 8  # behind a coherence that comes without a variance
-_LEAST_COHERENCE = 1e-3  # a smaller one counts as this
-_DISC = float(np.sqrt(-np.log(0.05)))  # radius of a disc that holds 95 % of a complex normal error, in roots of E|dG|²
+TRUSTED = 0.9  # least coherence of a line that is used for tuning
+AVERAGES = 8  # assumed number of averages of a coherence without a variance
+# smaller values count as this, since the variance divides by the coherence
+_LEAST_COHERENCE = 1e-3
+# Radius of the 95 % disc in roots of E|dG|²: for a circular complex normal error P(|dG| > r) = exp(-r²/E|dG|²).
+_DISC = float(np.sqrt(-np.log(0.05)))
 
 
 def coherence_of(response: np.ndarray, variance: np.ndarray, freedom: np.ndarray | float) -> np.ndarray:

@@ -131,10 +131,12 @@ class Resolvent:
     """
 
     def __init__(self, A: np.ndarray, z: np.ndarray) -> None:
-        from scipy.linalg import matrix_balance, schur  # not for commands that only read
+        # imported here: commands that only read files do not load scipy
+        from scipy.linalg import matrix_balance, schur
 
         self.z, self.scale = z, np.zeros(0)
         if A.size:
+            # balanced as in `transfer`: rounding of forces in N would swallow positions in m
             balanced, (self.scale, _) = matrix_balance(A, permute=False, separate=True)
             self.form, self.vectors = schur(balanced, output="complex")[:2]
 
@@ -145,6 +147,7 @@ class Resolvent:
             return np.zeros((z.size, 0, B.shape[-1]), complex)
         S, Z = self.form, self.vectors
         right = Z.conj().T @ (B / self.scale[:, None])
+        # points last: each step of the back substitution runs over contiguous memory
         x = (
             np.repeat(right[:, :, None], z.size, axis=2)
             if B.ndim == 2
@@ -173,7 +176,7 @@ class Resolvent:
         return w.transpose(2, 1, 0) @ (Z.conj().T / self.scale)
 
 
-# A tangent that is zero whatever the values is None, and costs nothing.
+# A tangent that is zero for all values is None and costs no operation.
 
 
 def _scaled(factor: Any, tangent: Any) -> Any:
@@ -289,7 +292,7 @@ def require_slopes(
     kinds   kinds of the blocks in which choices count
 
     A number counts as 0 if it is within its rounding error, for readings the encoder count: √|s| has a slope of 1e8 for
-    an s of 1e-17, which says nothing about the loop.  A choice is at its threshold if its two operands are equal.
+    an s of 1e-17, which is meaningless for the loop.  A choice is at its threshold if its two operands are equal.
     Returns at once for a graph without such operations, and if the numbers themselves are not finite.
     """
     there = [index for index in graph.lines if index in values]
@@ -309,7 +312,8 @@ def require_slopes(
         index = stack.pop()
         node = graph.nodes[index]
         inner = arguments(node)
-        if node[0] == "select":  # the branch that is taken
+        # a root in the branch that is not taken has no effect on the result
+        if node[0] == "select":
             inner = inner[1:2] if values[inner[0]] else inner[2:3]
         new = [i for i in inner if i not in seen]
         stack += new
@@ -317,7 +321,8 @@ def require_slopes(
     for index in zeros:
         jumps = graph.name(index) == "select"
         slopes = outside if jumps else tangents
-        moved = any(np.any(slopes.get(i, 0.0) != 0.0) for i in operands[index])  # NaN is not 0 either
+        # a NaN counts as moving, since it is not equal to 0
+        moved = any(np.any(slopes.get(i, 0.0) != 0.0) for i in operands[index])
         if index in seen and moved and (not jumps or _felt(graph, index, outputs, values)):
             raise NoSlopeError(_no_slope(graph.lines[index], graph.name(index)))
 
@@ -468,6 +473,7 @@ def gradient(
             )
     work = Work(loop, reference, load)
     count = sample_count(work, duration)
+    # the graph of a dead time of whole samples has no fraction, which the derivative needs
     delayed = [axis for axis, name in _dead_times(loop).items() if name in names]
     prepared = Prepared(loop, work.first(), start, seed, partial=delayed)
     program = prepared.program(load=work.load)
@@ -534,7 +540,8 @@ def _augmented(
     tangents = {name: graph.input(f"d.{name}").index for name in seeded}
     ends = [state.after for state in states]
     moving = set(started)
-    while True:  # the states that the parameters reach, from sample to sample
+    # a state reached in one sample may carry the tangent to others in the next: repeat until no state is added
+    while True:
         seeds = {program.constants[name]: Symbol(graph, node) for name, node in tangents.items()}
         seeds |= {s.before: _tangent(graph, s) for s in states if s.name in moving}
         values = {i: _value(graph, i) for i in range(len(graph.nodes))}

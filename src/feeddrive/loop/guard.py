@@ -29,9 +29,12 @@ LEFT_OUT = {
     "starts_moving": "law and observers start at rest, with a step of the force on an axis that moves at enable",
 }  # what happens where a part of the guard is left out
 
-SMOOTHING = 1.0 / 32.0  # of the velocity at enable: a count that toggles at standstill must not look like motion
-SETPOINT_LIMIT = 1e12  # of the sizes of a setpoint's five numbers in SI, summed: no axis comes near it, not in its snap
-COMMAND_LIMIT = 1e18  # N, before the limit: a law that asks for more has overflowed
+# Of the velocity at enable: a count that toggles at standstill must not look like motion.
+SMOOTHING = 1.0 / 32.0
+# Of the magnitudes of a setpoint's five numbers in SI, summed: no axis comes near it, not even in its snap.
+SETPOINT_LIMIT = 1e12
+# N, before the limit: a law with a larger command has overflowed.
+COMMAND_LIMIT = 1e18
 
 
 class Guard(Block):
@@ -55,10 +58,10 @@ class Guard(Block):
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
 
-    A part that a machine does not need can be left out, of the simulation as of every export: a bound by its absence,
-    and `checks_setpoint`, `holds`, `aligns` and `starts_moving` by `false`.  What remains always: a reading that is
-    NaN or beyond `reading_limit` and a command that is NaN or absurd trip the loop, a trip is latched, and a loop that
-    does not run commands the `safe_force`.
+    A part that a machine does not need can be left out of the simulation and of every export: a bound by omitting it,
+    and `checks_setpoint`, `holds`, `aligns` and `starts_moving` by `false`.  The rest is always present: a reading that
+    is NaN or beyond `reading_limit` and a command that is NaN or absurd trip the loop, a trip is latched, and a loop
+    that does not run commands the `safe_force`.
 
     Every conditional operation first tests `usual`: good numbers, enabled, running.  A compiler makes one branch of all
     these tests, so that nearly every sample is short; the others take a third longer.
@@ -163,6 +166,7 @@ class Guard(Block):
         if self.checks_setpoint:
             setpoint_size = _size(setpoint)
             good_setpoint = setpoint_size <= SETPOINT_LIMIT
+            # standstill at the present position: a law that starts there commands no jump
             rest = (load, *(ops.zero(load) for _ in setpoint[1:]))
             setpoint = Setpoint(*(ops.where(good_setpoint, x, y) for x, y in zip(setpoint, rest, strict=True)))
         return setpoint, motor, load
@@ -203,12 +207,14 @@ class Guard(Block):
         latched = [(state.mode < 0.0, state.mode), (good, 1.0)]
         if self.holds:
             latched.append((ops.both(ran, state.mode <= self.hold_samples), state.mode + 1.0))
+        # `usual` first, here and below: a compiler then makes one branch of all these selections
         mode = cases((usual, 1.0), (enabled, cases(*latched, otherwise=-TRIP_READING)), otherwise=0.0)
         moved = load - state.position_load
         after = state._replace(mode=mode, position_motor=motor, position_load=load, set_position=setpoint.position)
         after, usual = self._within_bounds(prepared, setpoint, moved, after, usual)
         offset = state.offset
         if self.aligns and not one:
+            # while the loop does not run the offset is measured, so that it is right when the loop is enabled
             offset = cases((usual, offset), (ran, offset), otherwise=motor - load)
         travel = moved
         if self.starts_moving:
@@ -282,6 +288,7 @@ class Guard(Block):
         fresh = applied, requested
         applied, requested = cases(
             (usual_command, fresh),
+            # after a broken sample the law has computed with extrapolated numbers: its command is not used
             (runs, cases((verdict.good, fresh), otherwise=(last, last)) if self.holds else fresh),
             otherwise=(self.safe_force, self.safe_force),
         )

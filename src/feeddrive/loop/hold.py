@@ -143,7 +143,8 @@ def _of_port(
     news, olds = [], []
     for substep in range(substeps):
         passed = handover >= substep + 1.0  # the whole substep still belongs to the old command
-        mixed = handover >= float(substep)  # on the boundary too: that is where the slope to the right comes from
+        # on the boundary, too: the right-hand derivative with respect to the dead time comes from there
+        mixed = handover >= float(substep)
         news.append(tuple(_pick(passed, mixed, 0.0, a, b) for a, b in zip(late, new, strict=True)))
         olds.append(tuple(_pick(passed, mixed, b, a, 0.0) for a, b in zip(early, new, strict=True)))
     share = tuple(ops.clip(substep + 1.0 - handover, 0.0, 1.0) for substep in range(substeps))

@@ -26,7 +26,8 @@ from feeddrive.loop.machine import Machine, System, check_system
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
 
-_FAR = 1e6  # |z| from which a zero is one at infinity that rounding made finite
+# |z| from which a zero counts as a zero at infinity that rounding has made finite
+_FAR = 1e6
 
 
 class Natural(NamedTuple):
@@ -63,7 +64,8 @@ def zeros(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> np.ndarray:
     from scipy.linalg import eigvals
 
     n = A.shape[0]
-    scale = max(float(np.linalg.norm(A)), 1.0)  # zeros do not depend on the sizes of input and output
+    # b and c are scaled to the size of A, since zeros do not depend on the scale of input and output
+    scale = max(float(np.linalg.norm(A)), 1.0)
     wide, tall = (scale / max(float(np.linalg.norm(vector)), 1e-300) for vector in (b, c))
     pencil = np.block([[A, wide * b[:, None]], [tall * c[None, :], np.array([[wide * tall * d]])]])
     mass = np.zeros((n + 1, n + 1))
@@ -77,7 +79,8 @@ def zeros(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> np.ndarray:
 _OF_MEMORY = re.compile(r"(axis\.\w+\.)?control\.memory\.")  # states of laws, filters and observers
 _OF_CONTROL = re.compile(r"(axis\.\w+\.)?control\.|prepared\.control\.|sample_time$")
 
-_MANY = 60  # states: with more a Schur form is quicker than solving for each frequency, and needs no memory
+# states: with more, a Schur form is faster than solving for each frequency, and needs less memory
+_MANY = 60
 
 INPUT_UNITS = {
     **dict(zip(SETPOINT, units_of(Setpoint).values(), strict=True)),
@@ -278,6 +281,7 @@ def samples_of_a_period(
         jacobian = np.vstack(
             [*(_after(tangent, after, state.name, size, n + m) for tangent, state, size in states), *rows]
         )
+        # only roots, logarithms and selections store their lines: without them every slope is finite
         if program.graph.lines:
             reached = _reached([jacobian], n)
             moving = {node: seed for node, seed in seeds.items() if np.any(_cells(seed)[..., reached])}
@@ -334,6 +338,7 @@ def linearize(
     first = samples.jacobians[0]
     period = len(samples.jacobians)
     if period > 1 and not any(_OF_MEMORY.match(samples.names[i]) for i in kept_states(samples.jacobians, n)):
+        # the output does not depend on the multirate law, so all samples have one model
         lifted, period = first[:n], 1
     return _trimmed(np.vstack([lifted, first[n:]]), n, samples.names, tuple(inputs), tuple(outputs), period * T)
 
@@ -441,6 +446,7 @@ def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
     links, seen = there[:n, :n], np.any(there[n:, :n], axis=0)
     for _ in range(n):
         seen = seen | np.any(links[seen, :], axis=0)
+    # by structure, not by rank, which rounding would decide
     return [int(i) for i in np.flatnonzero(_reached(jacobians, n)[:n] & seen)]
 
 
@@ -457,8 +463,9 @@ def _cells(seed: Any) -> np.ndarray:
     return seed.cells if isinstance(seed, Ring) else seed
 
 
-MOST = 64  # samples of a period: responses have as many images, and cost their square
-_BLOCK = 2**19  # entries of all matrices that are made at once
+# samples of a period: a response has as many images, and its cost grows with their square
+MOST = 64
+_BLOCK = 2**19  # entries of all matrices in memory at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -576,7 +583,7 @@ def lifted(
 ) -> Lifted:
     """Return the linear models of all samples of a period, from any inputs to any signals, as in `linearize`.
 
-    Raises what `linearize` raises.
+    Raises the errors of `linearize`.
     """
     check_system(loop)
     samples = samples_of_a_period(loop, inputs, outputs, velocity=velocity, stored=stored)
@@ -636,7 +643,7 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
 
 
 def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return table position over set position, with set velocity to snap as exact derivatives: Σ Hₙ (j2πf)ⁿ.
+    """Return the response of table position to set position, with exact set velocity to snap: Σ Hₙ (j2πf)ⁿ.
 
     For a multirate law it is the component at the excited frequency, as in `compliance`.
     """

@@ -131,6 +131,7 @@ class Loop(Block):
                 f"control.law: {self.control.law.kind} needs the position of the motor and that of the load, but the "
                 f"axis gives one for both: give it two encoders, or take a law with one, such as cascade_ppi"
             )
+        # symbols and variants are checked when a run is prepared
         if isinstance(self.sample_time, float) and isinstance(self.axis.actuator.dead_time, float):
             self.timing()
 
@@ -164,6 +165,7 @@ class Loop(Block):
     ) -> State:
         """Return the state of `start` from the prepared numbers of the control."""
         axis = self.axis.start(position, velocity, timing)
+        # the readings of one sample before, so that the first difference is the velocity
         motor, load = self.axis.still(position - velocity * self.sample_time)
         return self.State(self.control.start(prepared, setpoint, motor, load, velocity), axis)
 

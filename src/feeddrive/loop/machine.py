@@ -157,7 +157,7 @@ class Controllers(Block):
     )
 
     class State(NamedTuple):
-        """The states of the controls by axis, and of what runs between them."""
+        """The states of the controls by axis, and of the couplings between them."""
 
         axis: Any
         couplings: tuple[Any, ...]
@@ -252,7 +252,8 @@ def motors(block: Controller | Controllers) -> Iterator[tuple[str, Any]]:
 
 
 _TOOL = "tool"  # prefix of the signals of the tool point
-_SEEDS = 2.0**40  # between the noise of one axis and that of the next
+# Between the seeds of two axes: with seeds of users below it, no axis repeats the noise of another.
+_SEEDS = 2.0**40
 
 
 class DrivenAxis(Block):
@@ -357,6 +358,7 @@ class Machine(Block):
                     )
         self._check_geometry(axes)
         if isinstance(self.sample_time, float):
+            # the constructor of a loop runs all its checks
             for name in axes:
                 self.loop(name)
 
@@ -427,6 +429,7 @@ class Machine(Block):
         read: dict[str, Any] = {}
         readings: dict[str, ControlInputs] = {}
         at: dict[str, Acting] = {}
+        # all encoders before any control: couplings between controls need readings of one instant
         for i, (name, axis) in enumerate(axes.items()):
             setpoint, load, enable, probe = inputs_of(inputs, f"{name}.")
             motion = joint.motion(name, before)

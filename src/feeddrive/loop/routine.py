@@ -208,8 +208,10 @@ def target_name(path: str) -> str:
     return "_".join(words)
 
 
-LONGEST_RING = 256  # cells
-_ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
+# cells: on a target each access selects among all of them, since a routine has no indexed memory
+LONGEST_RING = 256
+# dropped from the meaning of a parameter that is present
+_ABSENT = re.compile(r"; absent[^;]*$")
 
 
 class Physics(Block):
@@ -238,8 +240,8 @@ def on_target(system: System) -> Controller | Controllers:
         for name, loop in system.axes().items()
     }
     return Controllers(
-        # absent, not left out: the others keep their place, which is part of their path
         axis=named(axes),
+        # None for a coupling of the physics: the others keep their index, which is part of their path
         couplings=tuple(coupling if coupling.controls else None for coupling in system.couplings),
     )
 
@@ -308,6 +310,7 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
         after, values = seen(moved, sample + 1.0)
     outputs = {signal: (*MEANINGS[signal], value) for signal, value in zip(_SEEN, values, strict=True)}
     first: dict[str, Any] = dict(zip(_SEEN, at_start, strict=True))
+    # the queue of commands is part of the graph: another dead time must not need another length
     same = timing.unchanged(axis.actuator.dead_time, T), f"actuator dead_time has {timing.sentence()}"
     return traced.routine(
         name,
@@ -406,7 +409,8 @@ class _Traced:
         self.owners = tuple(_owners(self.symbolic))
         self.turning = turning_ports(loop)
         self.units = Units(rotary=True) if self.turning else USUAL
-        runs = isinstance(block, Controller | Controllers)  # its own text only hands on
+        # the code of a controller only passes values on: its local names would take precedence over those of the law
+        runs = isinstance(block, Controller | Controllers)
         self.words = Names(self.graph, {id(owner): path for path, owner in self.owners if path or not runs})
 
     def input(self, name: str) -> Any:
@@ -439,6 +443,7 @@ class _Traced:
         leaves = [
             (i, f"prepared.{leaf}", value.index)
             for i, (leaf, value) in enumerate(tree.leaves(prepared))
+            # constants of the code need no memory on a target
             if type(value) is not float and not self._is_text(value.index)
         ]
         output_nodes = tuple(node(value).index for _, _, value in outputs.values())
@@ -631,6 +636,7 @@ class ControllerRun:
         self._load()
 
     def _prepare(self) -> None:
+        # NumPy numbers, without warnings: on a target a division by 0 gives infinity
         self._plain = concrete(self._both)
         with np.errstate(all="ignore"):
             self._prepared = self._plain.prepare(self.T)

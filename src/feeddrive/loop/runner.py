@@ -35,10 +35,10 @@ from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.machine import System
 from feeddrive.loop.trace import Carried, Program, concrete, evaluate, numbers, trace
 
-_KEPT = 200_000  # samples of a reference that are kept at most, for the next run along it
+_KEPT = 200_000  # longest reference, in samples, that is cached for the next run along it
 _references: Recent[Path] = Recent(8)
 _SHORT = 1000  # samples; fewer are left to numpy
-# Samples of stretches that numpy computes before machine code is made: it costs about as much as so many of them.
+# Samples that numpy computes before the sampler is compiled: compiling takes about as long as so many of them.
 _PAYS_AFTER = 100_000
 _sampled_by_numpy = [0]
 
@@ -132,7 +132,7 @@ class Work:
         """Sample the inputs over a range unless the cached range contains it; return its slice of the cached range."""
         start = first - self._first
         if start < 0 or start + count > self._count:
-            # made when first needed: along a path that is cached it is not
+            # computed on first use: a cached path does not need it
             t = cache(lambda: (first + np.arange(count)) * self.T)
             self._paths = {axis: self._along(self.reference[axis], t, first, count) for axis in self._ports}
             self._forces = {
@@ -145,8 +145,8 @@ class Work:
         return slice(start, start + count)
 
     def sampled(self, first: int, count: int) -> dict[str, Any]:
-        """Return setpoints, load and added forces (0 N if absent) by name over a range of samples; the last is
-        cached.
+        """Return setpoints, load and added forces (0 N if absent) by name over a range of samples; the last
+        range is cached.
         """
         held, inputs = self.sample(first, count), {}
         for axis, port in self._ports.items():
@@ -172,6 +172,7 @@ class Work:
             out = np.empty((len(SETPOINT), count))
             for row, values in zip(out, reference.at(t()), strict=True):
                 row[:] = values
+        # cached for other runs, which must not change it
         out.flags.writeable = False
         return Path(out)
 
@@ -187,7 +188,8 @@ class Work:
             (path,) = self._paths.values()
             return path.rows[begin : begin + len(names), stretch].T
         rows = self.sampled(first, count)
-        for axis, enable in self.enable.items():  # the last value holds on
+        # the last value holds until the end of the run
+        for axis, enable in self.enable.items():
             rows[f"{self._ports[axis]}enable"] = enable[np.minimum(first + np.arange(count), len(enable) - 1)]
         out = np.empty((len(names), count))
         for row, name in zip(out, names, strict=True):
@@ -202,7 +204,7 @@ def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int
     rows = np.array([(*way, *piece, T) for way, piece in stretches])
     way, piece = len(Way._fields), len(Way._fields) + len(Piece._fields)
     columns = rows.T[:, :, None]
-    # a division that is rounded tells the first sample of a stretch to one sample
+    # the rounded quotient gives the first sample of a stretch to within one: the test of the stretch itself decides
     near = np.ceil((rows[:, 0] + rows[:, way]) / T)
     times: Any = (near[:, None] + (-1.0, 0.0, 1.0)) * T
     held = Stretch(Way(*columns[:way]), Piece(*columns[way:piece])).holds(times)
@@ -252,7 +254,8 @@ def _spread(count: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, most).astype(np.int64))
 
 
-# Runs with other numbers that compute in Python before machine code is made: it costs about as much as so many of them.
+# Starts with new numbers that are computed in Python before machine code is compiled: compiling takes about as long as
+# so many of them.
 PAYS_AFTER = 12
 
 
@@ -367,6 +370,7 @@ def _prepared(plain: Any, timing: Any) -> Any:
     kept = key(core)
     if kept is None:
         return plain.prepare(timing)
+    # its matrix exponentials take nearly all the time of `prepare`
     hold = _holds.get((kept, axis.substeps, T, timing), lambda: axis.prepare(T, timing))
     return plain.Prepared(plain.control.prepare(T), hold)
 
@@ -502,6 +506,7 @@ def gathering(program: Program, signals: Sequence[str], bounded: Sequence[str] =
         states.append(Carried(name, graph.input(f"state.{name}").index, graph.symbol(after).index))
 
     for signal in signals:
+        # a NaN changes neither least nor most: the sum of squares and `LEFT` show it
         value = Symbol(graph, program.outputs[signal])
         before = {what: graph.input(f"state.{gathered(signal, what)}") for what in START}
         carry(gathered(signal, "squares"), before["squares"] + value * value)
@@ -646,7 +651,8 @@ class Prepared:
             state = tree.rebuild(begun, held)
             with np.errstate(all="ignore"):
                 state = now.control.retune(state, before.control, before.prepared, now.prepared)
-            for name, value in tree.leaves(state, now.path):  # cells of a ring stay as they are
+            # the past of a signal, in the cells of a ring, does not depend on parameters
+            for name, value in tree.leaves(state, now.path):
                 if not isinstance(value, Ring):
                     states[rows[name], 0] = value
 

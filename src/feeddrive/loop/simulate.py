@@ -294,6 +294,7 @@ def simulate(
         record=record,
         arithmetic=arithmetic,
         bound=bound,
+        # a run is cut into chunks only to report progress and to be canceled between them
         chunk=None if progress is None else CHUNK,
         name=name,
         progress=progress,
@@ -335,6 +336,7 @@ def _bound(work: Work, bound: float | None, count: int) -> float:
     """Return the given bound, else the larger of 1 m and 100 times the travel, evaluated at up to 257 samples."""
     if bound is not None:
         return bound
+    # a few samples suffice for the size of the travel
     return max(1.0, 100.0 * work.travel(count, 257))
 
 
@@ -429,6 +431,7 @@ def simulate_batch(
     named = groups.ends()
     return Batch(
         rms={s: np.sqrt(named[gathered(s, "squares")] / count) for s in gather},
+        # 0 for a signal that was NaN throughout, whose least and most are still infinite
         peak={s: np.fmax(0.0, np.fmax(named[gathered(s, "most")], -named[gathered(s, "least")])) for s in gather},
         least={s: named[gathered(s, "least")] for s in gather},
         most={s: named[gathered(s, "most")] for s in gather},
@@ -467,6 +470,7 @@ def stream(
     count = sample_count(work, duration)
     if chunk is None:
         chunk = count
+        # all at once: `first` below would sample the start of the path alone
         work.sample(0, count)
     limit = _bound(work, bound, count)
     prepared = Prepared(loop, work.first(), start, seed, limit)

@@ -98,6 +98,7 @@ def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Progr
     symbolic = tree.with_tables(tree.rebuild(system, (constant(name) for name, _ in tree.leaves(system))), rows)
     prepared = tree.rebuild(
         template,
+        # a plain float is a constant in the code of `prepare`: it stays one in the graph
         (v if type(v) is float else constant(name) for name, v in tree.leaves(template, "prepared")),
     )
     states = [name for name, _ in tree.leaves(begun)]

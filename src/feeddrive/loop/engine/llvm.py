@@ -46,6 +46,7 @@ class Printer:
         self.names: dict[int, str] = {}  # node -> value, scalar or vector as its kind says
         self.spread: dict[str, str] = {}  # scalar value -> vector value, within the part being written
         self.count = 0
+        # "contract" alone allows a fused a·b + c; "fast" would reorder sums as well
         self.flag = " contract" if plan.arithmetic == "fma" else ""
 
     def fresh(self) -> str:
@@ -410,7 +411,8 @@ class _TimeLoop:
         for index in plan.order:
             if not moving[index]:
                 printer.node(index)
-        for index in plan.order:  # spread before the loop what the loop needs in every lane
+        # broadcast before the loop, so that no sample repeats it
+        for index in plan.order:
             for i in arguments(plan.graph.nodes[index]):
                 wanted = moving[index] and not moving[i] and printer.varies(index) and not printer.varies(i)
                 if wanted and plan.graph.nodes[i][0] not in ("table", "ring"):
@@ -507,6 +509,7 @@ class Native:
     def __init__(self, plan: Plan, source: str, *, quick: bool = False) -> None:
         """Compile a plan; `quick` as in `native`."""
         self.plan = plan
+        # kept, since the memory of the function is freed with it
         self._code = machine_code(source, [_ENTRY], effort=0 if quick else 2)
         self.key = self._code.key
         self._call = _SIGNATURE(self._code.addresses[_ENTRY])

@@ -71,7 +71,7 @@ class Plan:
     kinds: Kinds
     lanes: int
     arithmetic: str
-    together: Mapping[int, tuple[int, ...]]  # of a choice all that one truth decides with it, in a single run
+    together: Mapping[int, tuple[int, ...]]  # selection -> those by the same condition evaluated with it; single runs
 
     @property
     def memory(self) -> list[str]:
@@ -123,7 +123,8 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
     if unordered.together:
         branches = {branch.select for branch in lazy_branches(unordered)}
         worth = {index: group for index, group in unordered.together.items() if group[0] in branches}
-        if len(worth) < len(unordered.together):  # what is cheap is chosen where it was traced
+        # groups without an expensive branch gain nothing: they keep the order of the trace
+        if len(worth) < len(unordered.together):
             unordered = _in_order(replace(unordered, together=worth), needed, ends)
     return unordered
 
@@ -255,8 +256,10 @@ def _inside(place: Symbol, length: int) -> Symbol:
     return ops.where(ops.equal(held, held), held, 0.0)
 
 
-LEAST_COST = 32  # in additions; a polynomial of one quarter of the sine's period is below it
-FEWEST = 4  # choices by one truth that are made together: fewer share little
+# In additions. A mispredicted branch costs about twenty; the polynomial of a quarter period of the sine costs less.
+LEAST_COST = 32
+# Selections by one condition that are evaluated together; fewer would share too little.
+FEWEST = 4
 _COSTS = {"input": 0, "div": 10, "sqrt": 10, "uniform": 30, "gather": 5} | dict.fromkeys(ELEMENTARY, 40)
 
 
@@ -273,10 +276,11 @@ def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
     costs: dict[Branch, int] = {}
     nodes = plan.graph.nodes
     for index, place in sorted(places.items()):
+        # inner selections have smaller indices: their costs are complete when they are added to the outer one
         for branch in (
             Branch(index, 1),
             Branch(index, 2),
-        ):  # inner choices come first: their cost counts for the outer one
+        ):
             if place is not None and branch in costs:
                 costs[place] = costs.get(place, 0) + costs[branch]
         if place is not None:
@@ -305,11 +309,11 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
     for index in reversed(plan.order):
         if not moving[index]:
             continue
-        # what reads or writes a ring has its place in the order of these
         group = plan.together.get(index, (index,))
         if group[-1] in places and index != group[-1]:
             continue
         wanted = [branch for node in group for branch in needs[node]]
+        # reads and writes of a ring keep their order: none of them moves into a branch
         place = None if nodes[index][0] in ("get", "put") else _common(wanted, places)
         for node in group:
             places[node] = place
