@@ -22,9 +22,11 @@ from feeddrive.tuning.filters import HIGHEST
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.proof import ROOM
 
-_LARGEST = 1e30  # largest magnitude of a response: figures contain its square, pictures are drawn in single precision
+# largest magnitude of a response: figures contain its square, and pictures are drawn in single precision
+_LARGEST = 1e30
 _WIDE = 30.0  # the range of a parameter is 1/30 to 30 times its value
-_SAFE = ("guard", "force_limit")  # limits of the machine, not of the loop
+# limits of the machine, which tuning must not change
+_SAFE = ("guard", "force_limit")
 
 
 @dataclass(frozen=True)

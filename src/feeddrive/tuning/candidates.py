@@ -141,7 +141,7 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
 
 
 def names_of(law: str | type[Law], possible: Sequence[Candidate], refused: Sequence[Refusal]) -> list[str]:
-    """Return the names of the rows for a law: its name, its kind or its class, which stand for its forms alone.
+    """Return the row names for a law; a kind or a class selects its forms without additional blocks.
 
     Raises ParameterError for an unknown law, suggesting similar names.
     """
@@ -215,6 +215,7 @@ def _beside(
     control, name = base.loop.control, f"{base.name} + {block.title}"
     try:
         if issubclass(block, Prefilter):
+            # outside the loop, so that the gains of the base apply (`like`)
             loop = replace(base.loop, control=replace(control, prefilter=block()))
             yield replace(base, name=name, loop=loop, like=base.name, then="prefilter")
         elif issubclass(block, Feedforward):

@@ -63,7 +63,9 @@ class Below:
 
 # lines for counting integrators: up to this multiple of the first one, and at least this number
 _LOWEST, _FEWEST = 2.5, 5
-_SLOW = 30.0  # times the first line: a pole of the control below it counts as an integrator
+# Times the first line: a pole of the control below it counts as an integrator. A resonance near it changes the phase at
+# the lowest lines by less than 5° of the 90° that decide.
+_SLOW = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +166,8 @@ def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np
     # only the load row is the table itself: the direct terms of y belong to it
     table = np.array([[0.0], [1.0]])
     yu = point.moved[0]
-    if point.at_drive:  # y = y_u S: a single measurement determines it
+    # y = y_u S: a single measurement determines it
+    if point.at_drive:
         return through(point, 0, table * S + C * (yu * S * S))
     variance = variance + through(point, 0, C * (yu * back * S * S) + table * (back * S))
     if point.load_variance is not None:
@@ -172,7 +175,7 @@ def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np
     return variance
 
 
-# a free motion that nothing controls is a pole at 1, which rounding puts on either side
+# an uncontrolled free motion is a pole at 1, which rounding puts on either side
 _EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as stable
 
 
@@ -246,7 +249,8 @@ def encircles(answer: Answer) -> bool:
         z = np.exp(2j * np.pi * f * answer.point.sample_time)[:, None]
         near = slow[np.abs(np.log(slow)) < 2.0 * np.pi * _SLOW * f[0] * answer.point.sample_time]
         values = values * np.prod((z - near) / (z - 1.0), axis=1)
-    if answer.response.rest is not None:  # det(1 + L) of the lifted loop, up to its own Nyquist
+    # a multirate loop is judged by det(1 + L) of the lifted loop, which repeats beyond its own Nyquist frequency
+    if answer.response.rest is not None:
         below = f <= 0.5 / (answer.point.sample_time * answer.response.period)
         f, values = f[below], (values * answer.response.rest)[below]
     low = np.arange(min(max(int(np.searchsorted(f, _LOWEST * f[0])), _FEWEST), f.size))

@@ -168,7 +168,8 @@ def needed(traced: TracedControl) -> list[int]:
     return sorted(reached & seen)
 
 
-_AT_ONE = 1e-5  # of |z|: a pole this near 1 counts as 1, since a double pole is inaccurate, by √ of the rounding error
+# of |z|: a pole this near 1 counts as 1, since a double pole is only known to √ of the rounding error
+_AT_ONE = 1e-5
 _NEAR = 3  # images on either side of a line that are used where the nearest ones suffice
 _BLOCK = 2**18  # entries of the matrices of all images that are computed in one block
 Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> responses from command to motor and load readings, m/N
@@ -227,6 +228,7 @@ class ControlResponse:
         self._live = needed(self._traced)
         self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
         self._states: dict[str, np.ndarray] | None = None
+        # only roots, logarithms and selections store their lines: without them every slope is finite
         self._has_slopes = not self._traced.graph.lines
 
     def _start(self, control: Control) -> Any:
@@ -257,7 +259,8 @@ class ControlResponse:
         For a multirate law they are those of the first sample of a period.
         """
         matrices, slopes = self._matrices(self._leaves([*map(np.float64, values)]), 1, with_slopes=True)
-        if not self._has_slopes:  # once: the operating point is the same for all values
+        # once: the operating point is the same for all values
+        if not self._has_slopes:
             self._require_slopes(values)
             self._has_slopes = True
         return matrices[0], slopes[0]
@@ -489,7 +492,8 @@ def _closed_by(
     counts = (np.conj(turns[:, :, 0]) + (np.conj(turns[:, :, 1:]) @ ahead[:, :, None])[:, :, 0]) / N
     right = np.concatenate([states @ both, heard @ both], axis=1)
     left = np.concatenate([inverse.before((counts @ C)[:, None])[:, 0], counts], axis=1)
-    flat = slopes.reshape(slopes.shape[0], -1)  # real: twice two real products are half of a complex one
+    # the slopes are real: two real products cost half of a complex one
+    flat = slopes.reshape(slopes.shape[0], -1)
     through = (np.real(left) @ flat + 1j * (np.imag(left) @ flat)).reshape(lines, -1, many)
     slope = (right.transpose(0, 2, 1) @ through).transpose(1, 0, 2)
     return value.T, slope, np.linalg.det(others)

@@ -311,7 +311,8 @@ class Criteria:
                 if matrix is None:
                     samples = self.control.of_a_period(np.exp(place))
                     axes = (point.model for point in self.points if point.model is not None)
-                    if any(grows(axis, samples) for axis in axes):  # poles first: they cost a fraction of the lines
+                    # poles first: they cost a fraction of the lines
+                    if any(grows(axis, samples) for axis in axes):
                         yield None
                         continue
                     answers = self._of_two_rates(np.exp(place), look=True)
@@ -398,6 +399,7 @@ def chance(bounds: Sequence[Bound]) -> float:
 
 def _all_below(deviations: np.ndarray) -> float:
     """Return the probability that independent standard normal variables are each below the given values."""
+    # imported here: scipy is slow to load, and only points with variances need it
     from scipy.special import ndtr
 
     return float(np.prod(ndtr(deviations)))

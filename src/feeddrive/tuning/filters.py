@@ -97,6 +97,7 @@ def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) ->
         after, output = block.step(prepared, tree.rebuild(rest, iter(state)), value)
         return [*(float(number) for _, number in tree.leaves(after)), float(output)]
 
+    # a filter is linear: its step at unit states and at a unit input gives the columns of its matrices
     rows = [stepped(row, 0.0) for row in np.eye(count)] + [stepped(np.zeros(count), 1.0)]
     whole = np.array(rows).T  # [A b; c d]
     z = np.exp(2j * np.pi * np.asarray(frequency) * sample_time)
@@ -166,7 +167,8 @@ def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
 
 def _resonance(loop: Margins, crossover: float) -> float:
     """Return the frequency in Hz of the peak of |L| beyond its crossover that comes closest to -1."""
-    from scipy.signal import find_peaks  # slow to import and not needed by every command
+    # imported here: slow to load and not needed by every command
+    from scipy.signal import find_peaks
 
     beyond = loop.loop_gain.frequency > crossover
     f, L = loop.loop_gain.frequency[beyond], loop.loop_gain.response[beyond]
@@ -243,6 +245,7 @@ def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | 
     """Return the indices of the old blocks that become all the new ones, in order; None if that is impossible."""
     best: dict[int, tuple[int, tuple[int, ...]]] = {0: (0, ())}  # cost and indices, by count of matched blocks
     for i, old in enumerate(before):
+        # downwards, so that each old block is matched at most once
         for done in sorted(best, reverse=True):
             if done < len(after) and tree.structure(old) == tree.structure(after[done]):
                 cost = best[done][0] + sum(

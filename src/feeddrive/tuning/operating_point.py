@@ -17,9 +17,11 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.control_response import READINGS, Axis, ControlResponse, Response
 
 _HALF_WIDTHS = (4, 7, 12, 20, 34)  # neighboring lines used for each line
-_REACH = 0.3  # of ln f: largest width of a window, since the fitted function is local even if the residuals allow more
+# of ln f: largest width of a window, since the fitted function is local even if the residuals allow more
+_REACH = 0.3
 _SURE = 0.99  # a window whose residuals are larger than noise with this probability is too wide
-_SURE_OF_RATIO = 0.999  # the same for the ratio, which is tested often
+# stricter for the ratio, which is tested on up to 40 ranges of lines
+_SURE_OF_RATIO = 0.999
 _FIT = 1.2  # relative difference of both motions up to which their ratio is fitted: up to the antiresonance
 _STIFF = 0.25  # relative difference of both motions up to which their ratio is used
 _VARIANCE = 4  # lines on both sides over which the measured variance is averaged
@@ -127,6 +129,7 @@ def stiff_ratio(
 
 def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a weighted least-squares fit of 1 + a1 s + ... + a4 s⁴ to complex values, and its variance."""
+    # scaled to 1 at the last line: powers of ω in rad/s would make the problem ill-conditioned
     s = 1j * f / f[-1]
     powers = np.stack([s**k for k in (1, 2, 3, 4)], axis=1)
     columns = powers / np.sqrt(0.5 * spread)[:, None]
@@ -204,7 +207,8 @@ class OperatingPoint:
         """
         x = np.log(self.frequency)
         shape = np.log(np.abs(self.by_force[1]) * self.frequency**2) + 1j * np.unwrap(np.angle(self.by_force[1]))
-        if self.variance is not None and x.size > _WIDTH:  # the remaining noise must not count as curvature
+        # the remaining noise must not count as curvature
+        if self.variance is not None and x.size > _WIDTH:
             padded = np.pad(shape, _WIDTH // 2, mode="edge")
             shape = np.convolve(padded, np.full(_WIDTH, 1.0 / _WIDTH), mode="valid")
         steps = np.abs(np.diff(x)) / _STEP + np.abs(np.diff(shape)) / _BEND
@@ -263,6 +267,7 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
     }
 
     def by_force_at(frequency: np.ndarray) -> np.ndarray:
+        # the images of different lines coincide: each frequency is computed once
         there, places = np.unique(np.clip(frequency, 1e-6 * lines[0], nyquist), return_inverse=True)
         return np.array([model.response(there, reading, "cut").response[places] for reading in READINGS])
 
@@ -331,6 +336,7 @@ def measured_point(
     marked = all(lines_.variance is not None for row in sources for lines_ in row)
     wanted = _thinned(measured_lines, _FINEST if marked else _CLOSEST)
     lines = measured_lines[wanted]
+    # computation delays the command, but not a hammer on the table
     late = np.exp(-2j * np.pi * lines * delay)
     ratio = np.full((2, lines.size), np.nan, dtype=complex)
     cleaned: list[list[_Lines]] = []

@@ -212,7 +212,8 @@ def _by_rule(block: Block, field: str) -> float | None:
     if field == "rigid_frequency":
         return real
     rigid = real if block.rigid_frequency is None else _rate(block, "rigid_frequency")
-    return float(np.sqrt(float(block.polynomial()[0]) / (real * rigid**2)))  # the last of all factors of s⁰
+    # the coefficient of s⁰ is the product of all poles: the axial pair is the remaining factor
+    return float(np.sqrt(float(block.polynomial()[0]) / (real * rigid**2)))
 
 
 def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
@@ -226,7 +227,8 @@ def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
         raise ParameterError(f"the law places no pole '{name:.60}'{nearest(name, poles)}")
     values, pole, size = dict[str, float](), poles[name], abs(s)
     if pole.frequency:
-        along = size if pole.damping else max((s * np.conj(pole.s)).real / abs(pole.s), 0.0)  # along its ray: ζ fixed
+        # a pole without a damping parameter can move only along its ray from 0
+        along = size if pole.damping else max((s * np.conj(pole.s)).real / abs(pole.s), 0.0)
         scale = 2.0 * np.pi if tree.declaration(control, pole.frequency).unit == "Hz" else 1.0
         values[pole.frequency] = rounded(max(along, 1e-3 * abs(pole.s)) / scale, 4)
     if pole.damping and size > 0.0:
@@ -243,7 +245,7 @@ _NEAR = 1e-3  # of |s|: tolerance of the location
 _WEAK = 0.05  # of the strongest direction of the gains: weaker ones are not used
 
 Model = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Gains -> [A B; c d] of the control, n + 1 rows and n + 2 columns, and its slopes to them."""
+"""A function from the gains to [A B; c d] of the control, shape (n + 1, n + 2), and its derivatives."""
 
 
 class LoopPole(NamedTuple):
@@ -287,7 +289,8 @@ def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPo
 
     T = axis.sample_time
     loop, changes = closed(axis, *model(gains))
-    loop, (scale, _) = matrix_balance(loop, permute=False, separate=True)  # the states have different units, m and N
+    # the states have different units, such as m and N
+    loop, (scale, _) = matrix_balance(loop, permute=False, separate=True)
     changes = changes * (scale / scale[:, None])[:, :, None]
     solved: Any = eig(loop, left=True, right=True)
     z, left, right = solved

@@ -30,8 +30,10 @@ from feeddrive.tuning.operating_point import OperatingPoint
 _DENSE = 400  # lines per decade
 ROOM = 2e-3  # of a bound: tolerance for other frequency lines
 _LONGEST = 400_000  # largest number of samples of a run
-_DECAYS = 10.0  # time constants of the slowest motion that the run covers
-_APART = 0.1  # share by which run and linear model may differ: only the run has friction, counts and guard
+# time constants of the slowest motion that the run covers: e⁻¹⁰ of it is left
+_DECAYS = 10.0
+# share by which run and linear model may differ, since only the run has friction, counts and guard
+_APART = 0.1
 _RUN = "run with friction, counts and limit"
 _USUAL_FORCE = 100.0  # N on the table, if the limits do not state a force
 
@@ -110,7 +112,7 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
     gain, delay = gain_edge(model), delay_edge(model)
     least = 10.0 ** ((limits.bound(GAIN_MARGIN) or 0.0) * (1.0 - ROOM) / 20.0)
     later = limits.bound(DELAY_MARGIN)
-    # the poles tell the delay margin in whole samples only
+    # the poles give the delay margin in whole samples only
     keeps = (gain is None or gain >= least) and (delay is None or later is None or delay >= math.floor(later))
     rises = "at will" if gain is None else Text(f"by {Quantity(20.0 * math.log10(gain), 'dB')}")
     longer = "however long" if delay is None else f"{delay} to {delay + 1} samples"
@@ -134,14 +136,16 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     if 2 * settle > _LONGEST:
         return Checked(what, None, f"it would take {2 * settle} samples")
     period = loop.control.law.period()
-    settle += -settle % period  # the force starts at the beginning of a period, as in the model
+    # the force starts at the beginning of a period, as in the model
+    settle += -settle % period
     t = np.arange(2 * settle) * T
     slide = Recorded(position=velocity * t, velocity=np.full(t.size, velocity), sample_time=T)
     limit = loop.control.force_limit
     # without a stated force, one that leaves the command far from its limit
     force = limits.snap_force or (_USUAL_FORCE if limit is None else min(_USUAL_FORCE, 0.02 * limit))
     guard = loop.control.guard
-    if guard is not None:  # the ends of the travel are not part of a tuning
+    # the ends of the travel are not part of a tuning
+    if guard is not None:
         guard = replace(guard, travel_least=None, travel_most=None)
     free = replace(loop, control=replace(loop.control, guard=guard))
     axis = free.axis

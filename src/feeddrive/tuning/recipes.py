@@ -22,12 +22,16 @@ from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 
-_OFF = 1e-9  # a gain small enough to count as zero, which is outside the bounds of Kv
+# a gain small enough to count as zero, which is outside the bounds of Kv
+_OFF = 1e-9
 _STRAIGHT = math.radians(30.0)  # phase lag up to which lines are used for mass and lag
-_CRITICAL = 4.0  # Kv = ωv/4 damps a position loop around a first-order velocity loop critically
-_MAKERS = 0.507  # ωv τ with which Tn = 4/ωv and Kv = ωv/4 have Ms = 2 on a free mass, at one sample of dead time
+# Kv = ωv/4 damps a position loop around a first-order velocity loop critically
+_CRITICAL = 4.0
+# ωv τ at which Tn = 4/ωv and Kv = ωv/4 give Ms = 2 on a free mass, at one sample of dead time
+_MAKERS = 0.507
 _MAKERS_PEAK = 2.0  # largest Ms of the maker's rule
-_SLOW = 4.0  # Tn = 4/ωv: the integral action costs 14° of phase at the crossover
+# Tn = 4/ωv: the integral action costs 14° of phase at the crossover
+_SLOW = 4.0
 GOALS = {"robust": (12.0, 60.0), "dynamic": (7.0, 45.0)}  # gain margin in dB and phase margin in deg
 
 
@@ -287,6 +291,7 @@ def _largest(admits: Callable[[float], bool], low: float, high: float) -> float 
         return None
     steps = np.geomspace(low, high, 40)
     last = low
+    # in small steps from below: bisection alone could end in an admissible range above one that is not
     for value in steps[1:]:
         if not admits(float(value)):
             low, high = last, float(value)

@@ -19,7 +19,8 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
 
     Source: Lawson & Hanson 1974, chapter 23 (least distance programming).
     """
-    from scipy.optimize import nnls  # slow to import and not needed by commands that only read
+    # imported here: slow to load and not needed by commands that only read
+    from scipy.optimize import nnls
 
     # a few tunables, hundreds of bounds: products with the small inverse do not wake the threads of the BLAS, as a
     # triangular solve does
@@ -47,10 +48,11 @@ _FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: initial, larges
 _AGAIN = 0.1  # of a logarithm: trust region after a restart
 _STEPS = 60
 _ENOUGH = 1e-4  # of the goal's logarithm: less progress ends the search
-_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # weight of a violated bound; it grows while a bound stays violated
+_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # weight of a violated bound: initial, growth factor, largest
 _CROSSED = 0.9  # share of the tunables of a trial point that come from the mutation
 _FLAT = 1e-2  # smallest eigenvalue of the Hessian
-_ROOM = 1e-3  # of a logarithm: reserve to every bound, for peaks between the lines of the search
+# of a logarithm: reserve to every bound, for peaks between the lines of the search
+_ROOM = 1e-3
 
 
 class End(NamedTuple):
@@ -177,6 +179,7 @@ class Search:
             fresh = False
             there = self.judge(x + move)
             gained = self.merit(here) - self.merit(there)
+            # a curved bound cuts off long steps along it (Maratos effect)
             if there is not None and gained < 0.1 * promised and self.broken(there) > 0.0:
                 # second-order correction: solve again with the true bounds at the end of the step
                 again = self._step(x, here, curvature, size, self._curved(here, there, move))

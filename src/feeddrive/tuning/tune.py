@@ -160,14 +160,16 @@ _NEAR = 0.3  # largest violation of a bound with which a start is good enough
 _PAYS = 0.02  # of the goal: least gain for which a notch is kept
 _NOTCHES = 3  # largest number of notches that are tried
 _LOUD, _APART = 0.15, 0.12  # least |L| of a resonance for a notch; least distance in ln f from another notch
-_TURNS = 6  # iterations for the number of standard deviations, which depends on the bounds active at the end
+# iterations for the number of standard deviations, which depends on the bounds active at the end
+_TURNS = 6
 _CUTS = 3  # rounds in which lines that the search had left out are added
 _MORE = 3  # further rounds of searches if those before did not confirm the best
 _EASED = (1.6, 1.2)  # factors of Ms - 1 in a continuation: bounds 2.6 and 2.2 come before 2.0
 _WIDER, _WIDENED = np.log(10.0), 3  # growth of a range at whose limit the best value lies; most extensions
 _AT_END = 1e-2  # of a logarithm: distance within which a value counts as being at the limit
 _POPULATION, _GENERATIONS = 8, 16  # points per tunable in the population, and number of generations
-_COSTLY = 0.5  # of the goal: if the noise costs more, the measurement is too poor
+# share of the goal: if the noise costs more, the measurement is too poor
+_COSTLY = 0.5
 
 
 class Best(NamedTuple):
@@ -557,9 +559,9 @@ class Tuner:
 def resonances_above(frequency: np.ndarray, size: np.ndarray) -> list[int]:
     """Return the lines of the resonances of a loop gain, |L| > 0.15, above its crossover.
 
-    The crossover is where |L| first falls below 1. Beyond the last such line the loudest resonances would be missing,
-    those that rise above 1 once more: on the bundled ball screw, the machining center and the mill these are the ones
-    whose notch pays.
+    The crossover is where |L| first falls below 1. A search above the last such line would miss the largest resonances,
+    which rise above 1 again: on the bundled ball screw, machining center and mill, notches at these resonances improve
+    the goal.
     """
     falls = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
     crossover = frequency[falls[0]] if falls.size else frequency[0]
@@ -581,7 +583,8 @@ def _one_sided(confidence: float) -> float:
     return float(ndtri(confidence))
 
 
-_OFF = 1e-9  # factor of Kv that opens the position loop; 0 is outside its bounds
+# factor of Kv that opens the position loop; 0 is outside the bounds of Kv
+_OFF = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -662,8 +665,8 @@ class Tuned(Result):
     advice            advice on further improvements
     notches           the notches that were tried, with their effect on the goal
     sure, confidence  standard deviations kept from every bound, and the probability that all bounds hold
-    spread, unsettled relative difference of the goal between the worst and the best search; the reason why independent
-    searches do not confirm the best, empty if they do
+    spread            relative difference of the goal between the worst and the best search
+    unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
     recipe            the tuning rule that gave the control, if there was no search
     cascade           velocity and position loop separately, before and after, for a P-PI control
@@ -1151,6 +1154,8 @@ def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
         for group in groups:
             force = sum(part[0] for part in group)
             where = sum(part[0] * part[1] for part in group) / force
+            # a limit relaxed by a tenth moves its slack, a logarithm, by ln 1.1; the multiplier gives the change of the
+            # goal
             held.append(HeldBack(kind, tuner.points[point].name, where, 100.0 * force * math.log(1.1)))
     return tuple(sorted(held, key=lambda limit: -limit.gain))
 
