@@ -159,7 +159,7 @@ class Experiment(Result):
 
 
 def paper_report(experiment: Experiment) -> Report:
-    """Return the report of an experiment: with the claims that do not hold marked."""
+    """Return the report of an experiment, with failed claims highlighted."""
     first, further = experiment.pictures[:1], experiment.pictures[1:]
     return Report(
         experiment.title,
@@ -236,6 +236,7 @@ def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
             raise
 
 
+# set in each process when it starts: a queue can be inherited, but not sent with a task
 _steps: Any = None
 
 
@@ -262,6 +263,7 @@ def _reproduced(paper: str) -> Reproduced:
 def _received(steps: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:
     """Report the progress of the processes until all are done; the first error ends it."""
     while not all(future.done() for future in futures):
+        # the caller raises the error by `result` of the future
         if any(future.done() and future.exception() for future in futures):
             return
         try:
@@ -284,6 +286,7 @@ def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
 def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
     """Write the files into a directory that was created before the run started."""
     for paper in reproduced:
+        # a single paper needs no index: its page is the report
         name = "report" if len(reproduced) == 1 else paper.name
         (folder / f"{name}.html").write_text(paper.page, encoding="utf-8")
     if len(reproduced) > 1:
@@ -315,7 +318,7 @@ def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
 
 
 def index_report(reproduced: Sequence[Reproduced]) -> Report:
-    """Return the report that leads to those of the papers."""
+    """Return the index page, with links to the reports of the papers."""
     return Report(
         "The four papers, reproduced",
         "feeddrive reproduce",
@@ -361,7 +364,7 @@ class RandomReadings:
         random = np.random.default_rng(seed)
         self.motor, self.load = (way(0, t) + size * random.normal(size=t.size) for _ in range(2))
         self.applied, self.requested = 50.0 * random.normal(size=(2, t.size))
-        # a law starts without a force, which the paper's equations take for granted
+        # the equations of the papers assume that a law starts without a force
         self.applied[0] = self.requested[0] = 0.0
 
     def readings(self) -> list[Reading]:

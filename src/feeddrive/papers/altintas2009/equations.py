@@ -72,12 +72,14 @@ class Pair:
 
 
 def _run(law: DADSC | CascadePPI, disturbance: np.ndarray, setpoint: np.ndarray | None = None) -> Ideal:
+    # DADSC feeds the acceleration forward itself; the cascade of the paper has it beside the law
     forward = None if isinstance(law, DADSC) else Inertia(mass=MASS)
     return testbed.run_ideal(law, MASS, VISCOUS, T, disturbance, setpoint=setpoint, feedforward=forward)
 
 
 def equations() -> tuple[list[Claim], list[Picture]]:
     """Return the claims and pictures of rows 1.a to 1.c."""
+    # the second law has g2 = 0.9 g1/Q, so that the coupling of estimate and s does not vanish
     law, ppi = testbed.dadsc(300.0), testbed.cascade(300.0)
     coupled = replace(law, adaptation_ratio=0.9)
     disturbance = 100.0 * np.random.default_rng(1).normal(size=3000)
@@ -125,6 +127,7 @@ def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndar
 def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
     """Check x/x_r = 1, the disturbance estimate without and with the coupling term, and the Lyapunov function."""
     still = np.zeros(2000)
+    # the third power has no velocity and no acceleration at t = 0, where the loop is at rest
     way = 0.05 * np.sin(2.0 * np.pi * 5.0 * T * np.arange(still.size)) ** 3
     rule = f"{IDEAL}; x_r = 50 mm · sin³ at 5 Hz, no disturbance"
     claims = [
@@ -205,6 +208,7 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
     )
     for name, loop_, column in columns:
         response = _run(loop_, kick).position
+        # the printed form is evaluated, too: the claim shows that it is a misprint
         for printed in (False, True):
             expected = testbed.transfer(column, MASS, T, printed=printed).impulse(kick.size)
             off = float(np.max(np.abs(response - expected)) / np.max(np.abs(response)))
@@ -213,6 +217,7 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
                 claims.append(Claim("1.b", f"(8) as printed, z² - 1, is not the loop: {name}", rule, off, 0.1))
             else:
                 claims.append(Claim("1.b", f"(8) with z² - z is the impulse response: {name}", rule, off, None, 1e-9))
+    # coefficients, not roots: a triple root keeps only a third of the digits
     factors = np.poly(testbed.closed_form_poles(law, T))
     denominator = testbed.transfer(testbed.dadsc_column(law, T), MASS, T).denominator
     off = float(np.max(np.abs(denominator / denominator[0] - factors)))
@@ -224,6 +229,7 @@ def _pole_map() -> tuple[list[Claim], list[Picture]]:
     """Map the poles of both laws with the same r2 and r4, λ = Kv = 200 1/s."""
     ours, theirs = [], []
     for r2, r4 in SWEEP:
+        # table 1 of the paper: r2 = m K = Kp and r4 = g1 = m Q ω_d = Kp T/Tn
         K = r2 / MASS
         law = DADSC(
             mass=MASS,

@@ -96,6 +96,7 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Picture]]:
 
 def _literal() -> list[Claim]:
     """Compare both laws at the same r2 and r4: the paper's figure taken literally."""
+    # table 1 of the paper: r2 = m K = Kp and r4 = g1 = m Q ω_d = Kp T/Tn
     K = 56e3 / MASS
     w = 16e3 / (MASS * (1.0 + K * T))
     law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=200.0, reaching_rate=K, adaptation_rate=w)
@@ -246,6 +247,7 @@ def _rejection() -> list[Claim]:
 def delays() -> tuple[list[Claim], list[Table], list[Picture]]:
     """Return the claims, table and picture of row 1.i."""
     samples = (0, 1, 2, 3)
+    # all three rates together, so that the triple pole stays triple
     names = [f"axis.x.control.law.{name}" for name in DADSC.tunables]
     delay = delay_map(loop(dadsc(RATE)), names, [d * T for d in samples])
     edge, robust = T * delay.at_edge(names[0]), T * delay.at_robust(names[0])
@@ -324,6 +326,7 @@ def _error(law: Law, mass: float = MASS) -> np.ndarray:
 def _tracking() -> tuple[list[Claim], list[Picture]]:
     exact = {"DADSC": _error(dadsc(RATE)), "P-PI cascade": _error(cascade(RATE))}
     light = 0.8 * MASS
+    # law and feedforward assume the same wrong mass
     off = {"DADSC": _error(dadsc(RATE, light)), "P-PI cascade": _error(cascade(RATE, light), light)}
     largest = {name: float(np.max(np.abs(error))) for name, error in exact.items()}
     wrong = {name: float(np.max(np.abs(error))) for name, error in off.items()}

@@ -21,6 +21,7 @@ from feeddrive.papers.claims import RANDOM, SAMPLES, Claim, RandomMotion, Random
 
 T = 2e-4
 MASS, VISCOUS = 37.0, 55.0
+# unequal rates and a ratio other than 1, so that no term of the equations cancels
 LAW = DADSC(
     mass=MASS, viscous=VISCOUS, tracking_rate=210.0, reaching_rate=340.0, adaptation_rate=130.0, adaptation_ratio=0.8
 )
@@ -120,6 +121,7 @@ def ideal_poles() -> list[Claim]:
     expected = np.sort(np.real(continuous(1.0 / (1.0 + rates * 1e-4), 1e-4)))
     ppi = cascade(300.0)
     lines = np.geomspace(5.0, 500.0, 8000)
+    # so short that the bandwidths are those of continuous time
     step = 1e-5
     bands = {}
     for name, ideal, state, plus in (("DADSC", dadsc(300.0), "estimate", 1.0), ("P-PI", ppi, "integral", -1.0)):
@@ -181,8 +183,10 @@ def recoveries() -> list[Claim]:
     resolution, walk = 1e-7, 8.0
     transition = expm(T * np.array([[0, 1, 0, 0], [0, -VISCOUS / MASS, 1 / MASS, 1 / MASS], [0] * 4, [0] * 4]))
     phi, gamma = transition[:3, :3], transition[:3, 3]
-    size = np.array([resolution, resolution / T, MASS * resolution / T**2])  # so that the equation is well scaled
+    # the states in counts, so that the Riccati equation is well scaled; a count has the variance 1/12
+    size = np.array([resolution, resolution / T, MASS * resolution / T**2])
     scaled, noise = phi * size / size[:, None], 1.0 / 12.0
+    # scipy solves the equation of the regulator, of which that of the filter is the dual
     P = solve_discrete_are(scaled.T, np.eye(3)[:, :1], np.diag([0.0, 0.0, (walk / size[2]) ** 2]), [[noise]])
     gain = size * P[:, 0] / (P[0, 0] + noise) / resolution
     state, kalman = np.array([x[0], 0.0, 0.0]), []

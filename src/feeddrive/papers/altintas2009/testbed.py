@@ -71,8 +71,8 @@ def loop(
 
 
 def milling(duration: float, rms: float = 161.0) -> RecordedForce:
-    """Return interrupted milling along the feed: four straight teeth, 3000 rpm, up-milling from 0 to 90 degrees, K_r =
-    0.3.
+    """Return the force of interrupted milling along the feed: four straight teeth, 3000 rpm, up-milling from 0 to 90
+    degrees, K_r = 0.3.
 
     Tooth passing 200 Hz; scaled to an RMS in N.
     """
@@ -227,7 +227,7 @@ def _solved(
     T: float,
     load: float,
 ) -> tuple[float, float]:
-    """Return position and velocity at the end of the sample: F = c + d x meets (m/T + b) v = m v(k-1)/T + F + F_d."""
+    """Return position and velocity at the end of a sample, with F = c + d x and (m/T + b) v = m v(k-1)/T + F + F_d."""
     at = before + T * speed
     here = answer(at)[1]
     # the law is affine in the reading: a difference of any width is exact
@@ -262,6 +262,7 @@ class IdealModel:
         states = np.linalg.solve(
             z[:, None, None] * np.eye(size) - self.A, np.broadcast_to(self.b, (z.size, size))[..., None]
         )
+        # F_d(k) acts in sample k already: z (z - A)⁻¹ b
         return z * states[:, self.names.index(name), 0]
 
 
@@ -281,6 +282,7 @@ def ideal_model(law: Law, sample_time: float = T, mass: float = MASS, viscous: f
         return np.array([x, v, *(value for _, value in tree.leaves(answer(x)[0]))])
 
     still = [0.0, 0.0, *(value for _, value in leaves)]
+    # an affine map: its constant part is subtracted from every column
     rest = after(still, 0.0)
     columns = []
     for i in range(len(still)):

@@ -59,6 +59,7 @@ def beltran2013(progress: Progress) -> Experiment:
     progress.step("runs of the table")
     runs = {case.name: mill.run(case) for case in CASES}
     run_errors = {name: {axis: mill.errors(run) for axis, run in by_axis.items()} for name, by_axis in runs.items()}
+    # only a constant chip makes the cutting force an input, whose direction can be reversed
     opposite = {
         name: mill.errors(mill.run(dataclasses.replace(case, opposite=True))["y"])
         for name, case in ((case.name, case) for case in CASES if case.chip == "constant")
@@ -210,6 +211,7 @@ def _table_claims(
     long: tuple[float, float],
 ) -> list[Claim]:
     hanging = mill.run(WITHOUT, cut=False, dry=False)["z"]
+    # without the estimate the law acts as a spring of M omega_c², on which the weight hangs
     static = mill.CARRIAGE["z"] * mill.GRAVITY / (mill.mass("z") * mill.OMEGA_C**2)
     linear = runs[CUT.name]
     off = {axis: np.subtract(*mill.disturbances(axis, CUT, linear[axis])) for axis in AXES}
@@ -272,6 +274,7 @@ def _table_claims(
         ),
     ]
     for case, letter in ((WITHOUT, "m"), (LINEAR, "n"), (BEZIER, "o"), (KEPT, "p")):
+        # as in the independent program, whose second leg cuts towards -x
         got = {**run_errors[case.name], "y": opposite[case.name]}
         ratios = [got[axis][i] / EXPECTED[case.name][axis][i] - 1.0 for axis in AXES for i in (0, 1)]
         claims.append(

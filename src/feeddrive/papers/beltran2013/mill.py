@@ -48,7 +48,7 @@ FEED, LEG = 3e-3, 2e-3  # m/s, m; the paper's legs are 80 mm long
 SPINDLE, CHIP = 1800.0, 5e-5  # rpm, m per tooth
 OMEGA_C, OMEGA_O, ZETA = 12.0, 700.0, 0.7071  # rad/s, rad/s
 T = 1e-4  # s
-# it starts without the weight, and claims are about the cut
+# The observer starts without the weight of z; the claims are about the cut.
 SKIPPED = 0.3  # s, in which the observer converges to the weight
 
 
@@ -156,6 +156,7 @@ def cutting(axis: str, case: Case) -> Load:
 
 def machine(case: Case, *, dry: bool = True) -> Machine:
     """Return the machine with three axes, coupled by the cut if the chip thickness follows the actual motion."""
+    # a tooth period of 16.7 ms is 167 substeps
     cut = MillingCut(cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=512)
     return Machine.of({axis: loop(axis, case, dry=dry) for axis in AXES}, (cut,) if case.chip == "actual" else ())
 
@@ -165,6 +166,7 @@ def run(case: Case, *, cut: bool = True, dry: bool = True) -> dict[str, Run]:
     loads = {axis: cutting(axis, case) for axis in AXES} if cut and case.chip == "constant" else None
     # a machine without a cut has no coupling, which "constant" leaves out
     case = case if cut else dataclasses.replace(case, chip="constant")
+    # from rest: by default an axis starts with the velocity of its reference
     outcome = simulate(
         machine(case, dry=dry), legs(case.reference, case.leg), load=loads, start=dict.fromkeys(AXES, (0.0, 0.0))
     )
@@ -274,7 +276,8 @@ def removed_power(cutter: HelicalCutter, chip_load: float) -> float:
 def as_printed() -> Turn:
     """Evaluate one revolution with the data of the paper's force paragraph taken literally."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the preset warns on purpose
+        # the preset warns that its data are contradictory, which is the claim here
+        warnings.simplefilter("ignore")
         return turn(HelicalCutter.beltran2013_as_printed(), PRINTED_CHIP)
 
 
@@ -285,6 +288,7 @@ def left_over(observer: GpiObserver, frequency: np.ndarray) -> np.ndarray:
     """Return 1 - H = (ξ - ξ̂)/ξ of the paper's continuous observer: the three leading terms of its polynomial over
     the whole polynomial.
     """
+    # over ω_o, as the polynomial is: in 1/s its coefficients reach 1e20
     s = 2j * np.pi * np.asarray(frequency, dtype=float) / observer.omega_o
     coefficients = [float(coefficient) for coefficient in observer.polynomial()]
     first = np.polyval(coefficients[:3], s) * s ** (len(coefficients) - 3)
@@ -330,6 +334,7 @@ def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> t
 
 def noise_gain(sample_time: float) -> float:
     """Return σ(ξ̂)/σ(y) in 1/s² for white noise of the reading: root of the sum of squares of the impulse response."""
+    # 1 s, in which the impulse response of an observer at 700 rad/s has decayed
     position = np.zeros(round(1.0 / sample_time))
     # not at 0, where the observer starts at its first reading
     position[1] = 1.0

@@ -51,7 +51,8 @@ def _observed(taylor_states: int, y: np.ndarray, force: np.ndarray, believed: fl
 
     order = 2 + taylor_states
     gains = np.poly(_roots(taylor_states)).real[1:] / OMEGA_O ** np.arange(1, order + 1)
-    A = np.zeros((order + 3, order + 3))  # states over ω^i, then u/ω², y and its slope over ω
+    # states over ω^i, then u/ω², y and its slope over ω: gains up to 1e20 would spoil the exponential
+    A = np.zeros((order + 3, order + 3))
     A[:order, :order] = OMEGA_O * np.eye(order, k=1)
     A[:order, 0] -= OMEGA_O * gains
     A[1, order] = OMEGA_O
@@ -78,6 +79,7 @@ def observer() -> list[Claim]:
     way = RandomMotion()
     read = RandomReadings(way, t)
     claims = []
+    # an even number, too: only an odd order has a real pole
     for states in (5, 3, 1, 4):
         block = _gpi(states)
         prepared, readings = block.prepare(T), read.readings()
@@ -168,12 +170,14 @@ def errors() -> list[Claim]:
     way = RandomMotion()
     read = RandomReadings(way, t)
     shipped = mill.law("x", RIGID)
+    # not 1, so that the share appears in the claim
     shipped = replace(shipped, share=0.8)
     assert isinstance(shipped, ActiveDisturbanceRejection)
     _, force = stepped(shipped, T, way.setpoints(t), read.readings())
     estimate = _observed(5, read.load, read.applied, mill.mass("x"))
     u = way(2, t + 0.5 * T)[1:] - 2.0 * ZETA * OMEGA_C * (estimate[:, 1] - way(1, t)[1:])
     u = u - OMEGA_C**2 * (read.load - way(0, t))[1:]
+    # one Taylor state: the equal pairs of more would be multiple poles, known to few digits
     poles = linearize(_free(1), ["set_position", "load_force"], ["position_load"]).poles()
     actual = np.log(poles[np.abs(poles) > 1e-3].astype(complex)) / T
     run = simulate(_free(), mill.legs("linear", LEG)["z"], start=(1e-3, 0.0), duration=0.5, record=("position_load",))
@@ -240,6 +244,7 @@ def settling() -> list[Claim]:
             rule,
             measured,
             least=0.98 * computed,
+            # 0.2 ms more: the run resolves the time to samples of 0.1 ms
             most=1.02 * computed + 0.2,
             unit="ms",
             expected=Text(f"{stated(computed, 'ms', '.1f')} by the continuous 1 - H"),
@@ -285,6 +290,7 @@ def cutter() -> list[Claim]:
             equations=("cutting force (4)",),
         ),
     ]
+    # beside the angles of entry and exit, at which slices are least exact
     angles = 2.0 * np.pi * np.arange(12) / 12.0 + 0.01
     for name, tool in {"a slot": slot, **{f"side milling, {way}": tool for way, tool in side.items()}}.items():
         closed = np.array([[*tool.forces(a, CHIP), tool.torque(a, CHIP)] for a in angles], dtype=float)
@@ -315,6 +321,7 @@ def cutter() -> list[Claim]:
             )
         )
     move = Bezier10(distance=1.0, travel_time=1.0)
+    # a multiple of 9 intervals, so that 4/9 is one of the points
     tau = np.linspace(0.0, 1.0, 9 * 2000 + 1)
     at = move.at(tau)
     derivatives: tuple[Any, ...] = tuple(at)

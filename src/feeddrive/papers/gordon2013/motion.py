@@ -32,12 +32,14 @@ from feeddrive.plot.chart import LOG, NEUTRAL, THIN, Chart, Curve, Panel
 from feeddrive.plot.curves import bars
 from feeddrive.report.report import Picture
 
-CUT = 0.5  # s, when the rope is cut; the table has settled under its force by then
+# s, when the rope is cut; the table has settled under its force by then
+CUT = 0.5
 SETTLED = 0.5e-6  # m
 
 
 def rope_snap() -> Part:
     """Check the response of the table to a rope snap."""
+    # a move by 0 m: the axis holds its position until the table has settled after the cut
     rest = SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0, dwell_before=CUT + 0.2)
     runs: dict[str, Run] = {}
     for name, loop in ((PLACED, testbed.placed()), (CASCADE, testbed.cascade())):
@@ -245,6 +247,7 @@ def ablation() -> Part:
         for name, (variant, _) in kinds.items()
     }
     rule = f"largest tracking error on the 300 mm move, no friction; gains of 45 Hz and ζ 0.6; {TRUTH}"
+    # in the order of `kinds`, whose indices the claims use
     order = list(peaks.values())
 
     def falls(after: int, before: int) -> float:

@@ -57,6 +57,7 @@ def closed_poles(law: PolePlacement, model: TwoMass) -> np.ndarray:
 
 def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
     """Return the five poles stated in the law's docstring, 1/s; `axial` in rad/s."""
+    # without a frequency of its own the rigid pair has that of the real pole
     w, r = 2.0 * np.pi * law.bandwidth, 2.0 * np.pi * (law.rigid_frequency or law.bandwidth)
     pairs = ((r, law.rigid_damping), (axial, law.axial_damping))
     roots = [root for f, damping in pairs for root in np.roots([1.0, 2.0 * damping * f, f * f])]
@@ -95,6 +96,7 @@ def gains() -> Part:
         )
         for name, law, golden, most in cases
     ]
+    # 0.975 of the mode is the default of the law
     where = (DESIGN, MODEL, 0.975 * mode), (coupled, COUPLED, mode)
     claims += [
         Claim(
@@ -154,10 +156,12 @@ def commands() -> Part:
         _, force = stepped(law, T, way.setpoints(t), read.readings())
         K1, K2, K3, K4, Ki = law.gains()
         e2 = way(0, t) - read.load
+        # the law aligns the motor's encoder to the load's at its start
         e1 = way(0, t) - (read.motor - (read.motor[0] - read.load[0])) + lead
         v1, v2 = np.diff(read.motor) / T, np.diff(read.load) / T
         integral, total, added = [], 0.0, 0.0
         for k in range(1, t.size):
+            # anti-windup: if the force was limited, the last addition to the integral is taken back
             total = total - (0.0 if held[k] else added) + T * e2[k]
             added = T * e2[k]
             integral.append(total)

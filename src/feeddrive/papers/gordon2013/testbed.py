@@ -74,7 +74,7 @@ def with_prefilter(loop: Loop, fit: PrefilterFit) -> Loop:
 
 
 def follow(loop: Loop, reference: Reference, name: str) -> Run:
-    """Simulate a reference; record also the tracking error, to which a prefilter is fitted."""
+    """Simulate a reference; record the following error, to which a prefilter is fitted, and the true tracking error."""
     return simulate(loop, reference, name=name, record=("following_error", "tracking_error", "requested", "force"))
 
 

@@ -200,6 +200,7 @@ def signals() -> tuple[list[Claim], list[Table], list[Picture]]:
     rows: list[list[str | float | None]] = []
     for smooth in (True, False):
         for case, (reference, load) in CASES.items():
+            # a learned signal contains the friction: its loop has the columns a and b alone
             plain, whole = (testbed.table_axis("x", SETS[name], smooth=smooth) for name in ("a, b", "+ Stribeck"))
             by_kind = {
                 "parameters, + Stribeck": _parameter_errors(whole, reference, load),
@@ -360,6 +361,7 @@ def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
 
 
 def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = False) -> Loop:
+    # with exact mass and viscous friction, so that the columns a and b can only imitate dry friction
     loop = testbed.table_axis(axis, columns, smooth=smooth, exact=True)
     return iterate_trials(loop, SAME if line else circle(axis), LEARNED, load=testbed.noise).loop
 

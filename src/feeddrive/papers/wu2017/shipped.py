@@ -1,5 +1,5 @@
-"""Rows 4.o to 4.r: the shipped compensator, error model and update, compared with an independent evaluation, and G =
-1.
+"""Rows 4.o to 4.r: the shipped compensator, error model and update, compared with an independent evaluation, and the
+claim G = 1.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,6 +31,7 @@ OFF = {"mass": 6.0, "viscous": 30.0, "coulomb_positive": 5.0, "coulomb_negative"
 
 def columns(v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Compute φ of (7) from velocity and acceleration: a, v and the two Coulomb terms."""
+    # below 1e-9 m/s the set velocity is the rounding of a standstill, which has no direction
     return np.column_stack([a, v, np.where(v > 1e-9, 1.0, 0.0), np.where(v < -1e-9, -1.0, 0.0)])
 
 
@@ -137,12 +138,14 @@ def update() -> list[Claim]:
     start = {name: TRUE[name] + off for name, off in OFF.items()}
     run = ideal_run(compensated(loop, DisturbanceCompensator(**start)), SHORT)
     trial = simulated_trial(run, SHORT)
+    # gamma other than 1, so that it appears in the claim; mu = 0, since regularization shortens the step
     after = next_iteration(compensated(loop, DisturbanceCompensator(**start)), trial, gamma=0.7, mu=0.0).after
     at = SHORT.at(run.time + 0.5 * T)
     psi = lfilter(*inverse(), columns(np.asarray(at.velocity), np.asarray(at.acceleration)), axis=0)
     step = np.linalg.lstsq(psi, run["following_error"], rcond=None)[0]
     expected = np.array(list(start.values())) + 0.7 * step
     rule = "x axis, friction along the set velocity, 20 mm at 0.1 m/s, model-free, gamma 0.7"
+    # the distance of two starts: the dead time shifts the fixed point away from θ0, for both alike
     one, other = (
         _step(loop, loop, {name: TRUE[name] + sign * off for name, off in OFF.items()}, 1.0) for sign in (1.0, -1.0)
     )
@@ -181,6 +184,7 @@ def believed_gains() -> list[Claim]:
         (0.5, 0.5, 0.7, 0.8),
     ):
         believed = tree.vary(loop, {"axis.x.control.law.Kp": factor * KP})
+        # the distance of two starts, as in `update`
         here = {name: TRUE[name] + off for name, off in OFF.items()}
         there = {name: TRUE[name] - off for name, off in OFF.items()}
         sizes = []

@@ -46,6 +46,7 @@ RULE = Text(
 )
 
 
+# cached, since `noise` needs the sample time in every trial
 @lru_cache
 def _machine(axis: str) -> Loop:
     return read_machine("xy_table").loop(axis)
@@ -70,6 +71,7 @@ def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, exac
             viscous=friction.viscous,
         )
         loop = dataclasses.replace(loop, axis=dataclasses.replace(loop.axis, friction_load=tanh))
+    # 45 kg is the start of `RULE`, 0.15 A s²/m, at 300 N/A
     start_values = dict.fromkeys(columns, 0.0) | {"mass": 45.0}
     if exact:
         start_values |= {"mass": float(loop.axis.plant.rigid_mass()), "viscous": float(friction.viscous)}
@@ -94,6 +96,7 @@ def move(distance: float, velocity: float, acceleration: float, jerk: float) -> 
 
 SAME = move(0.1, 0.25, 3.0, 60.0)
 OTHERS = (move(0.06, 0.15, 2.0, 40.0), move(0.2, 0.4, 4.0, 80.0), move(0.03, 0.1, 1.5, 50.0))
+# ends on the first move, so that its last trial can be compared with six equal ones
 CHANGING = (SAME, *OTHERS, SAME, SAME)
 
 
@@ -190,6 +193,7 @@ def errors_chart(rows: Mapping[str, np.ndarray], columns: int = 4) -> Chart:
 def rates_chart(masses: np.ndarray, factors: Mapping[str, list[float]], free: float) -> Chart:
     """Plot the rate of convergence versus the assumed mass."""
     curves = tuple(
+        # a logarithmic scale has no 0, the rate of the right mass
         Curve(masses, np.maximum(np.array(values), 1e-3), f"model-based, {name}", i, MARKED)
         for i, (name, values) in enumerate(factors.items())
     )
