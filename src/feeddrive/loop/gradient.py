@@ -288,10 +288,10 @@ def require_slopes(
     """Raise NoSlopeError, naming the line, if outputs depend on a root or logarithm of 0 or on a choice at its
     threshold.
 
-    moving  seeds that are varied from outside; a choice by a count does not depend on them
-    kinds   kinds of the blocks in which choices count
+    moving  seeds that an input can reach; a choice that depends on a counter alone is ignored
+    kinds   kinds of the blocks whose choices are checked
 
-    A number counts as 0 if it is within its rounding error, for readings the encoder count: √|s| has a slope of 1e8 for
+    A number counts as 0 within its rounding error, a reading within one encoder count: √|s| has a slope of 1e8 for
     an s of 1e-17, which is meaningless for the loop.  A choice is at its threshold if its two operands are equal.
     Returns at once for a graph without such operations, and if the numbers themselves are not finite.
     """

@@ -38,9 +38,9 @@ COMMAND_LIMIT = 1e18
 
 
 class Guard(Block):
-    """Switches to the safe force in the sample in which a bound is violated, and keeps it until the loop has been
-    disabled.
+    """The guard of a loop: it switches to the safe force when a bound is violated, until the loop is disabled.
 
+    It acts in the sample in which the bound is violated.
     A reading that is NaN or beyond `reading_limit` is broken, and so is a setpoint with a NaN or infinite number in it.
     For at most `hold_samples` in a row the last command is held.  Law and observers then see an extrapolated reading:
     the last good one plus the motion of the sample before; the setpoint likewise.  After that the loop trips.  It trips
