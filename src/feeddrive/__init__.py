@@ -29,6 +29,7 @@ _RENAMED = {
 
 def _load_views(kind: type) -> None:
     """Import the chart, table and report of a result type when one of them is first requested."""
+    # imported late: these modules import most of the package
     from feeddrive.plot.registry import register
     from feeddrive.workflow.reports import register_report
 
@@ -52,7 +53,8 @@ def _moved(name: str) -> Any:
             raise AttributeError(f"fd.{name} is now fd.{room}.{name}")
     from feeddrive import blocks
 
-    if name[:1].isupper() and hasattr(blocks, name):  # no subpackage lists the names of blocks
+    # blocks need their own test, as no subpackage lists their names
+    if name[:1].isupper() and hasattr(blocks, name):
         raise AttributeError(f"fd.{name} is now fd.blocks.{name}")
     near = {public: f"fd.{public}" for public in here}
     for room in [room for room, place in here.items() if place == __name__]:

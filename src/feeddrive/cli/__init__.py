@@ -28,9 +28,11 @@ def main() -> None:
     # Set before numpy is imported: its threads split matrices that are too small and wait longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for number in ENDINGS:
-        if signal.getsignal(number) is signal.SIG_DFL:  # a signal ignored by nohup stays ignored
+        # only where nothing else is set: a signal ignored by nohup stays ignored
+        if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
     try:
+        # imported inside `try`, so that Ctrl-C during a slow import ends like any other, without a traceback
         from feeddrive.cli.terminal import own_words
 
         with own_words():
@@ -47,15 +49,18 @@ def main() -> None:
         sys.exit(1)
     except KeyboardInterrupt:
         _stopped()
-    except RuntimeError as error:  # Python wraps a Ctrl-C during class creation
+    except RuntimeError as error:
+        # Python wraps a Ctrl-C during the creation of a class in a RuntimeError
         if isinstance(error.__cause__, KeyboardInterrupt):
             _stopped()
         raise
-    except SystemExit as ended:  # typer turns Ctrl-C within a command into this exit code, without a message
+    except SystemExit as ended:
+        # typer turns Ctrl-C within a command into this exit code, without a message
         if ended.code == STOPPED:
             _stopped()
         raise
     except BrokenPipeError:
+        # 128 + SIGPIPE, as a shell reports it: `feeddrive ... | head` is no error to report
         sys.exit(141)
     except OSError as error:
         sys.stderr.write(f"feeddrive: error: the output cannot be written: {error.strerror}\n")

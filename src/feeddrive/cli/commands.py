@@ -102,6 +102,7 @@ class Commands(TyperGroup):
     ) -> Any:
         """Run the command given by the arguments."""
         if not (sys.stdout.isatty() and sys.stderr.isatty()):
+            # in a pipe or a file boxes and wrapped lines would break what other programs search for
             extra["terminal_width"] = UNBROKEN
             self.rich_markup_mode = None
             for later in self.later:
@@ -111,6 +112,7 @@ class Commands(TyperGroup):
             return super().main(args, prog_name, complete_var, standalone_mode, windows_expand_args, **extra)
         name = next((word for word in arguments if word in OFFERED), "")
         try:
+            # not standalone: there typer prints usage errors and exits, and no JSON object would be written
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
         except typer.Abort:
             _write_error(name, FeeddriveError("the question was not answered with yes"), 1)
@@ -119,8 +121,10 @@ class Commands(TyperGroup):
             _write_error(name, error, 1 if isinstance(error, MemoryError) else getattr(error, "exit_code", None))
             if not hasattr(error, "show"):
                 raise
-            error.show()  # pyright: ignore[reportAttributeAccessIssue]  # wrong usage, told on the error stream
+            # wrong usage is explained on the error stream as well, as without --json
+            error.show()  # pyright: ignore[reportAttributeAccessIssue]
             sys.exit(error.exit_code)  # pyright: ignore[reportAttributeAccessIssue]
+        # without standalone mode typer returns the exit code of a Ctrl-C instead of raising it
         if code == STOPPED:
             _write_error(name, CancelledError("stopped; nothing was written"), STOPPED)
         sys.exit(code)
@@ -166,6 +170,7 @@ def _function(command: Command[Any, Any, Any]) -> Any:
             _perform(command, entered, verbose=verbose, as_json=json)
 
     parameters = [*(_parameter(field) for field in fields.values()), _BLOCKS, _VERBOSE, _JSON]
+    # typer reads parameters from the signature and their types from the annotations; both must be set
     perform.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     perform.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return perform
@@ -212,6 +217,7 @@ def _in_one_line() -> Generator[None]:
     except (FeeddriveError, typer.Exit, typer.Abort):
         raise
     except Exception as error:
+        # imported only after a failure, as `--help` needs no blocks
         from feeddrive.blocks.catalogue import fault_of_user_code
 
         fault = fault_of_user_code(error)
@@ -235,6 +241,7 @@ def _parameter(field: Field) -> inspect.Parameter:
         kind = kind | None if default is None else kind
     if field.flag:
         names = [field.flag, field.short] if field.short else [field.flag]
+        # by identity: a default of 0 equals False, but must be shown
         shown = not any(default is absent for absent in (None, False, inspect.Parameter.empty))
         info = typer.Option(*names, help=field.help(), show_default=shown)
     else:
@@ -285,6 +292,7 @@ def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose
 def _write(record: dict[str, Any]) -> None:
     """Write a JSON object to the standard output, in ASCII, so that it contains no terminal control sequences."""
     sys.stdout.write(json.dumps(record, allow_nan=False, indent=1) + "\n")
+    # a closed pipe must fail here, where `main` still handles it, and not when the interpreter exits
     sys.stdout.flush()
 
 

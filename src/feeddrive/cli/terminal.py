@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
 UNBROKEN = 1_000_000
-"""Columns of an output that is no terminal: wider than any sentence with its paths."""
+"""The width, in columns, of an output that is not a terminal: wider than any sentence with its paths."""
 
 
 @contextmanager
@@ -29,12 +29,14 @@ def own_words() -> Generator[None]:
 
     `python -W` and PYTHONWARNINGS show warnings as usual.
     """
+    # with no handler at all, logging would print warnings to the error stream by its handler of last resort
     asked, silent = bool(sys.warnoptions), logging.NullHandler()
     logging.getLogger().addHandler(silent)
     try:
         with warnings.catch_warnings():
             if not asked:
                 warnings.simplefilter("ignore")
+                # filters are not inherited by spawned worker processes, the environment is
                 os.environ["PYTHONWARNINGS"] = "ignore"
             yield
     finally:
@@ -46,9 +48,8 @@ def own_words() -> Generator[None]:
 def open_console(*, errors: bool = False) -> Console:
     """Return a console on the standard output, or on the error stream when the output is JSON.
 
-    The error stream then carries progress and questions.
-
-    It is as wide as the terminal, and unlimited if it is not a terminal (whatever COLUMNS says).
+    The error stream then carries progress and questions.  The console is as wide as the terminal; if the stream is
+    not a terminal, its width is unlimited, whatever COLUMNS says.
     """
     from rich.console import Console  # not for `--help`
 
@@ -86,6 +87,7 @@ class TerminalProgress(Progress):
             return
         from rich.markup import escape
 
+        # names from files may hold control sequences of the terminal and markup of rich
         text = escape(visible(Text(f"{part}: {what}" if part else what)))
         if self._bar is None:
             self._bar = _bar(self._console, counted=of is not None)
@@ -136,6 +138,7 @@ class DrawnTable:
         from rich.measure import Measurement
         from rich.text import Text
 
+        # measured at a width that fits any table, since the actual width would already wrap its cells
         needed = Measurement.get(console, options.update_width(10_000), self.drawn).minimum
         if needed > options.max_width:
             yield Text(str(self.table), overflow="fold")

@@ -1,7 +1,7 @@
 """Co-simulation of a feeddrive control with an FMU as its plant: one run, or a comparison of the laws of a job.
 
 The FMU is unpacked, checked, mapped to the signals of the loop, stepped and closed.
-An FMU is executable code: see `opened`.  The units of its variables are converted to SI.
+An FMU is executable code: see `Instance`.  The units of its variables are converted to SI.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from feeddrive.loop.routine import ControllerRun, Routine, controller_routine
 from feeddrive.loop.runner import Work
 from feeddrive.loop.simulate import Run, sample_count
 
-MOST_UNPACKED = 2_000_000_000  # bytes that are unpacked
+MOST_UNPACKED = 2_000_000_000  # bytes
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ class Archive:
 def opened(path: str | Path) -> Generator[Archive]:
     """Unpack an FMU for the duration of the block; none of its code is run yet.
 
-    Raises FileError for a file that cannot be read, FmuError for a file that is not an FMU, has no co-simulation or
-    no binary for this machine, and MissingExtraError without FMPy.
+    Raises FileError for a file that cannot be read, FmuError for a file that is not an FMU or has no co-simulation
+    interface or no binary for this machine, and MissingExtraError if FMPy is not installed.
     """
     fmpy = importer()
     with tempfile.TemporaryDirectory(prefix="feeddrive-fmu-", ignore_cleanup_errors=True) as folder:
@@ -87,13 +87,14 @@ def opened(path: str | Path) -> Generator[Archive]:
             raise refusal(path, "read", error) from None
         except FmuError:
             raise
-        except Exception as error:  # a ZIP or an XML file can be broken in ways that only their readers know
+        except Exception as error:
+            # a damaged ZIP or XML file makes their readers raise many types of exception
             raise FmuError(f"{path}: is damaged or not an FMU: {_first_line(error)}") from None
         yield _checked(str(path), description, Path(folder))
 
 
 def importer() -> Any:
-    """Return FMPy. Raises MissingExtraError without it."""
+    """Return the module FMPy; raise MissingExtraError if it is not installed."""
     try:
         import fmpy
     except ImportError:
@@ -271,13 +272,13 @@ _STATUS = {2: "refused the step (Discard)", 3: "failed (Error)", 4: "is beyond r
 
 
 class Instance:
-    """An instance of an FMU for co-simulation; use it in a `with` block.
+    """An instance of an FMU for co-simulation, to be used in a `with` block.
 
-    Code of the FMU runs in this process, with its rights. Messages of the FMU are kept and repeated in errors.
+    The FMU's code runs in this process, with all its rights. Messages of the FMU are kept and repeated in errors.
     """
 
     def __init__(self, archive: Archive) -> None:
-        """Load its library and instantiate it. Raises FmuError if either fails."""
+        """Load the FMU's library and instantiate it; raise FmuError if either fails."""
         self.archive = archive
         self.messages: list[str] = []
         import fmpy.fmi2
@@ -306,7 +307,7 @@ class Instance:
             raise FmuError(f"{archive.name}: cannot be started: {error}{self._words()}{hint}") from None
 
     def _logging(self) -> Any:
-        """Return the callbacks of FMI 2, with a logger that takes a variable number of arguments."""
+        """Return the callbacks of FMI 2, with a logger that accepts a variable number of arguments."""
         from fmpy import fmi2
         from fmpy.logging import addLoggerProxy
 
@@ -342,8 +343,8 @@ class Instance:
             self.fmu.freeInstance()
 
     def _call(self, what: str, function: Any, *arguments: Any, **named: Any) -> Any:
-        """Call the FMU. Raises FmuError with its last message."""
-        # a message of an earlier call would be quoted for an error that it does not explain
+        """Call a function of the FMU; raise FmuError with the FMU's last message if it fails."""
+        # otherwise an error could quote a message of an earlier call, which does not explain it
         self.messages = []
         try:
             return function(*arguments, **named)
@@ -353,13 +354,13 @@ class Instance:
             raise FmuError(f"{self.archive.name}: {what}: the FMU {how}{self._words()}") from None
 
     def begin(self, values: Sequence[tuple[Port, float]], parameters: Mapping[str, float]) -> None:
-        """Set start values, by port in SI and by name in the FMU's units, and initialize at t = 0.
+        """Set start values, by port in SI and by name in the FMU's units, and initialize the FMU at t = 0.
 
-        Raises FmuError for an unknown name and for a value that the FMU refuses.
+        Raises FmuError for an unknown name or a value that the FMU refuses.
         """
         variables = {variable.name: variable for variable in self.archive.description.modelVariables}
         if not self.archive.three:
-            # FMI 2 takes the start time before the initialization, FMI 3 with it.
+            # FMI 2 expects the start time before the initialization, FMI 3 with it.
             self._call("setup", self.fmu.setupExperiment, startTime=0.0)
         for name, value in parameters.items():
             if name not in variables:
@@ -422,20 +423,20 @@ def simulate_with_fmu(
     This is the order of `simulate`: with the exported plant of the same machine the results are bit-identical.  The
     control starts disabled, at the first reading, with the axis at rest.
 
-    loop        its control and sample time are used; of its axis only the motor and the number of encoders
-    fmu **a program**: it runs in this process, with all its rights
+    loop        the control and its sample time; of the axis only the motor and the number of encoders are used
+    fmu         the FMU, **a program**: it runs in this process, with all its rights
     names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a signal that the FMU
                 has under its own name needs none.  Inputs are force (or command, in the unit of the drive),
                 load_force and start_position; outputs are reading or reading_motor and reading_load, and further
                 signals to record
-    parameters  of the FMU, by its names and in its units
+    parameters  values of the FMU's parameters, by its names and in its units
     load        force on the table, N; the FMU needs an input for it
-    enable      1 or 0 for each sample, the last value holds on
-    dead_time   s, before a command acts; a part of a sample needs an FMU whose step may vary
-    bound       m, on |set position - reading|; default: the larger of 1 m and 100 times the travel
+    enable      1 or 0 for each sample; the last value is held
+    dead_time   time before a command acts, s; a fraction of a sample requires an FMU with a variable step
+    bound       bound of |set position - reading|, m; default: the larger of 1 m and 100 times the travel
 
     Raises FmuError for an FMU that cannot be run, lacks a variable or refuses a step, DivergedError with the
-    sample at which the bound was left, and ParameterError for arguments that do not fit.
+    sample at which the bound was exceeded, and ParameterError for invalid arguments.
     """
     if not 0.0 <= dead_time < 1.0:
         raise ParameterError(f"dead_time = {Quantity(dead_time, 's'):6 SI} must be >= 0 s and < 1 s")
@@ -568,7 +569,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cosimulation(Result):
-    """The laws of a job against one FMU. `digest` is the SHA-256 of the FMU's file."""
+    """The runs of all laws of a job with one FMU as the plant; `digest` is the SHA-256 of the FMU's file."""
 
     job: Job
     fmu: str
@@ -594,11 +595,11 @@ def cosimulate(
     dead_time: float = 0.0,
     progress: Progress | None = None,
 ) -> Cosimulation:
-    """Run all laws of a job against an FMU, which is a program and runs in this process.
+    """Run all laws of a job with an FMU as the plant; the FMU is a program that runs in this process.
 
-    names, parameters, dead_time as `simulate_with_fmu`; `progress` reports the name of each law before its run.
+    names, parameters, dead_time as for `simulate_with_fmu`; `progress` reports the name of each law before its run.
 
-    Raises ParameterError for a job that replays a log, and as `simulate_with_fmu`.
+    Raises ParameterError for a job that replays a log or couples several axes, and the errors of `simulate_with_fmu`.
     """
     if job.reference is None:
         raise ParameterError(
@@ -633,10 +634,10 @@ def cosimulate(
 
 
 def write_cosimulation(result: Cosimulation, out: str | Path) -> Path:
-    """Write summary.json, the signals as runs/LAW.parquet and .csv, and copies of job and machine; return the summary's
-    path.
+    """Write summary.json, the signals as runs/LAW.parquet and .csv, and copies of the job and machine files; return the
+    path of the summary.
 
-    Raises FileError as `new_directory`.
+    Raises FileError as `new_directory` does.
     """
     with new_directory(out) as folder:
         (folder / "summary.json").write_text(json.dumps(_summary(result), indent=2) + "\n", encoding="utf-8")

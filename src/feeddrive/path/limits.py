@@ -30,18 +30,16 @@ from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.proof import DERIVATIVES
 
 LETTERS, ROTARY = "XYZABCUVW", "ABC"
-"""Axes of a part program, and those of them that turn: in rad where the others are in m."""
+"""The axis letters of a part program, and those of the rotary axes, whose positions are in rad instead of m."""
 ROUNDING = 1e-12
-"""m: positions are proven to follow each other within it; no tolerance is smaller."""
+"""The largest gap between consecutive positions that the proof accepts, and the smallest path tolerance, m."""
 LARGEST = 1.0
-"""m: no tolerance of a path is larger."""
+"""The largest path tolerance, m."""
 FEED, NONE, STANDSTILL = "feed", "no limit above half", "standstill"
 
 
 class AxisLimits(Block):
-    """The limits that a planned motion keeps on an axis in continuous time: |q'|, |q''|, |q'''|, |q''''|, and its
-    travel.
-    """
+    """The limits of one axis for planned motions: |q'| .. |q''''| in continuous time, and the travel."""
 
     velocity: Number = parameter("m/s", "largest speed of the axis", above=0)
     acceleration: Number = parameter("m/s2", "largest acceleration", above=0)
@@ -54,7 +52,7 @@ class AxisLimits(Block):
     )
 
     def rules(self) -> Iterator[Rule]:
-        """Check that the travel has two ends and a positive length."""
+        """Check that the lower end of the travel lies below the upper end, if both are given."""
         yield from travel_rules("limits", self.travel_least, self.travel_most)
 
 
@@ -106,6 +104,7 @@ class MachineLimits:
 
     def named(self, text: str) -> str:
         """Replace the planner's numbering, such as `axis 0`, by the letter of the axis."""
+        # the planner knows axes as rows of arrays only, so its messages number them
         return re.sub(r"\baxis (\d+)", lambda match: f"axis {self.letters[int(match[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
@@ -126,7 +125,7 @@ class MachineLimits:
                 f"the tolerance of {Quantity(tolerance, 'm'):mm} is more than {Quantity(LARGEST, 'm'):6 mm}: give a "
                 "smaller one"
             )
-        # a tolerance is a length: the resolution of a rotary axis is an angle
+        # rotary axes are left out: a tolerance is a length, their resolution an angle
         resolutions = {
             letter: float(axis.resolution or 0.0) for letter, axis in self.axes.items() if letter not in ROTARY
         }
@@ -146,4 +145,5 @@ def _travel(limits: AxisLimits) -> tuple[float, float] | None:
     least, most = limits.travel_least, limits.travel_most
     if least is None and most is None:
         return None
+    # the reader compares with two finite ends and has no one-sided travel
     return -FARTHEST if least is None else float(least), FARTHEST if most is None else float(most)

@@ -122,6 +122,7 @@ def derivatives(kind: int, length: float, shape: Floats2, x: float, out: Floats2
         p2 = 0.0
         p3 = 0.0
         p4 = 0.0
+        # Horner's scheme for the value and, in the same pass, its derivatives over k!: hence 2, 6 and 24 below
         for back in range(8):
             k = 7 - back
             p4 = p4 * xi + p3
@@ -156,12 +157,12 @@ class Motion(NamedTuple):
 
 
 class Entering(NamedTuple):
-    """The next run, which starts from rest while a part ends the previous run: q is the sum of both minus the corner
-    position between them.
+    """The start of the next run from rest while a part ends the previous one: q is the sum of both motions minus the
+    position of the corner between them.
 
-    Its time intervals are those of that part, and both motions stay on one piece of their path.
+    Both motions have the same time intervals, and each stays on one piece of its path.
 
-    tolerance  largest distance between q and the two pieces, m, which is proven, too
+    tolerance  proven bound of the distance between q and the two pieces, m
     """
 
     pieces: Pieces
@@ -175,7 +176,7 @@ class Part(NamedTuple):
     The first piece is the one on which the previous part ended.  `ends` is True if the run ends with this part.  If the
     next run is `entering` at the same time, the following part continues from the position it has reached.
 
-    mode  path mode (`PathMode`) that requires the stop; empty if the stop is due to a too small tolerance
+    mode  path mode (`PathMode`) that requires the stop; empty if the tolerance is too small to pass without one
     """
 
     pieces: Pieces
@@ -204,6 +205,7 @@ def rows(motion: Motion) -> np.ndarray:
 
 def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
     """Return the motion on one path piece, starting at x, from rows as returned by `rows`."""
+    # copied, since callers reuse their rows and x is added in place
     duration, place, *state = new.T.copy()
     place += x
     return Motion(duration, np.full(len(new), piece), place, *state)
@@ -248,8 +250,8 @@ def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: floa
 
 @kernel
 def chain(v: float, a: float, j: float, s: float, r: Floats2, out: Floats2) -> int:
-    """Compute q' .. q'''' of each axis by the chain rule from u' .. u'''' and r' .. r'''' (columns 1 to 4 of r),
-    into columns 1 to 4 of `out`.
+    """Write q' .. q'''' of each axis into columns 1 to 4 of `out`, by the chain rule from u' .. u'''' and r' .. r''''
+    (columns 1 to 4 of r).
     """
     for i in range(len(r)):
         out[i, 1] = r[i, 1] * v

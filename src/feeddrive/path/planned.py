@@ -17,7 +17,7 @@ from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 _STRETCHES = 8192
 _PER = ("s", "s2", "s3", "s4")
 FEW = 1000
-"""Stops that a plan lists; more of them are counted, and go into a file of their own."""
+"""The largest number of stops listed in a plan; if there are more, all of them go to a separate file."""
 
 
 class Course(NamedTuple):
@@ -65,6 +65,7 @@ class Recorder:
             return
         motion = values[:, :, 1:].reshape(len(values), -1)
         speed = np.linalg.norm(values[:, :, 1], axis=1)
+        # each row counts its samples: the last row of a group may be shorter, so the index alone gives no time
         one = np.ones(len(values))
         self._left.append(np.column_stack([values[:, :, 0], speed, motion, motion, samples.feed, samples.line, one]))
         self._waiting += len(values)
@@ -83,6 +84,7 @@ class Recorder:
     def _reduced(self, rows: np.ndarray, every: int) -> np.ndarray:
         """Reduce groups of rows to one row each; the last group may be shorter."""
         begins = np.arange(-(-len(rows) // every)) * every
+        # an index array copies, so that `rows` is not overwritten below
         reduced = rows[begins]
         for place, of in ((self._speed, np.maximum), (self._low, np.minimum), (self._high, np.maximum)):
             reduced[:, place] = of.reduceat(rows[:, place], begins)
@@ -115,7 +117,7 @@ def _limit(limit: float, unit: str, per: str) -> Quantity:
 class Planned(Result):
     """The planned motion of a part program.
 
-    program, machine  their names
+    program, machine  names of the part program and of the machine
     limits            limits of the axes
     sample_time       sample time of the setpoints, s
     samples           number of setpoints
@@ -168,7 +170,7 @@ class Planned(Result):
 
 
 Take: TypeAlias = Callable[[Samples, Sequence[Standstill]], None]
-"""What is given each piece of the samples, with the stops in it."""
+"""A callback for each chunk of samples and the stops within it."""
 
 
 def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | None = None) -> Planned:

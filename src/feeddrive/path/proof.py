@@ -11,7 +11,7 @@ with q = r(u(t)).  Extremes of polynomials of time are exact; r' .. r'''' are bo
 of a span.
 
 Over a span of time on one piece of the path each factor of the chain rule is an interval.  A span for which the limits
-cannot be shown to hold is halved, until they are or its middle violates one.  At the joints of path and time the jumps
+cannot be shown to hold is halved, until they can or its middle violates one.  At the joints of path and time the jumps
 are computed from the planned state.  Apart from the evaluation of path and motion no code is shared with the planner,
 so its errors are not repeated here.
 
@@ -71,6 +71,7 @@ def times(a: float, b: float, c: float, d: float) -> tuple[float, float]:
 @kernel
 def square(a: float, b: float) -> tuple[float, float]:
     """Return [a, b]²."""
+    # tighter than `times` of the interval with itself: both factors are one number, whose square is not negative
     p = a * a
     q = b * b
     if a <= 0.0 and b >= 0.0:
@@ -180,6 +181,7 @@ def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: 
                 scale = scale * kappa
             out[i, 0, 0] = out[i, 0, 0] + drift
             out[i, 0, 1] = out[i, 0, 1] + drift
+        # the larger eigenvalue of the Gram matrix of E1 and E2 bounds the first term at any angle
         oval = length1 - length2
         ring = 0.5 * (length1 + length2 + sqrt(oval * oval + 4.0 * skew * skew))
         return sqrt(kappa * kappa * ring + 2.0 * kappa * sqrt(along1 * along1 + along2 * along2) + norm)
@@ -359,8 +361,9 @@ def share_of_limits(
 def _taken(
     kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, b: float, e: float, r: Floats3
 ) -> float:
-    """Write the intervals of one motion over a span: products into `u`, r' .. r'''' into `r`; u' .. u''' at t = 0
-    are in u[9] to u[11].
+    """Write the intervals of one motion over a span: products into `u`, r' .. r'''' into `r`; return a bound of |r'|.
+
+    On input u[9] to u[11] hold u' .. u''' at t = 0.
     """
     v = u[9, 0]
     a = u[10, 0]
@@ -371,6 +374,7 @@ def _taken(
     products(v0, v1, a0, a1, j0, j1, u)
     x0 = min(max(x + way(v, a, j, s, b), 0.0), length)
     x1 = min(max(x + way(v, a, j, s, e), 0.0), length)
+    # near a rest rounding may let the end lie before the start
     return slopes(kind, length, shape, x0, max(x0, x1), r)
 
 
@@ -467,6 +471,7 @@ def prove_sum(
     """
     spans = 0
     faulty = 0
+    # depth first: the 40 halvings down to a share of 1e-12 need no more than 41 open spans
     halves = zeros(64, 2)
     u0 = zeros(12, 2)
     u1 = zeros(12, 2)
@@ -676,6 +681,7 @@ def _span(
         a0 = a + m * (j + 0.5 * m * s)
         j0 = j + m * s
         norm = slopes(kind, length, shape, x0, x0, r)
+        # at a point the slack is subtracted, so that rounding alone is never reported as a violation
         share, which = share_of_limits(v0, v0, a0, a0, j0, j0, s, r, norm, limits, feed, -1e-13)
         if share > 1.0 + widened or e - b <= shortest or count + 2 > len(halves):
             return tests, which, m
@@ -742,6 +748,7 @@ def _prove(
         # positions of the plan are rounded to 1e-16 of the path planned at once
         sliver = sliver + 1e-15 * length[k]
     for i in range(n):
+        # slower backward motion is within the widening of every velocity limit
         backwards = min(backwards, widened * limits[i, 0])
     p = 0
     came = state[0]
@@ -790,7 +797,7 @@ def _prove(
         T = duration[m]
         low, high = cubic_range(v, a, j, s, 0.0, T)
         if not (T > 0.0) or low < -backwards or not (high < 1e300):
-            # it must not move backwards, except for rounding
+            # backward motion by more than rounding would make the range of x wrong, which is taken from its ends
             return tests, _noted(faults, count, p, m, 0.0, -4.0, low)
         whole = way(v, a, j, s, T)
         begin = x[m]  # of the time piece, from the start of the present piece of the path
@@ -920,7 +927,7 @@ class Prover:
         self._missed = 0.0
 
     def prove(self, part: Part) -> bool:
-        """Prove the next part; return True if it holds."""
+        """Check the next part; return True if all its limits are proven."""
         before = self._count
         time, alone = self._time, part.entering is None
         self._along(part.pieces, part.motion, part.ends, alone, not self._stands)
@@ -936,7 +943,7 @@ class Prover:
         return self._count == before
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
-        """Prove one run: no jumps, and the limits if it is `alone`, starting at the end of the last run or
+        """Prove one motion: no jumps, and the limits if it is `alone`; it starts at the end of the last one, or
         `anywhere`.
         """
         spans, count = _prove(

@@ -54,7 +54,8 @@ def planned(
             if isinstance(part, Pause):
                 yield part
                 continue
-            if part.entering is not None:  # it is contained in both runs
+            # an overlap is contained in both runs, so that its time was counted twice
+            if part.entering is not None:
                 schedule.time -= float(np.sum(part.motion.duration))
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
@@ -63,6 +64,7 @@ def planned(
             schedule.time += segments.duration
             yield segments
             continue
+        # only a chain from rest to rest can be planned by itself, in either way
         whole = _quicker(segments, limits) if lifter and joiner.rests and segments.ends else None
         sections, joint = whole[:2] if whole else joiner.join(segments)
         joints.extend(segments.modes)
@@ -101,6 +103,7 @@ def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, li
     """
     if len(chain.tolerance) > SHORT:
         return None
+    # with a limit angle of nearly 0 every corner becomes a stop, which `Crossings` then passes in time
     usual, in_time = Joiner().join(chain), Joiner(SMOOTH, 0.0).join(chain)
     if np.array_equal(usual[1].stop, in_time[1].stop):
         return None
@@ -145,6 +148,7 @@ def _sample(
         p = int(piece[m])
         x0 = x[m]
         while count < len(out):
+            # from the sample number: a running sum of sample times would drift in programs of hours
             t = (first + count) * sample_time - since
             if t >= T:
                 break
@@ -167,7 +171,7 @@ def _sample(
 
 
 class Sampler:
-    """A sampler for consecutive parts of runs at k T, k = 0, 1, 2 ...; `sample_time` in s."""
+    """A sampler of consecutive parts of runs at the instants k T, k = 0, 1, 2 ...; T is `sample_time` in s."""
 
     def __init__(self, sample_time: float) -> None:
         self._sample_time = sample_time
@@ -236,7 +240,7 @@ BENDS = {
     "exact_path": "bend, exact path (G61)",
     "continuous": "bend, no tolerance (G64 without P)",
 }
-"""Where a run ends that the program goes on, by the mode of the path for which it does."""
+"""The reasons for stops at joints within the program, by the path mode that requires the stop."""
 REASONS = (*CORNERS.values(), *BENDS.values(), *PAUSES.values())
 
 
@@ -277,7 +281,7 @@ class Samples(NamedTuple):
 
 
 class Setpoints:
-    """The samples of a program, to be iterated once; the counts are complete after the iteration.
+    """The samples of a program, which can be iterated once; the counts are complete after the iteration.
 
     moves        moves from `read_program`
     sample_time  sample time of the loop, s
@@ -374,6 +378,7 @@ class Setpoints:
             values = self._sampler.rest(self._position, now)
             samples = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
             self.samples += len(values)
+            # a standstill has no limiting axis, so it is counted here and not by `_attribute`
             self._counts[-1] += len(values)
             yield samples
             duration -= now
@@ -430,6 +435,7 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
     pieces, motion = part.pieces, part.motion
     p, last = int(motion.piece[-1]), len(pieces.length) - 1
     x = float(motion.x[-1] + way(*(float(column[-1]) for column in (*motion[3:], motion.duration))))
+    # a run ends exactly at the end of its path, from which x differs by rounding
     while p < last and (part.ends or x > pieces.length[p]):
         x, p = x - float(pieces.length[p]), p + 1
     length = float(pieces.length[p])
@@ -440,6 +446,7 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
 
 def _along(r: np.ndarray, length: float, side: float) -> np.ndarray:
     """Return the path direction at the start (`side` 1) or end (-1) of a piece, also where r' of a spline is 0."""
+    # r' vanishes at the end of a spline whose control points coincide: the next derivative has the direction
     for k in (1, 2, 3):
         size = float(np.linalg.norm(r[:, k]))
         if size * length ** (k - 1) > _TANGENT:

@@ -27,6 +27,7 @@ def smoothed(position: np.ndarray, sample_time: float, average: int, times: np.n
               starts up to `reach` rows earlier and ends as many later
     average   number of rows of each of the four averages, 1 or more
     """
+    # imported late: scipy loads slowly, and only recorded setpoints are smoothed
     from scipy.interpolate import BSpline
 
     around = 2 * reach(average)

@@ -73,7 +73,8 @@ def place_knots(
     count = fixed
     step = 0.0
     while u < total:
-        # the goal in the middle of the step
+        # the goal is that at the middle of the step, which depends on the step: a fixed-point iteration, whose error
+        # falls by GRADE/2 in each pass
         step = min(largest, goal[p] + GRADE * (u - at[p]))
         for _ in range(6):
             middle = u + 0.5 * step
@@ -128,7 +129,7 @@ def control_points(
     segment: Ints,
     straight: Ints,
 ) -> int:
-    """Evaluate f at the Greville abscissas x.
+    """Write the Greville abscissas into `x`, and f at them into `control`.
 
     corner    u at the start of each segment, and the end of the last
     group     equal numbers for consecutive segments in one direction
@@ -157,6 +158,7 @@ def control_points(
                 turn = origin[end, n] + slope[end, n] * ((total if here > 0.0 else 0.0) - corner[end])
                 control[i, n] = 2.0 * turn - control[i, n]
         if end >= 0 and group[k] != group[end]:
+            # numbers that occur nowhere else: the mirror image of another line is parallel to it, but not on it
             straight[i] = -1 - group[k] if here < 0.0 else -2 - group[last] - group[k]
     return 0
 
@@ -194,6 +196,7 @@ def states(
         for n in range(len(slope[0])):
             for m in range(1, 5):
                 i = e - 5 + m
+                # along one line from its slope: differences of absolute coordinates would bend it by their rounding
                 if straight[i] == straight[i - 1]:
                     move[m] = slope[segment[i], n] * (x[i] - x[i - 1])
                 else:
@@ -298,6 +301,7 @@ def deviation(
     squares = 0.0
     for i in range(n):
         at = origin[k, i] + slope[k, i] * (begin - corner[k])
+        # the large coordinates cancel before the small state is added
         difference[i, 0] = (control[e - 3, i] - at) + state[e, i, 0]
         squares = squares + difference[i, 0] * difference[i, 0]
     most = 0.0
@@ -314,6 +318,7 @@ def deviation(
                 difference[i, 0] = start
                 difference[i, 1] = difference[i, 1] - slope[k, i] * (until - u)
             bound = largest_norm(difference)
+            # one hull is cheap, but too wide on long intervals: subdivided only where it does not suffice
             if bound > tolerance[k]:
                 bound = 0.0
                 for part in range(_QUARTERS):
@@ -356,6 +361,7 @@ CROSSED = 0.9  # of the tolerance, reserved for the corner at which a run ends a
 _ROUNDS = 40
 _ENOUGH = 40  # largest number of steps per line
 _STRAIGHT = 1e-13  # rad, between lines in one direction
+# a corner changes the spline over three knots: with more steps before it the end stays on the line
 _LEAVES = 3.2  # least number of steps between a straight end and the first corner
 NEAR = 10.0  # tolerances on either side of a corner over which it must look like one
 _ASIDE = 0.25  # of the tolerance
@@ -439,7 +445,7 @@ def clustered(
         most = BLEND * turn * min(length[k], length[k + 1])
         if tolerance[k] <= 0.5 * most or lonely * tolerance[k] < most:
             continue
-        # in the noise of small steps each corner may be sharp: only one between straight stretches is meant
+        # noise of small steps makes every corner look sharp: only one between straight stretches is intended
         near = NEAR * tolerance[k]
         if turn > 2.0 * sharpest and since > near:
             aside = _ASIDE * tolerance[k]
@@ -610,6 +616,7 @@ def fitted(
                     share = share / (1.0 - CROSSED)
                 most = max(most, share)
                 if share > 1.0:
+                    # steps before the first goal are fixed
                     where = max(where, at[0])
                     while old < many and at[old] <= where:
                         at_next[new] = at[old]
@@ -661,7 +668,7 @@ def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats
     at[0] = begin - u
     goal[0] = step
     count = 1
-    # those near the provisional end are omitted
+    # those near the provisional end are omitted: they belong to a stop that does not take place
     while p + 1 < many and at[p + 1] < knots[e + FITTED]:
         p = p + 1
         at[count] = at[p] - u
@@ -781,7 +788,7 @@ def spline_pieces(
         lengths[count] = u - knots[e]
         lines[count] = line[k]
         runs[count] = run
-        # a span may cover several lines
+        # a span may cover several lines, and exceeds the feed of none
         slowest = feed[k]
         m = k
         while m < last and corner[m + 1] < u:

@@ -31,14 +31,18 @@ from feeddrive.path.geometry.segments import Chain, blend, goes_on, part_of, sta
 from feeddrive.path.motion import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
 
 _CUTS = 8  # number of pieces of a blend
-LONELY = 4.5  # multiple of the blend length; between longer lines overlapping runs pass a corner faster
+# between lines that are longer, overlapping runs pass a corner faster than a blend
+LONELY = 4.5  # multiple of the blend length
 _AHEAD = 0.05  # m, length of a cluster held back
 _SHORT, _LONG = 6.0, 60.0  # least number of steps of a cluster: of a complete one, and of one with unknown end
-_BENT = 0.2  # rad; next to an arc, where no bump is possible, only sharper corners
+# next to an arc no bump is possible, and a blend is slower than a stop only at sharper corners
+_BENT = 0.2  # rad
 SMOOTH = 1e-9  # rad, and relative to the curvature: a smaller change is not a corner
 _FIRST, _MOST = 1e5, 100.0  # initial space for knots, and its largest multiple of the expected number
-_ALMOST = 1e-3  # rad, and relative to the curvature: arcs written as parts of one circle with rounded numbers
-_LITTLE = 0.05  # of the tolerance, for the blend between such arcs: staying on the circle costs no time there
+# programs write parts of one circle with rounded end points and centers
+_ALMOST = 1e-3  # rad, and relative to the curvature
+# between such arcs it costs no time to stay near the circle
+_LITTLE = 0.05  # of the tolerance, for the blend
 
 
 class Joint(NamedTuple):
@@ -89,6 +93,7 @@ def _passed(
     cosine = cosine / sqrt(size0 * size1)
     turn = sqrt(turn)
     shorter = min(length[k], length[k + 1])
+    # collinear lines: their directions, quotients of rounded numbers, differ in the last digits
     if turn <= 1e-14 and jump * shorter <= 1e-14 and kind[k] == 0 and kind[k + 1] == 0:
         return 1, cosine, turn
     # long lines: overlapping runs pass the corner faster than a blend of their tolerance
@@ -157,9 +162,9 @@ def join(
     `goals`, the number of goal positions of an unfinished spline; the last the number of all pieces.
 
     tolerance  tolerance of the joint after each segment, m; negative: stop; 0: stop unless it is smooth
-    sharpest   largest corner angle without a stop, rad
-    lonely     multiple of the blend length; the run also stops at a corner of longer segments (arcs from 0.2 rad on);
-               0: all lines
+    sharpest   sine of half of the largest corner angle without a stop
+    lonely     multiple of the blend length; the run also stops at a corner of longer segments (next to arcs from
+               0.2 rad on); 0: at every corner of lines
     begin      length of the first segment used by the preceding blend
     flows      True if the run continues into the first segment
     runs       run number of each piece
@@ -250,7 +255,7 @@ def join(
             else:
                 e = ENDS + steps
                 if goes_on:
-                    # beyond, the knots, the sharp corners, and the departure from the line are not known yet
+                    # beyond this knot the knots, the sharp corners and the end of the cluster may still change
                     e = e - FITTED - 2 * ENDS
                     until = min(corner[last], corner[n] - 2.0 * NEAR * tolerance[last - 1])
                     while e > ENDS and knots[e + 2 * ENDS] > until:
@@ -401,6 +406,7 @@ def join(
                 stop[k] = 0
                 deviation[k] = most
                 end = length[k] - away
+        # blends on both sides may use up the whole segment: a remainder of rounding is no piece
         if end - begin > 1e-12 * length[k]:
             kinds[count] = kind[k]
             lengths[count] = trimmed(kind[k], length[k], shape[k], begin, end, shapes[count])
@@ -421,6 +427,7 @@ def join(
                 runs[count] = run
                 for i in range(axes):
                     part_of(blended[i], cut / _CUTS, 1.0 / _CUTS, piece)
+                    # the small terms first: added to the coordinate one by one they would lose digits
                     origins[count, i] = origin[k + 1, i] + (a[i, 0] + piece[0])
                     shapes[count, i, 0] = 0.0
                     for m in range(1, 8):
@@ -447,7 +454,7 @@ class _Begun(NamedTuple):
 
 
 class Joiner:
-    """A joiner of the segments of consecutive chains.
+    """The joiner of the segments of consecutive chains to runs.
 
     sharpest, lonely  as in `join`
     held      largest number of lines of a cluster held back; a fifth suffices if they are 50 mm long
@@ -481,7 +488,7 @@ class Joiner:
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """Stop a spline that cannot be continued after the known segments."""
+        """Let a spline that cannot be continued end with a stop after the known segments."""
         assert self._begun is not None
         assert self._held is not None
         far, (held, tolerance) = self._begun.far, self._held
@@ -498,7 +505,7 @@ class Joiner:
         """Return the sections and the joints after the finished segments; None if a spline cannot be continued."""
         n, axes = segments.origin.shape
         joint = Joint(np.zeros(n), np.zeros(n, np.int64))
-        # two knots a line, and the largest steps over the length; too little space is noticed below
+        # two knots per line, and the largest steps over the length; the number is known only after the fit
         expected = 2.0 * n + float(np.sum(segments.length)) / LARGEST_STEP + 50.0
         many = int(min(expected, 2.0 * n + _FIRST))
         begun = self._begun
@@ -541,9 +548,10 @@ class Joiner:
                 )
                 break
             except IndexError:
+                # the kernel ran out of room for its knots: it starts again with twice as much
                 if many > _MOST * expected:
                     raise
-                many *= 2  # more knots than expected
+                many *= 2
         if done < 0:
             return None
         *columns, runs = (array[:count].copy() for array in out)
@@ -558,7 +566,8 @@ class Joiner:
                 corner = CROSSED * corner
             sections.append(Section(Pieces(*(column[i:j] for column in columns)), bool(runs[i] < ended), corner))
         if done == 0 and begun:
-            return sections, joint  # wait for more segments
+            # wait for more segments; the unfinished spline stays as it was
+            return sections, joint
         self._taken, self._begun = taken, None
         if places:
             hand = Pieces(*(array[count:every].copy() for array in out[:-1]))

@@ -116,6 +116,7 @@ def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
         c1 = a[i, 1] * length
         c2 = 0.5 * a[i, 2] * length * length
         c3 = a[i, 3] * length * length * length / 6.0
+        # differences of nearby states: in absolute coordinates r''' of pieces of some um would lose seven digits
         e0 = b[i, 0] - a[i, 0] - c1 - c2 - c3
         e1 = b[i, 1] * length - c1 - 2.0 * c2 - 3.0 * c3
         e2 = b[i, 2] * length * length - 2.0 * c2 - 6.0 * c3
@@ -197,6 +198,7 @@ def blend_at(
     state_near(kind1, length1, shape1, L, False, b)
     hermite(a, b, B, out)
     most = 0.0
+    # each half has its own segment, and both are polynomials of one parameter there, so that they can be subtracted
     for side in range(2):
         # the segment over its half of the parameter, as a polynomial of η in 0 .. 1
         arc = 0.0
@@ -274,6 +276,7 @@ def blend(
         most = blend_at(kind0, length0, shape0, kind1, length1, shape1, away, factor, a, b, at, half, difference, out)
         if most <= tolerance:
             low = away
+            # close enough: of a blend for a jump of curvature alone, 5 % less length would halve the speed
             if most >= 0.995 * tolerance:
                 break
         else:
@@ -308,13 +311,14 @@ def goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: F
 
 _LETTERS = AXES.upper()
 _COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
-"""Axes along which the feed counts: the first of these that move."""
+"""The groups of axes to which a feed can refer: the first group with a moving axis counts."""
+# so that memory does not grow with the program
 AT_ONCE = 1000  # largest number of segments of a chain
 _CHORDS = 0.1  # of the tolerance: largest deviation of a spline's chords from it
 _CUTS = 16  # number of pieces of a spline that is followed exactly
 
 Going = Straight | Arc | Spline
-"""Moves along a path."""
+"""The moves along a path."""
 
 
 class Chain(NamedTuple):
@@ -322,8 +326,8 @@ class Chain(NamedTuple):
 
     tolerance  tolerance of the joint after each segment, m; 0: stop unless the joint is smooth
     ends       True if such a stop follows; otherwise the next chain continues this one
-    modes      path mode that requires a stop at each joint, as in `PathMode`, by the stricter move; empty if it has a
-               tolerance
+    modes      path mode of the stricter move at each joint, as in `PathMode`, which requires a stop there; empty if
+               the joint has a tolerance
     """
 
     segments: Pieces
@@ -354,6 +358,7 @@ class _Collected:
 
     def chain(self, ends: bool) -> Chain:
         """Return all segments as a chain, or, unless it `ends`, all but the last, which is retained."""
+        # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
         kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
         origin = np.array(start[:count])
@@ -395,6 +400,7 @@ class _Feeds:
             feed *= self.turns
         if not feed > 0.0:
             raise _refused(move.source, "the feed is 0: write F in this block or before")
+        # the speed is planned along all axes: it is scaled so that the counted ones move at the feed
         return feed * length / _length(move, counted) if others else feed
 
 
@@ -476,6 +482,7 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
     near = _CHORDS * tolerance
     count = max(1, math.ceil(math.sqrt(bent / (8.0 * near)))) if near else _CUTS
     number, here, piece = move.source.number, np.zeros(len(columns)), np.zeros_like(shape)
+    # an estimate suffices: the length only scales the parameter, and |r'| need not be 1
     whole = float(np.sum(np.linalg.norm(np.diff([_at(shape, k / 64.0) for k in range(65)], axis=0), axis=1)))
     for k in range(count):
         there = _at(shape, (k + 1) / count)
@@ -484,7 +491,7 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
             length = math.hypot(*way)
             if length > 0.0:
                 begin = [*map(sum, zip(start, here.tolist(), strict=True))]
-                # what the chords may deviate is taken from the tolerance of the joints
+                # the deviation of the chords is subtracted from the tolerance of the joints
                 yield _Segment(LINE, length, begin, way, speed, number, mode, tolerance - near)
         elif whole > 0.0:
             for of, into in zip(shape, piece, strict=True):
@@ -534,9 +541,9 @@ def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]
     sense = math.copysign(1.0, angle)
     shape[[first, second], 0] = x, y
     shape[[first, second], 1] = -sense * y, sense * x
-    # the remaining distance to the end, and the other axes, vary linearly along the arc
     # 1 - cos without cancellation
     s, versine = math.sin(abs(angle)), 2.0 * math.sin(0.5 * angle) ** 2
+    # programs round the end of an arc: its distance from the circle is spread linearly, as are the other axes
     drift = np.array(way) - (shape[:, 1] * s - shape[:, 0] * versine)
     straight = np.delete(drift, [first, second])
     length = math.hypot(math.hypot(x, y) * abs(angle), float(np.linalg.norm(straight)))

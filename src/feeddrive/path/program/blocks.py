@@ -20,7 +20,7 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 
 LONGEST_LINE = 65536
-"""Bytes of a line, its end included; a longer one is refused after so many bytes were read."""
+"""The largest length of a line, bytes, line ending included; of a longer one no more than this is read."""
 
 
 class Line(NamedTuple):
@@ -55,10 +55,11 @@ class LineReader:
     """A reader of the lines of a file that can return to an earlier position."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file for its first line; raise at once if it cannot be read."""
+        """Check that the file can be opened; raise FileError if it cannot."""
         self.name = str(path)
         self._path = path
         self._file: BufferedReader | None = None
+        # not kept open: a program whose lines are never read would leave an open file behind
         self._open().close()
         self._offset = self._number = self._last = 0
         self.furthest = 0
@@ -67,8 +68,10 @@ class LineReader:
         try:
             if self._path.is_dir():
                 raise FileError(f"{self.name}: this is a folder, a part program is a file")
+            # a device such as /dev/zero would be read for ever
             if self._path.exists() and not self._path.is_file():
                 raise FileError(f"{self.name}: is a device or pipe, not a file; copy it to a file first")
+            # binary, since loops and calls return to a position in bytes
             return self._path.open("rb")
         except OSError as error:
             raise FileError(f"{self.name}: cannot be read: {error.strerror or error}") from None
@@ -111,6 +114,7 @@ class LineReader:
                 f"the line is longer than {LONGEST_LINE} bytes: a part program has short lines, is this one?",
             )
         self._offset += len(raw)
+        # bytes of another encoding are mostly in comments, and elsewhere they are refused with their column
         return Line(self.name, self._number, raw.decode("utf-8", "replace").rstrip("\r\n"))
 
     def _marked(self, raw: bytes) -> bytes:
@@ -119,6 +123,7 @@ class LineReader:
             reason = "the file has two bytes for each character (UTF-16): save it as plain text (UTF-8)"
             raise ProgramError(self.name, 1, 1, "", reason)
         if raw.startswith(BOM_UTF8):
+            # counted as read, so that the position of the second line is right
             self._offset += len(BOM_UTF8)
             return raw[len(BOM_UTF8) :]
         return raw
@@ -185,12 +190,13 @@ def compact(text: str) -> tuple[str, list[str]]:
     return "".join("".join(kept).split()).lower(), comments
 
 
+# the numbers of parameters are fixed by LinuxCNC, whose programs and .var files are read
 MOST = 5602
-"""Numbered parameters are #1 to #5602."""
+"""The number of the last numbered parameter; the first is #1."""
 ARGUMENTS = range(1, 31)
-"""Those that a subroutine has of its own: the arguments of its call."""
+"""The parameters that are local to a subroutine: the arguments of its call."""
 READ_ONLY = range(5400, 5429)
-"""Tool, tool offset and position: they follow the program."""
+"""The parameters of tool, tool offset and position, which a program can only read."""
 
 
 class Parameters:
@@ -207,7 +213,7 @@ class Parameters:
         self.local: dict[str, float] = {}
 
     def value(self, key: int | str) -> float:
-        """Return the value of a parameter; a named one must have been set."""
+        """Return the value of a parameter; raise BlockError for a named one that was never set."""
         live = self.live.get(key)
         if live is not None:
             return live()
@@ -220,10 +226,11 @@ class Parameters:
 
     def known(self, key: int | str) -> bool:
         """Return True if a parameter has a value, as tested by EXISTS."""
+        # numbered parameters always have a value: 0 unless they were set
         return key in self.live or isinstance(key, int) or key in (self.common if key.startswith("_") else self.local)
 
     def set(self, key: int | str, value: float) -> None:
-        """Set a parameter."""
+        """Set a parameter; raise BlockError if it is read-only or the value is not finite."""
         if not isfinite(value):
             raise BlockError(f"a parameter must be a finite number, not {value}", "#")
         if key in self.live or key in READ_ONLY:
@@ -276,13 +283,17 @@ def read_offsets(path: Path | str) -> dict[int, float]:
     return values
 
 
+# the parser calls itself: a deeper expression must be an error of the program before it is one of Python
 DEEPEST = 60
-"""Brackets inside brackets."""
+"""The deepest nesting of brackets, signs and parameters in a value."""
+# as in LinuxCNC, since programs compare numbers that they have computed
 EQUAL = 1e-5
-"""Numbers closer than this are eq."""
+"""The difference below which `eq` treats two numbers as equal."""
 
+# without an exponent, which RS-274 does not have: in 1e5 a word E begins
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 _NAME = re.compile(r"<([^<>]+)>")
+# ** before *, since the first alternative that fits is taken
 _OPERATOR = re.compile(r"\*\*|\*|/|mod|\+|-|eq|ne|gt|ge|lt|le|and|or|xor|\]")
 _FUNCTION = re.compile(r"abs|acos|asin|atan|cos|exists|exp|fix|fup|ln|round|sin|sqrt|tan")
 
@@ -307,6 +318,7 @@ def _divide(a: float, b: float) -> float:
 def _modulo(a: float, b: float) -> float:
     if b == 0:
         raise BlockError("mod by zero: check the divisor before")
+    # never negative, as in LinuxCNC
     rest = math.fmod(a, b)
     return rest + abs(b) if rest < 0 else rest
 
@@ -344,7 +356,9 @@ _UNARY: dict[str, Callable[[float], float]] = {
     "exp": math.exp,
     "fix": lambda x: float(math.floor(x)),
     "fup": lambda x: float(math.ceil(x)),
+    # 5e-324 is the least positive number: ln of 0 is refused
     "ln": lambda x: math.log(_inside("ln", x, 5e-324, math.inf)),
+    # halves away from zero; Python's round would go to the even neighbor
     "round": lambda x: float(math.floor(abs(x) + 0.5)) * math.copysign(1.0, x),
     "sin": lambda x: math.sin(math.radians(x)),
     "sqrt": lambda x: math.sqrt(_inside("sqrt", x, 0, math.inf)),
@@ -446,6 +460,7 @@ class Values:
                 raise self.fault("an operator or a closing bracket ] is expected here")
             self.at = match.end()
             rank = _RANK.get(match[0], 0)
+            # >=, so that operators of one rank, ** included, are evaluated from left to right
             while operators and _RANK[operators[-1]] >= rank:
                 right = values.pop()
                 values[-1] = _BINARY[operators.pop()](values[-1], right)
@@ -562,7 +577,7 @@ G_CODES: dict[int, Code] = {
     **_codes(Step.SPINDLE_SPEED, {96: "constant surface speed"}, "spindle mode", native=False),
     **_codes(Step.SPINDLE_SPEED, {97: "spindle speed in rpm"}, "spindle mode"),
 }
-"""By ten times the number: 59.3 is 593."""
+"""The G codes by ten times their number, so that 593 is G59.3."""
 
 M_CODES: dict[int, Code] = {
     **_codes(Step.OUTPUT, {62: "output on", 63: "output off", 64: "output on", 65: "output off"}),
@@ -593,7 +608,7 @@ REFUSED: dict[str, str] = {
         "where a probe touches is not known before: take it out of what is planned",
     ),
 }
-"""Codes that no front end reads, with the reason."""
+"""The codes that neither front end supports, with the reason."""
 
 
 def name_of(letter: str, code: int) -> str:
@@ -603,7 +618,7 @@ def name_of(letter: str, code: int) -> str:
 
 AXES = "xyzabcuvw"
 LARGEST = 1e9
-"""No word is larger: mm, degrees, or what else it holds."""
+"""The largest magnitude of a word, in the unit of the word."""
 RS274 = "the own reader has no {}: LinuxCNC's interpreter rs274 reads it, which comes with the package linuxcnc-uspace"
 
 _PLAIN = re.compile(r"(?:[a-mp-z@^][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
@@ -674,6 +689,7 @@ def read_block(line: Line, parameters: Parameters, skip_deleted: bool) -> Block:
         start = numbered.end()
     if text.startswith("o", start):
         block.control = text[start:]
+    # nearly all lines have plain numbers only, for which two regular expressions are much faster than the parser
     elif _PLAIN.fullmatch(text, start):
         words = block.words
         for letter, number in _WORDS.findall(text, start):
@@ -689,6 +705,7 @@ def read_block(line: Line, parameters: Parameters, skip_deleted: bool) -> Block:
     elif start < len(text):
         _read_words(block, Values(text, parameters, start))
     if len(block.codes) > 1:
+        # tuples compare by their step first, which is the order of execution
         block.codes.sort()
         _refuse_two_of_a_group(block)
     return block
@@ -765,7 +782,7 @@ _WRITTEN = {
     if code.native
     for text in {f"{number / 10:g}", f"{number / 10:04.1f}" if number % 10 else f"{number // 10:02}"}
 }
-"""Codes by how they are mostly written, g1 or g01: the rest is looked up by number."""
+"""The codes by their usual spellings, such as g1 and g01; other spellings are looked up by number."""
 
 
 def _place(text: str, letter: str, value: float) -> int:
@@ -802,6 +819,7 @@ def read_debug(text: str, parameters: Parameters) -> str:
             return ""
         key: int | str = int(match[1]) if match[1] else "".join(match[2].split()).lower()
         if not parameters.known(key):
+            # as LinuxCNC prints a parameter without a value
             return "######"
         value = parameters.value(key)
         return str(math.floor(value + 0.5)) if form == "%d" else form % value

@@ -17,11 +17,11 @@ from feeddrive.path.program.moves import Arc, Command, Move, Point
 from feeddrive.path.program.state import LINEAR, rotated
 
 Travel = Mapping[str, tuple[float, float] | None]
-"""Axis letter -> least and most coordinate (m, rad), or None for an axis without ends."""
+"""The travel by axis letter: lowest and highest coordinate (m, rad), or None for an axis without travel limits."""
 FARTHEST = 1e6
-"""m or rad: no coordinate lies beyond."""
+"""The largest magnitude of a coordinate, m or rad."""
 ROUNDING = 1e-9
-"""By how much (m, rad) a coordinate may lie beyond the end of an axis: what rounding to 15 digits may cost at 1 km."""
+"""The distance by which a coordinate may exceed the travel, m or rad: the rounding of 15 digits at `FARTHEST`."""
 
 _ZERO = (0.0,) * 9
 _CANON_PLANES = {"CANON_PLANE_XY": PLANES[170], "CANON_PLANE_XZ": PLANES[180], "CANON_PLANE_YZ": PLANES[190]}
@@ -67,10 +67,12 @@ class Frame:
         self._travel = None if axes is None else _travel_by_axis(axes)
         self._present = None if axes is None else [letter in {name.lower() for name in axes} for letter in AXES]
         self._here: Point = _ZERO
+        # divisors, not factors: 1/1000 is not exact in binary, and a product with it would be rounded twice
         self._divisors = [1000.0] * 9
         self._rotation = 0.0
         self._system = 1
         self._origin = self._axis_offset = self._tool_offset = _ZERO
+        # the sum of the offsets is kept until one of them changes, since most moves follow no change
         self._shift: list[float] | None = None
         self._plane = PLANES[170]
         self._per_turn = False
@@ -111,7 +113,7 @@ class Frame:
         self._mode: moves.PathMode | None = None
 
     def moves(self, commands: Iterable[Command]) -> Iterator[Move]:
-        """Yield the moves that the commands request."""
+        """Yield the moves of the commands."""
         for command in commands:
             maker = self._makers.get(command.name)
             try:
@@ -155,7 +157,7 @@ class Frame:
         if self._present is None:
             return
         for axis, value in enumerate(end):
-            # an axis that stands outside its travel may stay there, as at the start of a program
+            # an axis outside its travel may stay there, as at the start of a program
             if value == start[axis]:
                 continue
             if not self._present[axis]:
@@ -200,6 +202,7 @@ class Frame:
         program[3 : 3 + len(numbers) - 6] = numbers[6:]
         middle = list(program)
         middle[first], middle[second] = numbers[2], numbers[3]
+        # rotated about Z it would lie in none of the three planes
         if self._rotation and across != 2:
             raise BlockError("an arc outside of the plane XY cannot be rotated by G10 R: set R to 0", "G")
         start, end, center = self._here, self._machine(tuple(program)), self._machine(tuple(middle))
@@ -294,7 +297,8 @@ class Frame:
         return moves.Spindle(command.line, self._speed, self._direction)
 
     def _select_tool(self, command: Command) -> None:
-        self._selected = int(float(command.values[0]))  # CHANGE_TOOL of LinuxCNC contains a row of the table
+        # kept for CHANGE_TOOL, whose value in LinuxCNC is a row of the tool table and not the tool's number
+        self._selected = int(float(command.values[0]))
 
     # offsets
 

@@ -36,11 +36,11 @@ from feeddrive.path.program.state import (
 )
 
 DEEPEST_CALL = 50
-"""Subroutines inside subroutines."""
+"""The deepest nesting of subroutine calls."""
 MOST_AGAIN = 10_000_000
-"""Lines that are read again, by loops and calls, in a whole program."""
+"""The largest number of lines that loops and calls may repeat in a whole program."""
 MOST_AGAIN_AT_REST = 1_000_000
-"""The same between two commands to the machine."""
+"""The largest number of lines that they may repeat between two lines with a motion or an offset."""
 
 _STATEMENT = re.compile(
     r"(endsub|sub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break|continue)"
@@ -48,7 +48,7 @@ _STATEMENT = re.compile(
 _LABEL = re.compile(r"(\d+)|<([^<>]+)>")
 _SKIPPED = re.compile(rf"/?(?:n[\d.]+)?o(?:{_LABEL.pattern}){_STATEMENT.pattern}")
 _BEGINS = frozenset("oOnN/(")
-"""What the line of an o-word begins with."""
+"""The characters with which a line with an o-word can begin."""
 _ENDS = {"sub": "endsub", "if": "endif", "while": "endwhile", "do": "while", "repeat": "endrepeat"}
 
 
@@ -56,7 +56,7 @@ _ENDS = {"sub": "endsub", "if": "endif", "while": "endwhile", "do": "while", "re
 class Open:
     """An open loop or condition, with the positions of its body and its first line.
 
-    left  for a repeat, the remaining number of passes; for a condition, whether a branch was taken
+    left  for a repeat, the number of remaining passes; for a condition, 1 if a branch was taken
     """
 
     kind: str
@@ -114,7 +114,7 @@ class Flow:
             reader.close()
 
     def moved(self) -> None:
-        """Record that the last line commanded the machine; such loops may repeat more often."""
+        """Record a motion or an offset: `MOST_AGAIN_AT_REST` counts repeated lines from here."""
         self._at_rest = 0
 
     def next_line(self) -> Line | None:
@@ -158,6 +158,7 @@ class Flow:
             )
         values.at = match.end()
         kind = match[1]
+        # after a branch that was taken the condition is not evaluated: its parameters may have no value
         if kind == "elseif" and self._top(label, "if").left:
             self._leave(label)
             return
@@ -203,6 +204,7 @@ class Flow:
             line = self.next_line()
             if line is None:
                 raise BlockError(f"o{label} has no {' or '.join(kinds)} behind it: write it")
+            # a cheap test, since what is skipped may be long
             if line.text.lstrip()[:1] not in _BEGINS:
                 continue
             statement = statement_of(line.text)
@@ -250,6 +252,7 @@ class Flow:
     def _load(self, label: str) -> None:
         """Load a subroutine from the file of the same name in the program's folder."""
         path = self._folder / f"{label}.ngc"
+        # a label must not lead to a file outside the program's folder
         if "/" in label or "\\" in label or not path.is_file():
             raise BlockError(
                 f"there is no subroutine o{label} before this line, and no file {label}.ngc beside the program", "o", 0
@@ -263,6 +266,7 @@ class Flow:
                 raise BlockError(f"the file {path} has no line o<{label}> sub: write it at its beginning", "o", 0)
             if statement_of(line.text) == (label, "sub"):
                 self._defined[label] = reader, reader.place
+                # the call may come from this very file
                 reader.go(start)
                 return
 
@@ -339,6 +343,7 @@ class Flow:
         self._open("do", label)
 
     def _repeat(self, label: str, arguments: list[float]) -> None:
+        # more than MOST_AGAIN lines are refused anyway
         times = round(arguments[0]) if abs(arguments[0]) < 1e9 else int(1e9)
         if times < 1:
             self._skip(label, ("endrepeat",))
@@ -368,9 +373,10 @@ class Flow:
         elif loop.kind == "repeat":
             self._break(label, arguments)
         else:
-            # rs274 goes to the begin of a `do` loop, which then may never end
+            # rs274 returns to the start of a `do` loop without testing its condition, so that it may never end
             self._skip(label, ("while",))
-            self._frames[-1].reader.go(self._frames[-1].reader.last)  # its condition has yet to be read
+            # back to this line, whose condition has yet to be read
+            self._frames[-1].reader.go(self._frames[-1].reader.last)
 
     def _loop(self, label: str, kind: str) -> Open:
         """Return the innermost loop with the label, and close everything opened inside it."""
@@ -492,6 +498,7 @@ class Switches:
             emit("FLOOD_OFF")
         if pallet:
             emit("PALLET_SHUTTLE")
+        # twice, as rs274 prints it: both front ends give the same commands
         for name in ("PROGRAM_END", "ON_RESET", "ON_RESET"):
             emit(name)
         self.ended = True
@@ -664,7 +671,8 @@ class Interpreter:
                     self._finish()
                     break
                 self._line = line
-                if "%" in line.text and line.text.strip() == "%":  # one begins a program, a second one ends it
+                # one % begins a program, a second one ends it
+                if "%" in line.text and line.text.strip() == "%":
                     if begun:
                         self._finish()
                         break
@@ -701,6 +709,7 @@ class Interpreter:
         state.origin = state.stored(first_of(state.system))
         state.rotation = numbered.get(first_of(state.system) + 9, 0.0)
         state.axis_offset = state.stored(G92) if numbered.get(G92_ON) else [0.0] * 9
+        # where the machine really is, is unknown: at the start all axes are assumed at its zero
         state.position = state.program([0.0] * 9)
         self._emit("USE_LENGTH_UNITS", "CANON_UNITS_MM")
         self._emit("SET_G5X_OFFSET", state.system, *state.origin)
@@ -724,6 +733,7 @@ class Interpreter:
             for key, value in block.assigned:
                 self._parameters.set(key, value)
         if block.comments and not block.control:
+            # of several comments in a line only the last one acts, as in LinuxCNC
             self._comment(block.comments[-1])
         if block.control:
             self._flow.act(block.control)
@@ -757,6 +767,7 @@ class Interpreter:
             self._motion.move(block, motion, special == 530)
         elif special == 530:
             raise BlockError("G53 needs G0 or G1 and the words of axes in its block", "G53")
+        # ignored words could hide a missing code, so that the machine would do something else than was meant
         if words:
             letter = next(iter(words))
             raise BlockError(

@@ -13,14 +13,16 @@ from feeddrive.path.program.moves import MOST_TURNS, center_of_radius, check_rad
 from feeddrive.path.program.state import INCH, Emit, State
 
 PLANES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0)}
-"""First and second axis of a plane, and the axis across it: right-handed."""
+"""The first and second axis of each plane and the axis normal to it, right-handed, by ten times the G code."""
+# 0.01 inch, as in LinuxCNC
 CLEARANCE = 0.254
-"""How far above the last depth (mm) a pecking cycle ends its traverse."""
+"""The distance above the last depth at which the traverse of a pecking cycle ends, mm."""
+# a mistyped L or Q must not become millions of moves
 MOST_REPEATS = 10_000
 MOST_PECKS = 10_000
 
 STICKY = {730: "zrq", 740: "zrp", 810: "zr", 820: "zrp", 830: "zrq", 840: "zrp", 850: "zr", 860: "zrp", 890: "zrp"}
-"""Words that a cycle needs, and keeps for the next blocks of its series; Z is the axis across the plane."""
+"""The words that each cycle requires, retained for the next blocks of its series; Z is the axis normal to the plane."""
 
 
 def drill(
@@ -174,6 +176,7 @@ class _Hole:
         there, back = "START_SPINDLE_CLOCKWISE", "START_SPINDLE_COUNTERCLOCKWISE"
         if not right:
             there, back = back, there
+        # an override would change the ratio of feed and spindle speed, which must be the pitch of the tap
         emit("DISABLE_FEED_OVERRIDE")
         emit("DISABLE_SPEED_OVERRIDE", 0)
         go(self.depth)
@@ -204,10 +207,11 @@ def emit_path_mode(state: State, emit: Emit) -> None:
 
 _CENTER = "ijk"
 AXIS_OF = {letter: axis for axis, letter in enumerate(AXES)}
+# as in LinuxCNC, for moves of little or no length
 LEAST_FEED = 0.1
-"""Of a move in inverse time, in units a minute; a move of no length has it."""
+"""The least feed of a move in inverse time mode, in program units per minute."""
 MOVING = frozenset(AXES + "@^")
-"""Words that say where to move."""
+"""The words that specify the target of a move."""
 
 
 class Motion:
@@ -254,7 +258,7 @@ class Motion:
         return target, moved
 
     def move(self, block: Block, code: int, machine: bool) -> None:
-        """Execute a motion code; with `machine` (G53) in machine coordinates."""
+        """Execute a motion code; with `machine` (G53), the axis words are machine coordinates."""
         state = self._state
         if code > 30 or machine:
             self._other_motion(block, code, machine)
@@ -285,6 +289,7 @@ class Motion:
             self._synchronized(block)
         else:
             same = state.motion == code
+            # the word of the normal axis is a depth, read by `drill`, and no position
             across = AXES[PLANES[state.plane][2]]
             moving = {
                 letter: block.words.pop(letter) for letter in list(block.words) if letter in MOVING and letter != across
@@ -293,6 +298,7 @@ class Motion:
             if others:
                 name = name_of("g", code)
                 raise BlockError(f"{name} moves X, Y and Z only: move {others[0]} in a block of its own", others[0])
+            # G98 retracts to the level before the first cycle of a series, which begins here
             if state.motion < 730 or state.motion == 800:
                 state.level = None
             state.motion = code
@@ -397,6 +403,7 @@ class Motion:
                 assert self._tangent is not None
                 i, j = self._tangent
             points = [(x + i, y + j), (target[0] + p, target[1] + q)]
+            # a G5 right after this one without I J continues in its direction
             self._tangent = (-p, -q)
         state.motion = 800
         state.position = target

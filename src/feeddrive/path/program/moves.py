@@ -18,7 +18,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import BlockError, Line
 
 Value = float | str
-"""A number, or a word such as CANON_EXACT_PATH; whole numbers that name something are int."""
+"""A number, or a word such as CANON_EXACT_PATH; whole numbers that identify something are int."""
 
 
 class Command(NamedTuple):
@@ -34,6 +34,7 @@ def _listed(values: tuple[Value, ...]) -> str:
 
 
 def _six(values: tuple[Value, ...]) -> str:
+    # rs274 prints neither U, V nor W
     return _listed(values[:6])
 
 
@@ -86,7 +87,7 @@ _COMMAND = re.compile(r"([A-Z_][A-Z_0-9]*)\((.*)\)$")
 
 
 def read_command(text: str, line: Line) -> Command | None:
-    """Parse the text of a command; None if it is not a command."""
+    """Parse the text of a command; return None for any other text."""
     match = _COMMAND.fullmatch(text)
     if not match:
         return None
@@ -97,15 +98,18 @@ def read_command(text: str, line: Line) -> Command | None:
 
 def _value(text: str) -> Value:
     try:
+        # rs274 prints quantities with a decimal point, and numbers of tools or systems without one
         return float(text) if "." in text else int(text)
     except ValueError:
         return text
 
 
+# programs round the end and the center of an arc to a few decimals
 LEAST_SPREAD, RELATIVE_SPREAD, LARGEST_SPREAD = 0.03, 1e-3, 0.5
-"""By how much the radii of start and end may differ: always (mm), as a part of the radius, at most (mm)."""
+"""The permitted difference of the radii at start and end: always (mm), relative to the radius, and at most (mm)."""
+# half of the fourth decimal of a program in inches
 CHORD_SPREAD = 0.00127
-"""By how much (mm) a chord may exceed the diameter."""
+"""The length by which half of the chord may exceed the radius, mm."""
 MOST_TURNS = 100_000
 
 
@@ -180,7 +184,7 @@ def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[fl
 
 
 Point = tuple[float, ...]
-"""Coordinates of X Y Z A B C U V W: m, and rad for A B C."""
+"""The coordinates of X Y Z A B C U V W: m, and rad for A B C."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +204,7 @@ class Arc:
     axes    first and second axis of its plane, and the normal axis, right-handed: 0, 1, 2 in XY
     center  center of the circle, along the first and second axis; radii at start and end may differ by rounding of the
             program
-    turns   1, 2, ..: counterclockwise seen from the third axis, number of turns begun; -1, -2, ..: clockwise
+    turns   number of turns begun: 1, 2, .. counterclockwise as seen from the third axis, -1, -2, .. clockwise
     """
 
     source: Line
@@ -235,11 +239,13 @@ class Spline:
     def turns(self, axis: int) -> list[float]:
         """Return the coordinates at which an axis reverses along the curve, m."""
         at = [point[axis] for point in (self.start, *self.points, self.end)]
-        slope = [b - a for a, b in pairwise(at)]  # B' / degree is their Bezier curve: c + 2 b s + a s²
+        # B' over the degree is the Bezier curve of these differences: c + 2 b s + a s²
+        slope = [b - a for a, b in pairwise(at)]
         third = len(slope) == 3
         a, b, c = slope[-1] - 2.0 * slope[1] + slope[0] if third else 0.0, slope[1] - slope[0], slope[0]
         b = b if third else 0.5 * b
-        far = -b - math.copysign(math.sqrt(max(0.0, b * b - a * c)), b)  # a s without cancellation; Vieta: s1 s2 = c/a
+        # the root without cancellation, times a; the other one by Vieta: s1 s2 = c/a
+        far = -b - math.copysign(math.sqrt(max(0.0, b * b - a * c)), b)
         places = [far / a if a else 0.0, c / far if far else 0.0]
         return [_bezier(at, s) for s in places if 0.0 < s < 1.0]
 
@@ -264,7 +270,7 @@ class PathMode:
     """The path mode of the following moves.
 
     mode             exact_path (G61), exact_stop (G61.1) or continuous (G64)
-    tolerance        largest deviation from the path, m (G64 P); 0: chosen by the planner
+    tolerance        largest deviation from the path, m (G64 P); 0 without P, for which the planner allows none
     naive_tolerance  tolerance for merging consecutive points into one line, m (G64 Q)
     """
 
@@ -385,4 +391,4 @@ Move = (
     | Stop
     | End
 )
-"""What `read_program` gives."""
+"""A move, or an event between moves, as yielded by `read_program`."""

@@ -28,7 +28,7 @@ from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINE
 
 PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
 LONGEST_RUN, LARGEST_OUTPUT = 300.0, 2e9
-"""How long it may run, s; how much it may print, bytes."""
+"""The longest run of `rs274`, s, and the largest size of its output, bytes."""
 
 _NEEDED = re.compile(r"g0*(?:4[12](?:\.1)?|[78]|76|8[78])(?![\d.])|m0*(?:19|7[0-3])(?![\d.])")
 _CANDIDATE = re.compile(
@@ -67,6 +67,7 @@ def _may_need(program: Path) -> bool:
         while since <= blocks.LONGEST_LINE and (chunk := file.read(2**15)):
             if _CANDIDATE.search(end + chunk):
                 return True
+            # a code may lie across the border of two chunks
             end = chunk[-200:]
             ended = chunk.rfind(b"\n")
             since = since + len(chunk) if ended < 0 else len(chunk) - ended
@@ -89,7 +90,8 @@ def rs274_commands(
         command = [PROGRAM, "-g", *(["-b"] if skip_deleted else [])]
         unit = 1.0 if tables_inch else INCH
         for option, text in (("-t", _tool_table(tools, unit)), ("-v", _parameter_file(numbered, unit))):
-            if text or option == "-t":  # without a table the interpreter uses default tools
+            # an empty table rather than none: rs274 would take tools of its own, and compensate for their diameter
+            if text or option == "-t":
                 table = Path(folder) / f"table{option}"
                 table.write_text(text, encoding="utf-8")
                 command += [option, str(table)]
@@ -104,6 +106,7 @@ def rs274_commands(
 def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
     """Run the interpreter; return its exit status and its messages."""
     with tempfile.TemporaryFile() as errors:
+        # errors go to a file, as a pipe that is not read while the program runs would fill up and block it
         run = subprocess.Popen(
             command, cwd=program.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
         )
@@ -199,6 +202,7 @@ def _with_number(line: Line) -> str:
         return line.text
     start = _NUMBER.match(line.text)
     assert start is not None
+    # numbers written in the program are replaced: they may repeat, and rs274 prints them with its commands
     return f"{start[1]}N{line.number} {line.text[start.end() :]}"
 
 

@@ -87,13 +87,14 @@ def _tool(file: Path, number: int, entry: str, remark: str) -> Tool:
 
 
 LINEAR = (0, 1, 2, 6, 7, 8)
-"""Axes with lengths: X Y Z U V W; the others hold degrees."""
+"""The indices of the linear axes X Y Z U V W; coordinates of the others are in degrees."""
 INCH = 25.4
+# the numbers of parameters in a .var file are fixed by LinuxCNC
 SYSTEM, G92_ON, G92, HOME_1, HOME_2 = 5220, 5210, 5211, 5161, 5181
 SYSTEMS = 9
 
 Emit = Callable[..., None]
-"""Write a canonical command: its name, then its values."""
+"""The function that writes a canonical command, called with its name and then its values."""
 
 
 def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
@@ -162,6 +163,7 @@ class State:
             for values in (self.position, self.origin, self.axis_offset, self.tool_offset):
                 for axis in LINEAR:
                     values[axis] = values[axis] / INCH if inch else values[axis] * INCH
+            # the length stays, not its number, as in LinuxCNC itself; stand-alone rs274 keeps the number
             for name in ("tolerance", "naive_tolerance"):
                 value = getattr(self, name)
                 setattr(self, name, value / INCH if inch else value * INCH)
@@ -203,7 +205,7 @@ class State:
         axis_offset: Sequence[float] | None = None,
         tool_offset: Sequence[float] | None = None,
     ) -> None:
-        """Change offsets without motion of the machine: the program coordinates of its position change."""
+        """Change offsets without moving the machine; the program coordinates of its position change."""
         # G10, G43, G92 ... never move the machine (unlike rs274 after G92, see docs/part_programs.md)
         standing = self.machine(self.position)
         before = self.position
@@ -227,6 +229,7 @@ class State:
         live = self.parameters.live
         live[5400] = lambda: float(self.tool)
         for axis in range(9):
+            # bound by defaults, since a closure would see the last axis of the loop only
             live[5401 + axis] = lambda axis=axis: self.tool_offset[axis] / (self.scale if axis in LINEAR else 1.0)
             live[5420 + axis] = lambda axis=axis: self.position[axis]
             live[f"_{AXES[axis]}"] = live[5420 + axis]
@@ -248,6 +251,7 @@ class State:
             "_units_per_rev": lambda: float(self.feed_mode == 950),
             "_retract_r_plane": lambda: float(self.retract_to_r),
             "_retract_old_z": lambda: float(not self.retract_to_r),
+            # 540 to 590, then 591 to 593: ten times the G code
             "_coord_system": lambda: 530.0 + 10 * self.system if self.system <= 6 else 584.0 + self.system,
             "_tool_offset": lambda: float(any(self.tool_offset)),
             "_current_tool": lambda: float(self.tool),
@@ -302,7 +306,8 @@ def _write_system(
         if rotation is not None:
             raise BlockError("G10 L20 has no R: write the rotation with G10 L2", "R")
         probe = _with_system(state, origin, angle)
-        for axis, value in coordinates.items():  # the present position is to have the coordinate `value`
+        # the origin is added after the rotation, so that a shift along a program axis must be rotated, too
+        for axis, value in coordinates.items():
             shift = [0.0] * 9
             shift[axis] = probe[axis] - value
             moved = _turned(shift, angle)

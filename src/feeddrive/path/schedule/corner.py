@@ -127,6 +127,7 @@ def together(
         end0 = begin0 + motion0[m, 0]
         end1 = begin1 + motion1[n, 0]
         end = min(min(end0, end1), lasts)
+        # the last intervals of both end with the overlap, from which their sums differ by rounding
         if m + 1 == count0 and n + 1 == count1:
             end = lasts
         h = end - t
@@ -287,6 +288,7 @@ def shared(
     overlap, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within
     1e-12 of the overlap time are treated as simultaneous.
     """
+    # ends that differ by rounding only would leave intervals of almost no duration
     near = _SLIVER * lasts
     m = len(one)
     left = lasts
@@ -340,7 +342,7 @@ def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[li
     return leaves, two._replace(motion=behind)
 
 
-# places of what describes a stretch, as in `straight`
+# indices into the description of a stretch, as in `straight`
 LENGTH, FASTEST, ACCELERATION, JERK, SNAP, HEAD, TAIL, NUMBERS = 0, 1, 2, 3, 4, 5, 10, 15
 WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 1, 2, 3, 4  # offsets from the speed at the head and at the tail of a stretch
 ROWS = 40  # largest number of rows of its motion
@@ -514,7 +516,7 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
         heads = _box(v0, stretch[HEAD + WIDE], stretch[HEAD + SHORT], head)
     if h1 > 0.0:
         tails = _box(v1, stretch[TAIL + WIDE], stretch[TAIL + SHORT], tail)
-    # the tail begins with a piece of the base, which is cut there: a long one has no digits left for its end
+    # the base is split where the tail begins: times from the start of a long interval have too few digits at its end
     first = count
     left = 2.0 * h1
     while first > 0 and left > 0.0:
@@ -533,7 +535,7 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
             left = 0.0
         else:
             left = left - base[first, 0]
-    # the sum, wherever one of the three goes on to its next phase; times since the begin of each phase lose no digits
+    # the sum of the three, split at the phases of each; times from the start of each phase lose no digits
     near = 1e-12 * (h0 + h1)
     p = 0
     q = 0
@@ -636,11 +638,13 @@ def bump(
     result: Floats,
 ) -> tuple[int, int]:
     """Find the fastest bump between two stretches; write it into both, and its speed, w, s and shares into `result`;
-    return the number of rows of both.
+    return the numbers of rows of both.
 
-    `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if it is not faster than
-    `quickest` s for both; `half` reserves half of the second stretch for the following corner.  With w = 6 near/v, and
-    since ramps cancel less than 1.2 times the limit of the jerk v |t1 - t0|/w², v³ is at most 2.2 · 36 jerk near².
+    `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if no bump is faster than
+    `quickest` s for both stretches; `half` reserves half of the second stretch for the following corner.
+
+    With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w², of which ramps cancel less than
+    1.2 times the limit j: v³ is at most 2.2 · 36 J d², with J the least j/|t1 - t0| of the axes.
     """
     gap = 0.0
     jerk = 1e300
@@ -661,23 +665,24 @@ def bump(
         share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
         low = reached  # slower ramps require a higher speed in the corner
         high = fastest
-        above = 1.0  # the largest share of a limit there, 1: not known
-        more = 1.0  # that of one before, whose third power is
+        above = 1.0  # largest share of a limit at `high`; 1 if unknown
+        more = 1.0  # the same at the last higher speed, whose cube is `farther`
         farther = 0.0
         v = fastest
         for again in range(_TRIES):
+            # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
             short = 4.0 * one[JERK] / one[SNAP]
             w, short = width(near / v, short)
             one[TAIL] = v
             one[TAIL + WIDE] = w
             one[TAIL + SHORT] = short
             one[TAIL + JERK_SHARE] = share
-            # snap of ramp and bump act at once in the corner
+            # the snaps of ramp and bump add up in the corner
             one[TAIL + SNAP_SHARE] = 0.5
             for k in range(5):
                 two[HEAD + k] = one[TAIL + k]
             good = False
-            excess = 1.0  # the largest share of a limit, 1: not known
+            excess = 1.0  # largest share of a limit; 1 if unknown
             both = 2.0 * w + short
             peak0 = _peak(one)
             peak1 = _peak(two)
@@ -730,7 +735,7 @@ def bump(
                 above = excess
             if high - low <= _NEAR * high:
                 break
-            # the jerk of a bump is as v³, that of ramps does not change: a chord of v³ by two that are too fast
+            # the jerk of a bump grows as v³, that of ramps is constant: a secant in v³ through two infeasible speeds
             v = 0.5 * (low + high)
             if above > 1.0 and more > above:
                 cubes = high * high * high
@@ -779,10 +784,10 @@ class _Stretch(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """A part of the motion whose end may still change, with its overlap with the previous part.
+    """A part of the motion whose end may still change, and its overlap with the previous part.
 
     whole  stretch of a run along one line, whose head and tail are planned together; None for other runs
-    seen   ends of such a run at its corners
+    seen   motion of such a run at its corners
     """
 
     part: Part
@@ -806,8 +811,8 @@ class Crossings:
         self._open: _Run | None = None
 
     def add(self, part: Part, tolerance: float) -> list[Part]:
-        """Add a part and return those that are now final; `tolerance` is that of the corner in which it ends, m, 0:
-        none.
+        """Add a part and return those that are now final; `tolerance` is that of the corner at its end, m, 0 without
+        one.
         """
         begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
         run = self._line(Section(part.pieces, part.ends, tolerance)) if begins else None
@@ -865,7 +870,7 @@ class Crossings:
         """Return both runs with unchanged motions and their longest overlap."""
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
         feed = max(end.feed, begin.feed)
-        # of a run that is a single part the other half is for its other end
+        # half of a run in a single part is reserved for the corner at its other end
         share = 0.5 if two.part.ends else 1.0
         longest = min(end.lasts, begin.lasts, share * _time(two.part.motion), _time(one.part.motion) - one.lasts) * (
             1.0 - 1e-6
@@ -895,7 +900,7 @@ class Crossings:
         if tail is not None and head is not None:
             end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
             return self._bump(one, end, tail, two, begin, head, best[1].lasts, max(end.feed, begin.feed)) or best
-        # next to an arc a line leaves room for what the bend takes of its axis
+        # next to an arc a slower ramp on the line leaves room for the derivatives that curvature adds on its axes
         for share in _SLOWED if (tail is None) != (head is None) else ():
             slowed = self._slowed(one, tail, TAIL, share), self._slowed(two, head, HEAD, share)
             if slowed[0] and slowed[1]:
@@ -949,7 +954,7 @@ class Crossings:
         motion0, motion1 = one.part.motion, two.part.motion
         quickest = _time(motion0, tail) + _time(motion1, head) - lasts
         numbers0, numbers1 = tail.numbers.copy(), head.numbers.copy()
-        # the head of a whole run that overlaps already is made anew with its tail, and looked at again
+        # a run along one line is planned anew as a whole, so that its overlap with the run before must be checked again
         again = one.whole is not None and one.lasts > 0.0 and self._fixed is not None
         before = _end(self._fixed, True) if again and self._fixed else end
         result, rows0, rows1 = np.zeros(5), np.zeros((ROWS, 6)), np.zeros((ROWS, 6))

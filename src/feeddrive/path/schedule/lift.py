@@ -19,7 +19,8 @@ from feeddrive.path.schedule import spline
 SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
 _HALF = 4  # number of time intervals in half a ramp: all those of the shortest one
-_FINEST = 0.02  # of the mean duration of time intervals; some exist only due to rounding
+# some time intervals exist only due to rounding: their length must not set that of the spans
+_FINEST = 0.02  # of the mean duration of time intervals
 _TURNS = 0.15  # largest duration of a span relative to u'/|u''|
 # from rest z = u'² grows as u^1.5, which no cubic spline follows
 _NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, remains unchanged
@@ -30,7 +31,7 @@ _PENALTIES = (0.4, 0.1, 3e-3)  # initially, at the start of each round, and fina
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _ASIDE = 16  # number of spans on either side of such a point that are optimized again
-# it ends in a node of the plan, whose u'' = u''' = 0 is dropped only where lifting goes on beyond it
+# a lifted motion ends in a node of the plan; lifted again with the next part, it need not have u'' = u''' = 0 there
 _HELD = 0.3  # of the duration of the lifted motion is held back for the next part
 _HUMP = 15  # number of time intervals of a ramp up, a plateau and a ramp down
 _LEAST = 100  # least number of time intervals lifted together, except at the end of a run
@@ -79,7 +80,7 @@ class Lifter:
         while waiting:
             first, last = waiting.pop()
             begins, ends = bool(rests[first]), bool(rests[last])
-            # an estimate, not a bound: of 1,908 ramps lifting gained at most 0.69 of it
+            # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
             if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
                 continue
             lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
@@ -166,10 +167,12 @@ class _Path:
             if not len(faults):
                 return timed if np.sum(timed.duration) < np.sum(motion.duration) else None
             for _, where, _, which, _ in faults:
+                # a jump or a backward motion: no lower limit would remove it
                 if which < -1:
                     return None
                 near = slice(*np.searchsorted(looked.span, [where - 1, where + 2]))
                 axis, number_of = divmod(int(which), len(DERIVATIVES))
+                # r is scaled by the limits: enlarging it lowers them at these points
                 if which == -1 or number_of == 0:
                     looked.most[near] *= 1.0 - 1e-3 * 2.0**number
                 else:
@@ -182,6 +185,7 @@ class _Path:
         """Return the faults, as `faults_of`, in the section affected by changes in the spans from `first` up to but
         excluding `last`.
         """
+        # `in_time` corrects the snaps of a whole group, which has up to twice as many spans at the end
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
         faults[:, 1] += first

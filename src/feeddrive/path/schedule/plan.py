@@ -264,6 +264,7 @@ def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> St
     """
     bounds = straight(path.most[piece_at(path.begin, left, True)], path.limits)
     ramp = boxcars(v0 - v1, bounds.acceleration, bounds.jerk, bounds.snap)
+    # slightly more than the closed form, which on a straight piece leaves nothing for rounding
     way = 0.5 * (v0 + v1) * duration(ramp) * (1.0 + 1e-8)
     low = 0.0
     high = 0.0
@@ -288,7 +289,8 @@ def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> St
 
 _TRIES = 8  # number of slow pieces of a stretch that are tried as plateaus
 _HIGHEST, _LEAST = 16.0, 4.0  # speeds, relative to the plateau, up to which ramps on either side are compared
-MARGIN = 4e-15  # of the planned length: a ramp ends this far before a joint, so that rounding cannot move it across
+# rounding must not move the end of a ramp to the piece behind a joint, for which it was not made
+MARGIN = 4e-15  # of the planned length: distance of the ends of ramps from joints
 
 
 @kernel
@@ -333,7 +335,7 @@ def _leaves(
     """
     if ends > goes or ends >= now.end or goes <= now.begin:
         return False
-    # equivalent to the single ramp to the other node
+    # a plateau at the end of a ramp only repeats the single ramp between the nodes
     if (ends <= now.begin and goes == behind) or (goes >= now.end and ends == reached):
         return False
     return least_cap(path, first, low, reached, ends) >= c and least_cap(path, high, last, goes, behind) >= c
@@ -347,6 +349,7 @@ def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, S
     Each side has a feasible hump or zero length.  Ramps end `MARGIN` before the plateau and begin `MARGIN` after it.
     The first result is False if there is no such plateau.
     """
+    # the invariant of the search: no plateau is slower than the nodes, so that both ramps to them can exist
     if c < now.v0 or c < now.v1:
         return False, now, now
     begin = path.begin
@@ -408,6 +411,7 @@ def _beginning(
         stack[0] = hump(path, whole, False)
         return 1 if stack[0].peak > 0.0 else 0
     begin = path.begin
+    # the present speed may come from a plan with the higher caps, which then are those to be kept
     quickly = path._replace(caps=quick)
     margin = MARGIN * (begin[len(begin) - 1] - begin[0])
     many = 0
@@ -490,11 +494,11 @@ def plan(
             split = False
             left = now
             right = now
-            # a stretch is split while there is room for the rows of all that are waiting; its own hump holds anyway
+            # split only while there is room for the rows of all waiting stretches; the unsplit hump is feasible as well
             if p < 0:
                 now = free
             elif height + 3 <= len(stack) and count + height + 3 <= len(out):
-                # the slowest that is not slower than both nodes; else the next; else more slowly
+                # first the slowest piece that is not slower than both nodes, then the next ones, then lower speeds
                 p = too_fast(path, free, max(now.v0, now.v1) * (1.0 - 1e-9))
                 slowest = p
                 for _ in range(_TRIES):
@@ -629,6 +633,7 @@ def timed(
             snap,
         )
         down = 0.5 * (v1 + peak) * (rows[k, 8] + rows[k, 9] + rows[k, 10])
+        # a plateau shorter than rounding is left out: its duration would be noise
         if u1 - down - u > MARGIN * (begin[len(begin) - 1] - begin[0]):
             p = piece_at(begin, u, True)
             duration[count] = (u1 - down - u) / peak
@@ -639,6 +644,7 @@ def timed(
             jerk[count] = 0.0
             snap[count] = 0.0
             count = count + 1
+        # counted back from the node, so that the rounding of the ramp up does not move the end of the ramp down
         p = piece_at(begin, u1 - down, True)
         count, u, p = _phases(
             v0,

@@ -24,8 +24,9 @@ from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, zeros
 from feeddrive.path.motion import cubic, way, when
 
-# a bound is sure to be one after rounding
+# so that a bound still holds after rounding
 _WIDER = 1.0 + 1e-13
+# caps at one feed differ by the rounding of |r'|, and a ramp between them would cost time for nothing
 _LEVEL = 1.001  # largest ratio of the caps of neighbors that are made equal
 
 
@@ -67,6 +68,7 @@ def bounds(kind: int, length: float, shape: Floats2, out: Floats2) -> float:
             along1 = along1 + e1 * drift
             along2 = along2 + e2 * drift
             norm = norm + drift * drift
+        # the larger eigenvalue of the Gram matrix of E1 and E2 bounds |E2 cos θ - E1 sin θ|² at any θ
         oval = size1 - size2
         ring = 0.5 * (size1 + size2 + sqrt(oval * oval + 4.0 * skew * skew))
         return sqrt(kappa * kappa * ring + 2.0 * kappa * sqrt(along1 * along1 + along2 * along2) + norm) * _WIDER
@@ -135,7 +137,7 @@ def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) 
     """Return the speed limit of a piece from the feed, the velocity limits, and `share` of the limit due to its
     curvature.
     """
-    # |r'| of splines is 1 but for a little: they get the same cap as lines
+    # |r'| of splines exceeds 1 by rounding only: they get the same cap as lines
     speed = feed / norm if norm > 1.0 + 1e-10 else feed
     for i in range(len(limits)):
         if most[i, 0] > 0.0:
@@ -145,6 +147,7 @@ def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) 
                 ratio = limits[i, k] / most[i, k]
                 if ratio < 1e36:
                     speed = min(speed, share * root(ratio, k + 1))
+    # a plateau at the cap must keep the limit in spite of rounding
     return speed * (1.0 - 1e-12)
 
 
@@ -300,7 +303,7 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
         step = T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
         if gone + step >= far or number == 6:
             t = when(far - gone, v, a, j, s, 0.0, T)
-            # not rounded down
+            # rounded upwards, since the caller compares it with a cap
             return min(low + rise, (v + t * (a + t * (0.5 * j + t * s / 6.0))) * (1.0 + 1e-12))
         gone = gone + step
         v = v + T * (a + T * (0.5 * j + T * s / 6.0))
@@ -377,8 +380,8 @@ def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: fl
 def lacking(
     path: Path, u: float, first: int, sense: int, low: float, rise: float, ramp: Ramp, free: bool, enough: float
 ) -> float:
-    """Return the necessary increase of a ramp's duration, as `_lacks`, to satisfy the limits on every piece that it
-    crosses; it does if the value is <= 0.
+    """Return the necessary increase of a ramp's duration to satisfy the limits on every piece that it crosses, as in
+    `_lacks`; the limits hold if it is <= 0.
 
     Values above `enough` are lower bounds.
     """
@@ -467,7 +470,8 @@ def fit(
     slowest = (end - u) * sense / ((low + 0.5 * rise) * (L1 + L2 + L3))
     if slowest < 0.5:
         return False, NO_RAMP, guess
-    shape = 1.0 + 4e-9  # scale for straight pieces, where the ramp is exactly feasible
+    # on straight pieces the ramp is feasible at scale 1, but for the margin that `lacking` adds to its values
+    shape = 1.0 + 4e-9
     least = 0.5 * min(1.0, slowest)
     scale = min(max(guess, least), slowest)
     slow = 0.0  # the fastest feasible one
@@ -476,6 +480,7 @@ def fit(
         ramp = Ramp(scale * L1, scale * L2, scale * L3)
         lack = lacking(path, u, first, sense, low, rise, ramp, free, 0.0 if scale >= slowest else 0.5)
         lack = min(lack, 0.5)
+        # 0.3 % beyond Newton's step, which approaches the limit from the infeasible side and would never cross it
         wanted = scale * (1.003 + lack * (1.0 + 0.5 * lack))
         if lack <= 0.0:
             slow = scale

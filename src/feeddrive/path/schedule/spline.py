@@ -28,7 +28,7 @@ _LOOSE = 1.03  # relaxed limit at a violating point, relative to its present sha
 _TOUCHES = 1.0 - 1e-6  # larger shares are treated as violations: the penalty would be too steep
 _INWARDS = 0.3  # least penalty while a limit is violated
 _NEARER = 0.1  # least part of the distance to a limit that a step must leave
-_FALL = 0.25  # reduction of the penalty per step
+_FALL = 0.25  # factor of the penalty per step
 _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
 
@@ -116,6 +116,7 @@ def _expanded(
     """
     z0, z1, z2, z3 = z
     root = sqrt(z0)
+    # in scalars, not in arrays: lifting takes two thirds of the time, with the same bits
     d0 = -0.5 * away / (z0 * root)
     d1 = 0.0
     d2 = 0.0
@@ -257,7 +258,7 @@ def _system(
             s1 = s1 + t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
             s2 = s2 + t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
             s3 = s3 + t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
-            # a row of the bend by z .. z''' times the basis, then the basis times that
+            # the rows of the Hessian by z .. z''' times the basis, then the transposed basis times these
             t0, t1, t2, t3 = bend[0]
             e0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
             e1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
@@ -532,6 +533,7 @@ def instants(duration: Floats, step: Floats, edge: Floats, out: Floats) -> int:
         while t < T:
             out[count] = gone + t
             count = count + 1
+            # towards the end the spacing h must suit the end of the step: h = edge + GRADE (T - t - h)
             t = t + min(step[m], min(edge[m] + GRADE * t, (edge[m + 1] + GRADE * (T - t)) / (1.0 + GRADE)))
         t = t - T
         gone = gone + T
@@ -608,6 +610,7 @@ def points(
     axes = len(limits)
     n = len(time) - 1
     for k in range(n):
+        # the given states at the ends use the limits fully, so that smaller shares would be violated from the start
         near = k < 3 or k >= n - 3
         x = knots[k + 3]
         ends = knots[k + 4]
@@ -672,6 +675,7 @@ def _bent(first: int, last: int, miss: Floats, duration: Floats, snap: Floats, r
             for b in range(4):
                 system[c, b] = system[c, b] + row[m - first, c] * row[m - first, b] / row[m - first, 0]
         left = low
+    # symmetric and positive definite: elimination needs no pivoting
     for c in range(4):
         for b in range(c + 1, 4):
             f = system[b, c] / system[c, c]
@@ -723,6 +727,7 @@ def in_time(
         near = min(k, n - 1)
         basis(knots, near, knots[k + 3], room)
         at(room, coefficient, near, z)
+        # at the ends the given states apply, whatever rounding makes of z
         if z[0] <= 0.0 and k > 0 and k < n:
             return False
         v = sqrt(max(z[0], 0.0))
@@ -747,6 +752,7 @@ def in_time(
     p = 0
     first = 0
     while first < n:
+        # the last group takes the remainder, since fewer than four spans cannot meet four conditions
         last = first + together if n - first >= 2 * together else n
         for again in range(3):
             u = 0.0
