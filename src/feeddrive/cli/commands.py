@@ -46,7 +46,7 @@ def offered(name: str) -> Command[Any, Any, Any]:
 
 
 class _Later(TyperCommand):
-    """A command known by name and summary; its module is imported when its options are needed."""
+    """A command with name and summary only; its module is imported when its options are needed."""
 
     @cached_property
     def real(self) -> Any:
@@ -102,7 +102,7 @@ class Commands(TyperGroup):
     ) -> Any:
         """Run the command given by the arguments."""
         if not (sys.stdout.isatty() and sys.stderr.isatty()):
-            # in a pipe or a file boxes and wrapped lines would break what other programs search for
+            # boxes and wrapped lines would hamper programs that read the output
             extra["terminal_width"] = UNBROKEN
             self.rich_markup_mode = None
             for later in self.later:
@@ -227,7 +227,7 @@ def _in_one_line() -> Generator[None]:
 
 
 def _parameter(field: Field) -> inspect.Parameter:
-    """Return a field as a parameter that typer understands."""
+    """Convert a field of a request to a parameter for typer."""
     kind: Any = list[field.kind] if field.many else field.kind  # type: ignore[name-defined]
     default: Any = inspect.Parameter.empty
     if not field.required:

@@ -58,7 +58,7 @@ def open_console(*, errors: bool = False) -> Console:
 
 
 def show(console: Console, content: Table | Grid | str, *, soft_wrap: bool = False) -> None:
-    """Print a table, or a sentence wrapped between words; control sequences in it are made harmless (see `visible`)."""
+    """Print a table, or a sentence wrapped between words; control sequences are escaped (see `visible`)."""
     if isinstance(content, Table | Grid):
         console.print(DrawnTable(content if isinstance(content, Grid) else content.grid()))
     else:
@@ -66,7 +66,7 @@ def show(console: Console, content: Table | Grid | str, *, soft_wrap: bool = Fal
 
 
 class TerminalProgress(Progress):
-    """A progress bar, or a line for each of several parts, removed at the end."""
+    """A progress bar with a line for each part of the work, removed at the end."""
 
     def __init__(self, console: Console) -> None:
         super().__init__()
@@ -116,7 +116,7 @@ def _bar(console: Console, *, counted: bool) -> Any:
 
 
 class DrawnTable:
-    """A table as rich draws it: headings and columns of sentences may wrap; no value is truncated.
+    """A table drawn by rich: headings and columns of sentences may wrap; no value is truncated.
 
     If the terminal is narrower than the values, the rows continue on the next line.
     """

@@ -48,7 +48,7 @@ MOST_UNPACKED = 2_000_000_000  # bytes
 
 @dataclass(frozen=True)
 class Archive:
-    """An unpacked FMU: its file, its description as FMPy reads it, its folder, and its library for this machine."""
+    """An unpacked FMU: its file, its description as read by FMPy, its folder, and its library for this machine."""
 
     name: str
     description: Any
@@ -160,7 +160,7 @@ _REALS = ("Real", "Float64")
 
 
 class Port(NamedTuple):
-    """A variable that carries a signal: value in SI = factor · value of the FMU."""
+    """A variable of the FMU that carries a signal: value in SI = factor · value of the FMU."""
 
     signal: str
     variable: str
@@ -395,7 +395,7 @@ class Instance:
         return [port.factor * value for port, value in zip(ports, values, strict=True)]
 
     def step(self, time: float, length: float) -> None:
-        """Perform a communication step, times in s. Raises FmuError if it is refused or the FMU ends the simulation."""
+        """Perform a communication step, times in s; raise FmuError if the FMU refuses it or ends the simulation."""
         what = Text(f"step of {Quantity(length, 's'):6 SI} at {Quantity(time, 's'):6 SI}")
         answer = self._call(what, self.fmu.doStep, currentCommunicationPoint=time, communicationStepSize=length)
         if answer is not None and (answer[1] or answer[2]):  # terminateSimulation, earlyReturn
@@ -518,7 +518,7 @@ def _connections(archive: Archive, wiring: Mapping[str, Port], routine: Routine,
 
 
 class _DeadTime:
-    """The commands within the dead time: whole samples in a queue, a fraction of a sample as a separate step."""
+    """The commands delayed by the dead time: whole samples in a queue, a fraction of a sample as a separate step."""
 
     def __init__(self, T: float, dead_time: float) -> None:
         # 3e-4 / 1e-4 is 2.9999999999999996 in doubles: without the margin a whole number of samples would be split.

@@ -99,11 +99,11 @@ class MachineLimits:
 
     @property
     def causes(self) -> list[str]:
-        """The possible causes that limit a motion: each limit of each axis, the feed, none, or a standstill."""
+        """The possible limiting causes of a motion: each limit of each axis, the feed, none, or a standstill."""
         return [*(f"{what} of {letter}" for letter in self.axes for what in DERIVATIVES), FEED, NONE, STANDSTILL]
 
     def named(self, text: str) -> str:
-        """Replace the planner's numbering, such as `axis 0`, by the letter of the axis."""
+        """Replace axis numbers of the planner, such as `axis 0`, by the letters of the axes."""
         # the planner knows axes as rows of arrays only, so its messages number them
         return re.sub(r"\baxis (\d+)", lambda match: f"axis {self.letters[int(match[1])]}", text)
 
@@ -119,7 +119,7 @@ class MachineLimits:
             yield move
 
     def unfit(self, tolerance: float) -> str:
-        """Return the reason why a path tolerance, m, is below the resolution of an axis or rounding, or too large."""
+        """Return why a path tolerance, m, is too large, or below the resolution of an axis or rounding; else empty."""
         if tolerance > LARGEST:
             return Text(
                 f"the tolerance of {Quantity(tolerance, 'm'):mm} is more than {Quantity(LARGEST, 'm'):6 mm}: give a "

@@ -125,7 +125,7 @@ class Planned(Result):
     blocks            number of program blocks with a motion
     runs              number of runs from rest to rest
     proof             proof for all runs; unproven samples are not written
-    stops             the first 1,000 standstills; `stop_count` of all
+    stops             the first 1,000 standstills; `stop_count` is the number of all
     stop_reasons      number of stops of each kind
     seconds           cycle time by limiting cause: the limit used most in a sample, the feed, or a standstill
     course            reduced motion for plots

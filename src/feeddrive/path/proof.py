@@ -401,7 +401,7 @@ def _share(
     r1: Floats3,
 ) -> tuple[float, int]:
     """Return the largest share of a limit that the sum of two motions may use from b to e, and the limit's index, as
-    `share_of_limits`.
+    in `share_of_limits`.
     """
     out = zeros(4, 3)
     _taken(kind0, length0, shape0, x0, s0, u0, b, e, r0)
@@ -558,7 +558,7 @@ def prove_sum(
 
 @kernel
 def _place(motion: Floats2, t: float) -> float:
-    """Return the position of a motion at t."""
+    """Return the position x of a motion at the time t."""
     begin = 0.0
     m = 0
     while m + 1 < len(motion) and t >= begin + motion[m, 0]:

@@ -1,8 +1,9 @@
 """Clusters: lines so short that the blends at their joints would overlap, smoothed by one spline.
 
-A corner of two lines with turning angle θ uses L = P / (0.156 · 2 sin θ/2) of both within the tolerance P.  If that is
-more than half of the shorter line, the joint belongs to a cluster.  The knots of the spline are initially 10 mm apart;
-they are refined where S is too far from the lines, until the bound of the distance is within the tolerance.
+Within the tolerance P the blend of a corner with turning angle θ extends over L = P / (0.156 · 2 sin θ/2) of both
+lines.  If that is more than half of the shorter line, the joint belongs to a cluster.  The knots of the spline are
+initially 10 mm apart; they are refined where S is too far from the lines, until the bound of the distance is within the
+tolerance.
 
 The spline has fifth degree and follows the polyline f(u): Schoenberg's variation-diminishing spline.
 
@@ -542,8 +543,8 @@ def fitted(
 
     Return the number of steps, 0 on failure, and the number of goal positions.
 
-    begin, end  with `straight_...` the spline must follow the line up to there; with `crossed_...` it is a corner
-                that is also passed within the tolerance, of which its last span leaves CROSSED
+    begin, end  with `straight_...` the spline follows the line up to there; with `crossed_...` it ends at a corner
+                where runs overlap, to which its last span leaves the share CROSSED of the tolerance
     most_steps  divisor of the total length that bounds the longest step
     fixed       number of given steps, with all knots before, `many` goal positions from there on, and the state at the
                 first knot, `begins`; or 0

@@ -1,4 +1,4 @@
-"""Joining of segments to a path: each joint is already smooth, a blend within the tolerance, or a stop.
+"""Joining of segments into a path: a joint is smooth already, rounded by a blend within the tolerance, or a stop.
 
 The segments of a run are connected lines and arcs as `Pieces`.  A blend uses at most half of the length of each of its
 segments.  A blend is stored in eight pieces, so that the bounds of its derivatives are tight.
@@ -152,14 +152,15 @@ def join(
     curve: Floats3,
     room: Floats3,
 ) -> tuple[int, int, int, float, int, int]:
-    """Write the pieces of n segments with blends or splines between them; return, first, their number and the number of
-    runs that end in them.
+    """Write the pieces of n segments, with blends or splines between them, into `kinds` .. `runs`.
 
-    Unless the chain `ends`, the last segment, or a cluster that may continue, is left for the next call.  For a cluster
-    of more than `held` lines the spline is final up to a knot with sufficient distance after it; its pieces from there
-    to a stop after the last line follow the others.  The third result is the first remaining segment, -1 if an
-    unfinished spline cannot be continued; the fourth the length of it used by the preceding blend; the fifth, the next
-    `goals`, the number of goal positions of an unfinished spline; the last the number of all pieces.
+    Return the number of pieces and of runs that end in them; the first remaining segment, -1 if an unfinished spline
+    cannot be continued, and the length of it used by the preceding blend; the number of goal positions of an
+    unfinished spline, which is the next `goals`; and the number of pieces with those of a planned stop.
+
+    Unless the chain `ends`, the last segment, or a cluster that may continue, is left for the next call.  In a cluster
+    of more than `held` lines the spline is final up to a knot far enough before the last line; its pieces from there to
+    a stop after the last line, the planned stop, follow the others.
 
     tolerance  tolerance of the joint after each segment, m; negative: stop; 0: stop unless it is smooth
     sharpest   sine of half of the largest corner angle without a stop
@@ -454,7 +455,7 @@ class _Begun(NamedTuple):
 
 
 class Joiner:
-    """The joiner of the segments of consecutive chains to runs.
+    """The joiner that connects the segments of consecutive chains to runs.
 
     sharpest, lonely  as in `join`
     held      largest number of lines of a cluster held back; a fifth suffices if they are 50 mm long
@@ -488,7 +489,7 @@ class Joiner:
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """Let a spline that cannot be continued end with a stop after the known segments."""
+        """End a spline that cannot be continued with its planned stop, and join the chain anew behind it."""
         assert self._begun is not None
         assert self._held is not None
         far, (held, tolerance) = self._begun.far, self._held

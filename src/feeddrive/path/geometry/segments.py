@@ -379,7 +379,7 @@ class _Collected:
 
 
 class _Feeds:
-    """The feed of moves, from the feed and spindle commands so far."""
+    """The feed of moves, as set by the feed and spindle commands so far."""
 
     def __init__(self, axes: str) -> None:
         self._one = set(axes) <= set("XYZ")  # way of counting

@@ -68,7 +68,7 @@ class LineReader:
         try:
             if self._path.is_dir():
                 raise FileError(f"{self.name}: this is a folder, a part program is a file")
-            # a device such as /dev/zero would be read for ever
+            # a device such as /dev/zero would be read forever
             if self._path.exists() and not self._path.is_file():
                 raise FileError(f"{self.name}: is a device or pipe, not a file; copy it to a file first")
             # binary, since loops and calls return to a position in bytes
@@ -283,7 +283,7 @@ def read_offsets(path: Path | str) -> dict[int, float]:
     return values
 
 
-# the parser calls itself: a deeper expression must be an error of the program before it is one of Python
+# the parser is recursive: an error with line and column must come before the recursion limit of Python
 DEEPEST = 60
 """The deepest nesting of brackets, signs and parameters in a value."""
 # as in LinuxCNC, since programs compare numbers that they have computed

@@ -40,7 +40,7 @@ DEEPEST_CALL = 50
 MOST_AGAIN = 10_000_000
 """The largest number of lines that loops and calls may repeat in a whole program."""
 MOST_AGAIN_AT_REST = 1_000_000
-"""The largest number of lines that they may repeat between two lines with a motion or an offset."""
+"""The largest number of lines that loops and calls may repeat between two lines with a motion or an offset."""
 
 _STATEMENT = re.compile(
     r"(endsub|sub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break|continue)"
@@ -311,7 +311,7 @@ class Flow:
                 self._frames[-1].opened.pop()
 
     def _leave(self, label: str) -> None:
-        """Leave the branch that was taken."""
+        """Skip to the end of a condition of which a branch was taken."""
         self._top(label, "if")
         self._skip(label, ("endif",))
         self._frames[-1].opened.pop()
@@ -709,7 +709,7 @@ class Interpreter:
         state.origin = state.stored(first_of(state.system))
         state.rotation = numbered.get(first_of(state.system) + 9, 0.0)
         state.axis_offset = state.stored(G92) if numbered.get(G92_ON) else [0.0] * 9
-        # where the machine really is, is unknown: at the start all axes are assumed at its zero
+        # the position of the machine is not known here: all axes are assumed to be at its zero
         state.position = state.program([0.0] * 9)
         self._emit("USE_LENGTH_UNITS", "CANON_UNITS_MM")
         self._emit("SET_G5X_OFFSET", state.system, *state.origin)
@@ -767,7 +767,7 @@ class Interpreter:
             self._motion.move(block, motion, special == 530)
         elif special == 530:
             raise BlockError("G53 needs G0 or G1 and the words of axes in its block", "G53")
-        # ignored words could hide a missing code, so that the machine would do something else than was meant
+        # refused, since an ignored word may hide a missing code
         if words:
             letter = next(iter(words))
             raise BlockError(
@@ -817,7 +817,7 @@ class Interpreter:
         return motion if motion in (20, 30) and not _ARC_WORDS.isdisjoint(words) else -1
 
     def _offset(self, block: Block, code: int, motion: int) -> None:
-        """Execute non-modal codes that use axis words."""
+        """Execute a non-modal code that uses axis words."""
         state, name = self._state, blocks.name_of("g", code)
         if motion not in (-1, 0, 10, 800):
             raise BlockError(

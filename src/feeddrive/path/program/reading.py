@@ -1,8 +1,8 @@
 """Reading of a part program with a suitable front end, as canonical commands or as moves.
 
 The front ends are our own interpreter and that of LinuxCNC, whose program `rs274` is run and its canonical text parsed.
-It supports cutter compensation and the rest of the language, but prints only four decimals of the program unit (0.1 um
-in mm, 2.5 um in inches), and neither U, V nor W.
+The latter supports cutter compensation and the rest of the language, but prints only four decimals of the program unit
+(0.1 um in mm, 2.5 um in inches), and neither U, V nor W.
 """
 
 import re
@@ -161,7 +161,7 @@ class _Source:
     """The lines of a program, by number; only their positions are held in memory."""
 
     def __init__(self, program: Path, copy: Path) -> None:
-        """Write a copy of the program in which each line has its number as N."""
+        """Write a copy of the program in which the N word of each line is the number of the line."""
         self._reader = LineReader(program)
         self._offsets = array("q")
         self._line = Line(self._reader.name, 0, "")

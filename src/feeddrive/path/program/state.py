@@ -98,7 +98,7 @@ Emit = Callable[..., None]
 
 
 def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
-    """Rotate a point about the origin."""
+    """Rotate a point about the origin by an angle in degrees."""
     if degrees == 0:
         return x, y
     angle = math.radians(degrees)
@@ -425,8 +425,8 @@ def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
 
 
 def go_home(state: State, emit: Emit, code: int, target: list[float], moved: list[int]) -> None:
-    """Execute G28 or G30: move via the point of the axis words to the stored position, with these axes or with all
-    if none is named.
+    """Execute G28 or G30: move via the point of the axis words to the stored position; only the named axes move, or
+    all if none is named.
     """
     state.position = list(target)
     emit("STRAIGHT_TRAVERSE", *target)

@@ -54,7 +54,7 @@ def _widened(low: float, high: float, down: float, up: float, more: float, out: 
 
 @kernel
 def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
-    """Add to the rows of `out` the largest deviation of velocity .. snap of an axis from the motion along the tangent.
+    """Add the ranges by which curvature changes the velocity .. snap of an axis on the tangent to the rows of `out`.
 
     c is r' of the axis at the corner, `most` bounds r' .. r'''' and `away` the distance to the corner; u' .. u'''' are
     the values at the start of an interval of h seconds.
@@ -127,7 +127,7 @@ def together(
         end0 = begin0 + motion0[m, 0]
         end1 = begin1 + motion1[n, 0]
         end = min(min(end0, end1), lasts)
-        # the last intervals of both end with the overlap, from which their sums differ by rounding
+        # both last intervals end with the overlap, although the sums of durations differ from it by rounding
         if m + 1 == count0 and n + 1 == count1:
             end = lasts
         h = end - t
@@ -483,7 +483,7 @@ def straight(stretch: Floats, out: Floats2) -> int:
     if there is none.
 
     The entries of `stretch` are: length, highest speed; acceleration, jerk and snap limits along the line; for head and
-    tail each the speed at the node, w and s of the bump there (0: none, the stretch begins or ends with the node), and
+    tail the speed at the node, w and s of the bump there (0: none, the stretch begins or ends with the node), and
     the shares of jerk and snap for the ramp to it.
     """
     return _rows(stretch, _peak(stretch), out)
@@ -535,7 +535,7 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
             left = 0.0
         else:
             left = left - base[first, 0]
-    # the sum of the three, split at the phases of each; times from the start of each phase lose no digits
+    # base, head and tail are added interval by interval; times from the start of each phase keep their digits
     near = 1e-12 * (h0 + h1)
     p = 0
     q = 0

@@ -411,7 +411,7 @@ def _beginning(
         stack[0] = hump(path, whole, False)
         return 1 if stack[0].peak > 0.0 else 0
     begin = path.begin
-    # the present speed may come from a plan with the higher caps, which then are those to be kept
+    # the present speed may come from a plan with the higher caps, so that only these apply to it
     quickly = path._replace(caps=quick)
     margin = MARGIN * (begin[len(begin) - 1] - begin[0])
     many = 0

@@ -97,7 +97,7 @@ def read_steps(text: str) -> Override:
 SHARES = ((0.9, 0.6), (0.7, 0.4))
 # the cycle time grows by 16 % with windows of 50 pieces, by 0.7 % with 200, by 0.4 % with 400
 WINDOW = 400  # number of pieces
-# behind that the plan brakes to the stop at the end of its own window
+# beyond that the plan already brakes to the stop at the end of its window
 _KEPT = 0.6  # of the length of a window becomes final
 HORIZON = 0.05
 """The longest part of a plateau that becomes final at once when the feed factor may change, s."""
@@ -356,8 +356,8 @@ def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
 
 
 def _cut(planned: _Plan) -> tuple[_Plan, int]:
-    """Return the number of stretches that end in the first part of a window, and the plan with a plateau split at
-    its end.
+    """Split the plateau at the end of the first part of a window; return the plan, and the number of stretches up to
+    there.
     """
     rows, ends = planned.rows, _KEPT * planned.begin[-1]
     count = int(np.searchsorted(rows[:, 1], ends, side="right"))

@@ -28,6 +28,7 @@ _LOOSE = 1.03  # relaxed limit at a violating point, relative to its present sha
 _TOUCHES = 1.0 - 1e-6  # larger shares are treated as violations: the penalty would be too steep
 _INWARDS = 0.3  # least penalty while a limit is violated
 _NEARER = 0.1  # least part of the distance to a limit that a step must leave
+# a faster fall saves no steps, since these are limited by the boundary and not by the penalty
 _FALL = 0.25  # factor of the penalty per step
 _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
@@ -116,7 +117,7 @@ def _expanded(
     """
     z0, z1, z2, z3 = z
     root = sqrt(z0)
-    # in scalars, not in arrays: lifting takes two thirds of the time, with the same bits
+    # scalars instead of arrays: lifting takes two thirds of the time, with the same bits
     d0 = -0.5 * away / (z0 * root)
     d1 = 0.0
     d2 = 0.0
@@ -364,9 +365,9 @@ def quickest(
     step: Floats,
     band: Floats2,
 ) -> int:
-    """Optimize the spline for time, in place; return the number of points at which it still violates a limit. Three
-    coefficients at each end are fixed.
+    """Optimize the spline for time, in place; return the number of points at which it still violates a limit.
 
+    Three coefficients at each end are fixed.
     A point that violates a limit gets a relaxed one, which is tightened with each step.  If u'² is not initially
     positive everywhere, nothing is changed and the result is 1.
 
@@ -610,7 +611,7 @@ def points(
     axes = len(limits)
     n = len(time) - 1
     for k in range(n):
-        # the given states at the ends use the limits fully, so that smaller shares would be violated from the start
+        # the given states at the ends use the limits almost fully: smaller shares would be violated from the start
         near = k < 3 or k >= n - 3
         x = knots[k + 3]
         ends = knots[k + 4]
