@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import engine_loops as loops
@@ -490,6 +491,19 @@ def test_a_folder_that_others_can_write_to_is_not_used(fresh):
     assert machine_code.cache_directory() is None
     assert result(small()) == 6.0
     assert list(fresh.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="NOT TESTED on Windows: XDG_CACHE_HOME is of Unix")
+def test_a_user_without_a_home_directory_has_a_cache_only_where_he_names_one(monkeypatch, tmp_path):
+    def missing():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("FEEDDRIVE_CACHE", raising=False)
+    monkeypatch.setattr(Path, "home", missing)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    assert machine_code.cache_directory() is None
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert machine_code.cache_directory() == tmp_path / "feeddrive"
 
 
 def test_the_cache_can_be_switched_off_and_a_wrong_place_is_no_error(monkeypatch, tmp_path):

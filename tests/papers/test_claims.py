@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -96,3 +97,10 @@ def test_the_documentation_adds_its_claims_up_and_says_them_once() -> None:
         DOCS.parent / "README.md": f"[{many} claims]",
     }
     assert [page for page, words in said.items() if words not in page.read_text(encoding="utf-8")] == []
+
+
+def test_the_first_paper_that_fails_ends_the_run_and_waits_for_no_other():
+    running, failed = Future[Reproduced](), Future[Reproduced]()
+    failed.set_exception(ParameterError("the paper failed"))
+    with pytest.raises(ParameterError, match="the paper failed"):
+        papers._results([running, failed])

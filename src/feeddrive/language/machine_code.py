@@ -153,15 +153,16 @@ def cache_directory() -> Path | None:
     named = os.environ.get("FEEDDRIVE_CACHE")
     if named == "":
         return None
-    if named:
-        place = Path(named)
-    elif sys.platform == "win32":
-        place = Path(os.environ.get("LOCALAPPDATA", Path.home())) / "feeddrive" / "cache"
-    else:
-        place = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "feeddrive"
     try:
+        if named:
+            place = Path(named)
+        elif sys.platform == "win32":
+            place = Path(os.environ.get("LOCALAPPDATA") or Path.home()) / "feeddrive" / "cache"
+        else:
+            place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "feeddrive"
         place.mkdir(parents=True, exist_ok=True, mode=0o700)
         status = place.stat()
+    # a user of a container may have no home directory: a RuntimeError
     except (OSError, RuntimeError):
         return None
     if sys.platform != "win32" and (status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):

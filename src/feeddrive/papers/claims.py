@@ -228,7 +228,7 @@ def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
         try:
             for paper, text in _received(steps, futures, progress):
                 progress.step(text, part=paper)
-            return [future.result() for future in futures]
+            return _results(futures)
         # also Ctrl-C: a pool waits for its processes otherwise, which may take minutes
         except BaseException:
             for child in multiprocessing.active_children():
@@ -271,6 +271,12 @@ def _received(steps: Any, futures: Sequence[Future[Reproduced]], progress: Progr
             yield steps.get(timeout=0.1)
         except queue.Empty:
             progress.check()
+
+
+def _results(futures: Sequence[Future[Reproduced]]) -> list[Reproduced]:
+    """Return the results of all papers, or raise the error of one that failed without waiting for the others."""
+    failed = [future for future in futures if future.done() and future.exception()]
+    return [future.result() for future in failed or futures]
 
 
 def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:

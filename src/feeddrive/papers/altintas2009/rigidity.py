@@ -62,7 +62,7 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Picture]]:
     )
     peak = float(np.max(theirs.magnitude) / np.max(ours.magnitude))
     tenth = int(np.argmin(np.abs(F - 10.0)))
-    hundred = int(np.argmin(np.abs(F - 50.0)))
+    fifty = int(np.argmin(np.abs(F - 50.0)))
     claims = [
         Claim(
             "1.d",
@@ -75,7 +75,7 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Picture]]:
         ),
         Claim("1.d", "at 10 Hz the ratio is smaller", rule, float(ratio[tenth]), 1.47, 1.51, "", "1.49"),
         Claim("1.d", "the compliance peak of P-PI is higher by 5 % or more", rule, peak, 1.05, None, "", "1.07"),
-        Claim("1.d", "at 50 Hz P-PI is the stiffer one", rule, float(ratio[hundred]), None, 1.0),
+        Claim("1.d", "at 50 Hz P-PI is the stiffer one", rule, float(ratio[fifty]), None, 1.0),
     ]
     picture = Picture(
         "stiffness",
