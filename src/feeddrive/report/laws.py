@@ -28,11 +28,12 @@ _LINES = 1500  # lines of a frequency response, from 1 Hz to Nyquist
 def response_lines(loop: Loop) -> np.ndarray:
     """Return the frequency lines in Hz at which the responses of a loop are drawn."""
     nyquist = 0.5 / loop.sample_time
+    # at least two decades, also where the Nyquist frequency is below 100 Hz
     return np.geomspace(min(1.0, 0.01 * nyquist), nyquist, _LINES)
 
 
 def facts_of(machine: MachineFile, name: str, loop: Loop, velocity: float, work: Mapping[str, str]) -> dict[str, str]:
-    """Return the facts of a report on laws by headline: the machine under its name, the work, and the linear model."""
+    """Return the facts for a report on laws, by headline: machine, task, and operating point of the linear model."""
     facts = {
         "Machine": name,
         "Source of its numbers": machine.source or "not stated",
@@ -47,9 +48,9 @@ def facts_of(machine: MachineFile, name: str, loop: Loop, velocity: float, work:
 class Entry:
     """One law of the comparison: its loop, its run, and its figures in the frequency domain.
 
-    The loop must be stable: check it first (`require_stable`).  The run must have all signals recorded.  With a
-    `replay`, the run is the prediction, and the samples that the replay skips do not count. `no_model` is the reason if
-    the law has no linear model; its stability is then not proven.
+    The loop must be stable; check it first with `require_stable`.  The run must contain all signals.  With a `replay`,
+    the run is the prediction, and the samples skipped by the replay are excluded from all figures.  `no_model` is the
+    reason if the law has no linear model; its stability is then not proven.
     """
 
     name: str
@@ -65,22 +66,23 @@ class Entry:
     part: PartRun | None = None  # the figures along a part program
 
     def counted(self, signal: str) -> np.ndarray:
-        """Return the samples of a signal that count, in SI."""
+        """Return a signal in SI, without the samples skipped by the replay."""
         return self.run[signal][0 if self.replay is None else self.replay.skipped :]
 
     @cached_property
     def shown(self) -> Run:
-        """The run without the samples that do not count, for the pictures."""
+        """The run without the samples skipped by the replay, for the pictures."""
         skip = 0 if self.replay is None else self.replay.skipped
         signals = {name: values[skip:] for name, values in self.run.signals.items()}
+        # `first` moves too, so that the time axis still shows the time of the log
         return replace(self.run, signals=signals, samples=self.run.samples - skip, first=self.run.first + skip)
 
     def rms(self, signal: str) -> float:
-        """Return the RMS of the samples that count, SI."""
+        """Return the RMS of a signal in SI, without the samples skipped by the replay."""
         return float(np.sqrt(np.mean(self.counted(signal) ** 2)))
 
     def peak(self, signal: str) -> float:
-        """Return the peak absolute value of the samples that count, SI."""
+        """Return the peak absolute value of a signal in SI, without the samples skipped by the replay."""
         return float(np.max(np.abs(self.counted(signal)), initial=0.0))
 
     @cached_property
@@ -95,12 +97,12 @@ class Entry:
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """The spectrum of the following error, without samples that do not count."""
+        """The spectrum of the following error, without the samples skipped by the replay."""
         return spectrum(self.counted("following_error"), self.run.sample_time, name="following_error", unit="m")
 
     @cached_property
     def limits(self) -> dict[str, float]:
-        """The stated force limits in N by name: the commanded limit, and the motor's peak and continuous limits."""
+        """The force limits in N by name: the command limit, and the motor's peak and continuous limits, where given."""
         stated: dict[str, float] = {}
         limit = self.loop.control.force_limit
         motor = self.loop.axis.actuator.motor
@@ -117,7 +119,7 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class LawsContents:
-    """The content of a report on laws. Texts are shown verbatim, with HTML escaped.
+    """The content of a report on laws. Texts appear verbatim, with HTML escaped.
 
     entries   one for each law; the first is the baseline of the comparison
     facts     machine and run, by headline: machine, reference, load, noise, seed ...
@@ -125,11 +127,11 @@ class LawsContents:
     job       the exact text of the job
     versions  of Python, feeddrive and its libraries, by name
     notes     remarks by the user
-    command   the command that ran it
-    overview  the picture that shows the verdict; None: the first of the other pictures
+    command   the command that produced the results
+    overview  the picture that illustrates the verdict; None: the first of the other pictures
     extras    additional tables, first in the result
     pictures  additional pictures, before all others
-    planned   the part program that all laws ran, if any
+    planned   the planned part program that all laws followed, if any
     cuts      tables of the cuts by program line, with force and chatter
     details   additional folded sections
     """
@@ -150,11 +152,12 @@ class LawsContents:
     details: Sequence[Section] = ()
 
 
-MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethwaite, section 2.4
+# the usual bound on the sensitivity peak: Skogestad & Postlethwaite, section 2.4
+MS_BOUND = 2.0
 
 
 def result_sentences(contents: LawsContents) -> list[str]:
-    """Return the results as sentences, most important first."""
+    """Return the conclusions of the comparison as sentences, the most important first."""
     replayed = next((entry for entry in contents.entries if entry.replay is not None), None)
     if replayed is not None and replayed.replay is not None:
         return _prediction(replayed.replay)
@@ -199,7 +202,7 @@ def _compared(contents: LawsContents) -> list[str]:
     if best is first:
         return [Text(f"None of the others follows better than {_quoted(first)}: {_errors(first)}.")]
     ratio = first.rms("following_error") / (best.rms("following_error") or 1.0)
-    # from a third on a factor reads better than 67 % less
+    # above three times, a factor reads better than a percentage: 67 % less, 75 % less, ...
     less = f"{number(ratio, 2)} times" if ratio >= 3.0 else f"{Quantity(1.0 - 1.0 / ratio, 'share'):3}"
     ranking = Text(
         f"Of {len(contents.entries)} laws {_quoted(best)} follows best: {_errors(best)}, {less} less RMS than "
@@ -214,7 +217,7 @@ def _price_of_robustness(first: Entry, best: Entry) -> str:
     if first.margins is None or best.margins is None:
         return ""
     before, after = first.margins.sensitivity_peak, best.margins.sensitivity_peak
-    # two percent of Ms are no price that a reader would weigh
+    # an Ms higher by two percent is no price that a reader would weigh
     if after <= 1.02 * before:
         return ""
     return f"its sensitivity peak is {number(after, 3)} in place of {number(before, 3)}, {_judged(best)}"
@@ -236,7 +239,7 @@ def _judged(entry: Entry) -> str:
 
 
 def remark_sentences(contents: LawsContents) -> list[str]:
-    """Return important remarks, followed by the notes of the job."""
+    """Return warnings on robustness, force limits and guard trips, followed by the notes of the job."""
     listed: list[str] = []
     ringing = [
         f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak, 3)})"
@@ -255,6 +258,7 @@ def remark_sentences(contents: LawsContents) -> list[str]:
         if tripped.size:
             time = Quantity(entry.run.time[tripped[0]], "s", form="SI")
             listed.append(Text(f"{name}: the guard tripped at {time}."))
+    # a note that repeats the rule of comparison would appear twice in the report
     return [*listed, *(note for note in contents.notes if note != contents.rule)]
 
 
@@ -295,7 +299,7 @@ def _quoted(entry: Entry) -> str:
 
 
 def block_sentence(block: Block) -> Text:
-    """Describe a block by its kind, the parameters that are set, and its parts in brackets."""
+    """Describe a block by its kind, its parameter values, and its parts in brackets."""
     declared = declarations(type(block))
     values = {name: getattr(block, name) for name in declared}
     parameters = [
@@ -313,7 +317,7 @@ def block_sentence(block: Block) -> Text:
 
 
 def described(control: Control) -> Text:
-    """Describe the parts of a control, with the parameters that are set."""
+    """Describe the parts of a control with their parameter values."""
     parts = [block_sentence(control.law)]
     parts += [Text(f"compensation {block_sentence(block)}") for block in control.compensation]
     parts += [Text(f"filter {block_sentence(block)}") for block in control.filters]

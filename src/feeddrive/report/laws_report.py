@@ -1,4 +1,4 @@
-"""The report on laws compared on the same task: its pictures with captions, and its tables."""
+"""The report that compares laws on the same task: pictures with captions, and tables."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -25,12 +25,14 @@ from feeddrive.report.report import Code, Facts, Marked, Part, Picture, Remarks,
 
 SHORT = 16  # samples: a shorter run has no picture over time
 MOST = 8  # laws that the pictures show; the tables have all
-CURVES = 4  # more curves share the points of this many, to keep the page small
+# the points of this many curves are shared by more curves, so that the page stays small
+CURVES = 4
 
 
 def chosen(contents: LawsContents) -> LawsContents:
-    """Return the contents with the laws that the pictures show: the first, and those with the least following error."""
+    """Return the contents with the laws to plot only: the first, and those with the smallest following error."""
     others = sorted(contents.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
+    # entries compare by identity (eq=False), so that two laws with equal figures stay two; their order is kept
     return replace(contents, entries=[entry for i, entry in enumerate(contents.entries) if i == 0 or entry in others])
 
 
@@ -40,6 +42,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
     # more curves with fewer points: the page stays below a megabyte with any number of laws
     points = min(POINTS, max(200, POINTS * CURVES // len(contents.entries)))
     yield from _measured(contents, points)
+    # reversals and spectra need more than a few samples
     if all(entry.counted("following_error").size >= SHORT for entry in contents.entries):
         yield from _errors(contents, points)
         yield from _forces(contents, points)
@@ -74,6 +77,7 @@ def _errors(contents: LawsContents, points: int) -> Iterator[Picture]:
         lambda: plot.following_error_chart(runs, points=points),
     )
     window = worst_window(list(runs.values()))
+    # a run without a reversal has its window around the largest error: the texts must not mention friction
     what = "the worst reversal" if window.reversal is not None else "the largest error"
     reason = " Friction changes its sign here." if window.reversal is not None else ""
     yield Picture(
@@ -131,6 +135,7 @@ def _measured_friction(entry: Entry) -> FrictionMap | None:
     replay = entry.replay
     if replay is None or "force" not in replay.measured:
         return None
+    # a log has no mass: that of the model turns the acceleration into the inertia force to subtract
     mass = float(entry.loop.axis.plant.rigid_mass())
     measured = replay.measured
     return friction_map(measured["position_load"], measured["force"], mass, entry.run.sample_time)
@@ -190,7 +195,7 @@ def _closed_loop(contents: LawsContents) -> Iterator[Picture]:
 
 
 def laws_report(contents: LawsContents) -> Report:
-    """Return the report on the laws; its page is smaller than 1 MB (1.5 MB with a part program).
+    """Return the report on the laws. Its HTML page is smaller than 1 MB (1.5 MB with a part program).
 
     Raises ParameterError for contents without entries.
     """
@@ -218,6 +223,7 @@ def laws_report(contents: LawsContents) -> Report:
     return Report(
         contents.title,
         contents.command,
+        # a comparison alone is neither good nor bad: only a trip of a guard is a failure
         Verdict(sentences_, good=False if tripped else None),
         (
             Section("result", "Result", tables),
@@ -246,7 +252,7 @@ def laws_report(contents: LawsContents) -> Report:
 
 
 def errors(contents: LawsContents) -> Marked:
-    """Tabulate RMS and peak errors and force of each law."""
+    """Tabulate the RMS and peak errors and the force of each law."""
     figures = [
         (
             entry.rms("following_error"),
@@ -260,6 +266,7 @@ def errors(contents: LawsContents) -> Marked:
         [entry.name, *errors, _against(entry, "force", "peak"), _against(entry, "force", "rms")]
         for entry, errors in zip(contents.entries, figures, strict=True)
     ]
+    # the forces have no best cell: a smaller force is no merit by itself
     best = [*map(_least, zip(*figures, strict=True)), None, None]
     heads = ("following error RMS", "peak", "tracking error RMS", "peak")
     columns = [
@@ -276,7 +283,7 @@ def errors(contents: LawsContents) -> Marked:
 
 
 def _against(entry: Entry, signal: str, what: str) -> Text:
-    """Return a force, with its share of the limit in brackets."""
+    """Return a force, followed in brackets by its share of the corresponding limit."""
     value = entry.peak(signal) if what == "peak" else entry.rms(signal)
     bounds = entry.limits
     limit = (
@@ -289,7 +296,7 @@ def _against(entry: Entry, signal: str, what: str) -> Text:
 
 
 def limits(contents: LawsContents) -> str:
-    """Return a sentence on the limits to which the percentages of the forces refer."""
+    """Return a sentence that states the limits to which the force percentages refer."""
     stated = contents.entries[0].limits
     if not stated:
         return "The machine file states no force limits."
@@ -298,7 +305,7 @@ def limits(contents: LawsContents) -> str:
 
 
 def frequency(contents: LawsContents) -> list[Table]:
-    """Tabulate margins, sensitivity peak and stiffness of each law; no table if no law has a loop gain."""
+    """Tabulate the margins, sensitivity peak and stiffness of each law; return no table if no law has either."""
     if all(entry.margins is None and entry.stiffness is None for entry in contents.entries):
         return []
     rows: list[list[Cell]] = []
@@ -320,6 +327,7 @@ def frequency(contents: LawsContents) -> list[Table]:
             ]
         at = "" if k is None else f"{Quantity(k.minimum_frequency, 'Hz', bare=True):3}"
         row.append(None if k is None else Text(f"{Quantity(k.minimum, 'N/m', bare=True):3} ({at})"))
+        # `at` refuses a frequency outside the lines, which end below 1 Hz if the loop runs at less than 2 Hz
         row.append(None if k is None or not k.frequency[0] <= 1.0 <= k.frequency[-1] else k.at(1.0))
         rows.append(row)
     hertz, stiff = unit_name("Hz"), unit_name("N/m")
@@ -345,16 +353,17 @@ def _sampled(contents: LawsContents) -> bool:
 
 
 def prediction(replay: Replay) -> Table:
-    """Tabulate measured and predicted signals."""
+    """Tabulate the measured and the predicted signals."""
     return replay.table()
 
 
 def parameters(contents: LawsContents) -> Table:
-    """Tabulate every parameter of every law with its unit and meaning; mark the rows in which the laws differ."""
+    """Tabulate every parameter of every law with its unit and meaning, marking the rows in which the laws differ."""
     rows: dict[str, tuple[Declaration, list[Any]]] = {}
     count = len(contents.entries)
     for i, entry in enumerate(contents.entries):
         for name, value in tree.parameters(entry.loop).items():
+            # laws have different parameters: a cell stays empty where a law has none of this name
             row = rows.setdefault(name, (tree.declaration(entry.loop, name), [None] * count))
             row[1][i] = value
     body: list[list[Cell]] = []

@@ -1,4 +1,4 @@
-"""The reports of machining results: a circular test, a planned part program, and a part program that was run."""
+"""The reports on machining: circular tests, planned part programs, and simulated part programs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -17,7 +17,7 @@ from feeddrive.version import __version__
 
 
 def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Report:
-    """Return the report of a circular test; `note`: a line for the circle plot."""
+    """Return the report on a circular test; `note` is a line of text for the circle plot."""
     pictures = [
         Picture(
             "circle",
@@ -80,7 +80,7 @@ _LISTED = 200  # largest number of listed stops
 
 
 def plan_report(plan: Planned) -> Report:
-    """Return the report of a planned part program."""
+    """Return the report on a planned part program."""
     pictures = _pictures(plan)
     conditions = [
         ("Program", plan.program),
@@ -127,6 +127,7 @@ def _proof(plan: Planned) -> str:
 
 def _pictures(plan: Planned) -> Sequence[Picture]:
     letters = plan.limits.letters
+    # a program without motion has neither a path to draw nor a cycle time to divide by
     if not len(plan.course.time) or not plan.cycle_time:
         return []
     return [
@@ -153,9 +154,11 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
                 f"Axis {letter}",
                 "From the least to the most in each stretch of time; dashed: the limits, where they are near.",
                 f"Velocity, acceleration, jerk and snap of axis {letter} over time with their limits.",
+                # bound as a default: the chart is drawn after the loop has ended, when `i` is the last axis
                 lambda i=i: plot.plan_profiles_chart(plan, i),
             )
             for i, letter in enumerate(letters)
+            # an axis that never moves has no profile
             if np.any(plan.proof.use[i] > 0.0)
         ),
     ]
@@ -190,12 +193,12 @@ _CAUSES = 6
 
 
 def ran(contents: LawsContents) -> list[tuple[Entry, PartRun]]:
-    """Return the laws that ran a part program, in their order, with their runs."""
+    """Return the laws that followed a part program, in their order, each with its run."""
     return [(entry, entry.part) for entry in contents.entries if entry.part is not None]
 
 
 def lead(contents: LawsContents) -> list[str]:
-    """Return the results as sentences, most important first."""
+    """Return the conclusions on the contour errors as sentences, the most important first."""
     runs = ran(contents)
     first = runs[0][1]
     best = min((part for _, part in runs), key=lambda part: part.contour.rms)
@@ -231,7 +234,7 @@ def _contour(part: PartRun) -> str:
 
 
 def _place(part: PartRun, position: Iterable[float], *, bare: bool = False) -> Text:
-    """Return a position on the workpiece as text; `bare`: without the unit. It stays in mm also for rotary axes."""
+    """Return a position on the workpiece as text, in mm even if an axis is rotary; `bare` omits the unit."""
     coordinates = [
         f"{axis.upper()} {Quantity(x, 'm', form='.2f mm', stays=True, bare=True)}"
         for axis, x in zip(part.contour.axes, position, strict=True)
@@ -246,13 +249,13 @@ def _limited(planned: Planned) -> str:
 
 
 def tables(contents: LawsContents) -> list[Part]:
-    """Tabulate the laws over the program, and the positions with the largest errors."""
+    """Tabulate the figures of each law over the program, and the positions with the largest errors."""
     runs = ran(contents)
     return [_laws(runs), _places(runs)] if runs else []
 
 
 def details(contents: LawsContents) -> list[Part]:
-    """Tabulate axes, motors, spindle, observers, cutting sections and velocity limits."""
+    """Tabulate axes, motors, spindle, observers, cutting sections, and the limits on the velocity."""
     runs = ran(contents)
     if not runs:
         return []
@@ -278,7 +281,7 @@ def details(contents: LawsContents) -> list[Part]:
 
 
 def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
-    """Tabulate the laws over a program in short form, for a terminal."""
+    """Return a short table of the figures of each law over a program, for the terminal."""
     columns = [
         Column("law"),
         Column("contour RMS", "m"),
@@ -328,6 +331,7 @@ def _laws(runs: Sequence[tuple[Entry, PartRun]]) -> Marked:
         glitch = max((axis_errors.glitch for axis_errors in part.axes.values() if axis_errors.glitches), default=None)
         row = [entry.name, *sizes, None if worst is None else worst.line, glitch, part.duty, part.load.energy()]
         rows.append([*row, *([part.cutting_rms] if cuts else [])])
+    # only the contour errors have a best cell: effort and energy are what they cost
     best = [min(range(len(rows)), key=sizes.__getitem__) for sizes in zip(*errors, strict=True)]
     title = (
         "Contour error: the distance of the tool from the commanded path, whatever its delay along it. What counts is "
@@ -355,7 +359,7 @@ def _axis(part: PartRun, axis: str) -> list[Cell]:
 
 
 def _places(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
-    """Tabulate the positions where the first law has its largest errors, with the errors of the others there."""
+    """Tabulate the positions of the largest errors of the first law, with the errors of all laws there."""
     first = runs[0][1]
     columns = [
         Column(f"place {unit_name('m', 'mm', stays=True)}"),
@@ -439,7 +443,7 @@ def _causes(planned: Planned) -> Table:
 
 
 def pictures(contents: LawsContents) -> Iterator[Picture]:
-    """Yield the pictures: contour error by law and on the path, cutting force, force estimates, and active limits."""
+    """Yield the pictures: contour error by law and along the path, cutting force, force estimates, active limits."""
     runs = ran(contents)
     if not runs:
         return
@@ -454,6 +458,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             lambda: plot.part_laws_chart(parts),
         )
     best = min(parts.values(), key=lambda part: part.contour.rms)
+    # the baseline always, the best law only if it is another one: a picture of each law would bury both
     for key, part in {"path": first, **({} if best is first else {"bestpath": best})}.items():
         yield Picture(
             key,

@@ -1,6 +1,6 @@
-"""The HTML writer of reports: one self-contained page for offline use, from the template `templates/report.html`.
+"""The HTML writer for reports: one self-contained page for offline use, from the template `templates/report.html`.
 
-Every text is escaped, and an undefined name in the template is an error.  No page loads resources or runs scripts.
+All text is escaped, and an undefined name in the template is an error.  A page loads no resources and runs no scripts.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ _CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
 
 
 def page_units(*, rotary: bool) -> Units:
-    """Return the units of a page: typographic, and rotary if the report is about a rotary axis."""
+    """Return the units of a page: typographic symbols, and rotary units for a rotary axis."""
     return replace(DRAWN, rotary=rotary)
 
 
 def html(report: Report, units: Units | None = None) -> str:
     """Return a report as a complete HTML page without scripts or external files.
 
-    units  of the reader; None: typographic, and rotary if the report is about a rotary axis
+    units  the reader's units; None: those of `page_units`
 
-    Pure: the same report gives the same text.
+    The same report always gives the same text.
     """
     units = page_units(rotary=report.rotary) if units is None else units
     text = _environment().get_template("report.html").render(report=report, units=units, widths=_WIDTHS)
@@ -62,7 +62,7 @@ def html(report: Report, units: Units | None = None) -> str:
 
 
 def write_page(out: str | Path, report: Report, texts: Mapping[str, str]) -> Path:
-    """Write a directory with a report and further texts by file name; return the path of the report.
+    """Write a directory with a report and further text files, by file name; return the path of the report.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -75,6 +75,7 @@ def write_page(out: str | Path, report: Report, texts: Mapping[str, str]) -> Pat
 
 @cache
 def _environment() -> Environment:
+    # imported on use: most commands write no page, and would start later
     from jinja2 import Environment, PackageLoader, StrictUndefined, pass_context
     from markupsafe import Markup, escape
 
@@ -92,7 +93,7 @@ def _environment() -> Environment:
             return Markup(svg(shown.chart(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
-        """Keep a unit such as N/µm on one line: by a word joiner, or an element if the unit is still a placeholder."""
+        """Keep a unit such as N/µm on one line, by a word joiner, or by an element while the unit is a placeholder."""
         whole, joined = Markup('<span class="unit">{}</span>'), Markup("/&#8288;")
         pieces = split(marked(text))
         escaped = (whole.format(piece) if is_mark else escape(piece).replace("/", joined) for piece, is_mark in pieces)
@@ -111,7 +112,7 @@ def _kind(part: Part) -> str:
 
 
 def _grid(part: Table | Grid | Marked) -> Grid:
-    """Return a table as marked-up texts, with its title as a sentence."""
+    """Return a table as texts with placeholders for quantities, and with its title as a sentence."""
     table = part.table if isinstance(part, Marked) else part
     grid = table if isinstance(table, Grid) else table.marked()
     ends = plain(grid.title).rstrip()[-1:] in (".", ":", "?", "!", "")
@@ -121,7 +122,7 @@ def _grid(part: Table | Grid | Marked) -> Grid:
 def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = False) -> str:
     """Return the CSS class of a table that is too wide for a screen of some width in rem; empty if it always fits.
 
-    Heads and the first column break between words, cells only in a table of sentences.
+    Column heads and the first column may wrap between words, other cells only in a table of sentences.
     """
 
     def columns(cell: Any, breaks: bool) -> int:
@@ -133,20 +134,21 @@ def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = Fa
         for i in range(len(heads))
     ]
     needed = _AROUND + sum(_CHARACTER * width + _BETWEEN for width in widest)
+    # the style sheet has one class for each width: a media query cannot compare with a variable
     return "" if needed <= _WIDTHS[0] - 5 else f"beyond-{next((w for w in _WIDTHS if w >= needed), _WIDTHS[-1])}"
 
 
 def svg(chart: Chart, key: str, alt: str) -> str:
     """Return a chart as an SVG element in the colors of the page's theme.
 
-    key  letters that make its identifiers unique among the pictures of one page
+    key  prefix that makes its identifiers unique among the pictures of a page
     alt  description of the picture
     """
     import matplotlib
 
     figure = drawn(chart)
     text = StringIO()
-    # without them the same report gives the same bytes
+    # these entries differ from run to run or from version to version: without them equal reports give equal bytes
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
     # texts stay texts; identifiers come from the key, since matplotlib's own are random and no two pages would be equal
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
@@ -182,6 +184,7 @@ def _rounded(match: re.Match[str]) -> str:
 
 def _own_identifiers(body: str, key: str) -> str:
     """Rename the identifiers that are referenced, and remove the others."""
+    # a dict and not a set, whose order of texts changes from process to process
     used = list(dict.fromkeys(re.findall(r"(?:url\(|href=\")#([^)\"]+)", body)))
     names = {name: f"{key}{i}" for i, name in enumerate(used)}
     body = re.sub(r' id="([^"]*)"', lambda match: f' id="{names[match[1]]}"' if match[1] in names else "", body)

@@ -1,4 +1,4 @@
-"""A report as a value: a verdict, the picture that shows it, and sections of tables, pictures, facts and texts.
+"""A report as a value: a verdict, the picture that illustrates it, and sections of tables, pictures, facts and texts.
 
     Report(
         "Will the cut chatter?", "feeddrive lobes", Verdict((Text(f"At {speed} it does not chatter."),), good=True),
@@ -7,7 +7,7 @@
                   folded=True)),
     )
 
-`page.html` writes it as HTML, and `Report.record` returns it for JSON.  Numbers are not formatted before that.
+`page.html` writes it as HTML, and `Report.record` returns it for JSON.  Only these two format its numbers.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,10 +23,10 @@ from feeddrive.plot.chart import Chart
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture whose chart is computed when it is shown.
+    """A picture whose chart is computed only when it is drawn.
 
-    key      letters that identify it in its report
-    caption  how to read it
+    key      identifier, unique in its report
+    caption  instructions for reading it
     alt      a text description for readers who cannot see it
     chart    the function that computes it
     """
@@ -55,11 +55,12 @@ class Marked:
 
 @dataclass(frozen=True)
 class Facts:
-    """Ordered pairs of name and fact."""
+    """An ordered list of names with their facts."""
 
     pairs: tuple[tuple[str, str], ...]
 
     def __init__(self, pairs: Mapping[str, str] | Iterable[tuple[str, str]]) -> None:
+        # a tuple of pairs: a generator could be read once only, and a report is read by page, JSON and `is_empty`
         listed = pairs.items() if isinstance(pairs, Mapping) else pairs
         object.__setattr__(self, "pairs", tuple((name, text) for name, text in listed))
 
@@ -68,7 +69,7 @@ class Facts:
 class Remarks:
     """A list of sentences under a heading; an empty list is not shown.
 
-    warns  True for warnings that must not be overlooked
+    warns  True for warnings, which are highlighted
     """
 
     sentences: tuple[str, ...]
@@ -83,7 +84,7 @@ class Remarks:
 
 @dataclass(frozen=True)
 class Code:
-    """The verbatim text of a file."""
+    """The text of a file, shown verbatim."""
 
     title: str
     text: str
@@ -96,9 +97,9 @@ Part: TypeAlias = Table | Grid | Marked | Picture | Facts | Remarks | Code | str
 class Section:
     """A section of a report under a heading.
 
-    key     letters that identify it in its report
-    folded  True for a detail: shown on demand, and in print
-    file    a report beside this one to which the heading links
+    key     identifier, unique in its report
+    folded  True for details, which are collapsed until opened or printed
+    file    name of another report in the same directory, linked from the heading; empty for none
     """
 
     key: str
@@ -114,7 +115,7 @@ class Section:
 
     @property
     def is_empty(self) -> bool:
-        """True if the section has nothing to show."""
+        """True if the section has no content."""
         return all(
             part == ""
             or (isinstance(part, Facts) and not part.pairs)
@@ -125,9 +126,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome in sentences, most important first.
+    """The outcome in sentences, the most important first.
 
-    good  True if the result may be used; None if there is nothing to decide
+    good  True if the result may be used, False if not; None if the report judges nothing
     """
 
     sentences: tuple[str, ...]
@@ -140,14 +141,14 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A report for a reader: the verdict, the picture that shows it, tables, further pictures, details.
+    """A report: the verdict, the picture that illustrates it, tables, further pictures, and details.
 
     title     the title of the report
-    command   the command that makes it, as "feeddrive lobes"
+    command   the command that produces it, such as "feeddrive lobes"
     verdict   the outcome
-    sections  in order; empty ones are left out, folded ones come last
-    picture   the picture that shows the verdict
-    rotary    True for a rotary axis, which is shown in rad, N m and kg m2
+    sections  the sections in order; empty ones are omitted, folded ones moved to the end
+    picture   the picture that illustrates the verdict
+    rotary    True for a rotary axis, whose quantities are in rad, N m and kg m2
     """
 
     title: str
@@ -158,7 +159,7 @@ class Report:
     rotary: bool = False
 
     def __post_init__(self) -> None:
-        """Raise ParameterError if there are pictures but none for the verdict, and for a duplicate key."""
+        """Raise ParameterError for a duplicate key, and if there are pictures but none for the verdict."""
         shown = [section for section in self.sections if not section.is_empty]
         # sorted is stable: folded details come last, all else keeps its order
         object.__setattr__(self, "sections", tuple(sorted(shown, key=lambda section: section.folded)))
@@ -170,21 +171,22 @@ class Report:
             )
         keys = [section.key for section in self.sections]
         pictures = [picture.key for picture in self.pictures]
+        # a section and a picture may share a key: in the page the identifiers of pictures begin with `figure-`
         for key in (*keys, *pictures):
             if keys.count(key) > 1 or pictures.count(key) > 1:
                 raise ParameterError(f"report '{self.title}': the key '{key}' is used twice")
 
     @property
     def pictures(self) -> list[Picture]:
-        """All pictures, starting with that of the verdict."""
+        """All pictures, that of the verdict first."""
         listed = [picture for section in self.sections for picture in section.pictures]
         return listed if self.picture is None else [self.picture, *listed]
 
     def record(self, units: Units = USUAL, *, rendered: bool = False) -> dict[str, Any]:
-        """Return the report for JSON: tables in SI with units, sentences as texts, pictures by key.
+        """Return the report for JSON: tables in SI with units, sentences as text, pictures by key.
 
-        units     of the sentences
-        rendered  True for tables of texts in these units, which a page shows as they are
+        units     units of the sentences
+        rendered  True to format the tables too, as texts in these units
         """
 
         def resolved(text: str) -> str:
@@ -241,10 +243,10 @@ def titled(table: Table, title: str) -> Table:
 
 
 def further(pictures: Iterable[Picture]) -> Section:
-    """Return the section of further pictures, which follows the tables."""
+    """Return a section of further pictures, to follow the tables."""
     return Section("pictures", "Pictures", tuple(pictures))
 
 
 def facts(title: str, pairs: Mapping[str, str] | Iterable[tuple[str, str]], *parts: Part) -> Section:
-    """Return the folded section on what was run, measured or designed."""
+    """Return a folded section of facts about the run, the measurement or the design."""
     return Section("facts", title, (Facts(pairs), *parts), folded=True)
