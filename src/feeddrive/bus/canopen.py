@@ -32,14 +32,15 @@ class CANopen:
         self._arrived: dict[int, bytes] = {}
         self._news = Condition()
         self._claim = Claim()
-        self._master = 127 if station != 127 else 126  # node number of this master, whose heartbeat the drive monitors
+        # the heartbeat needs a node number on the bus: any but that of the drive
+        self._master = 127 if station != 127 else 126
         self._beat: float | None = None  # s from one heartbeat to the next
         self._beaten = 0.0
         self._listened: bytes | None = None  # heartbeat that the drive monitored before
         self._late = False  # whether answers to the last SYNC may still come
 
     def open(self) -> None:
-        """Bring the node to PRE-OPERATIONAL."""
+        """Find the node and switch it to PRE-OPERATIONAL."""
         self._canopen = packages()
         self._claim.take(self.where, self.interface)
         self._network = opened_network(self.interface, self._bitrate)
@@ -89,6 +90,7 @@ class CANopen:
     def map(self, sent: Layout, told: Layout) -> None:
         """Disable each PDO, map it, and enable it again for transmission on every SYNC."""
         self._sent, self._told = sent, told
+        # COB-IDs of the predefined connection set (CiA 301)
         self._of_sent = [0x200 + 0x100 * k + self.station for k in range(len(sent.groups))]
         self._of_told = [0x180 + 0x100 * k + self.station for k in range(len(told.groups))]
         for talks, maps, layout, messages in (
@@ -112,7 +114,7 @@ class CANopen:
                 self._news.notify()
 
     def watch(self, seconds: float) -> None:
-        """Configure the drive to monitor the heartbeat of this master (0x1016:01), which is sent with the cycles."""
+        """Let the drive monitor the heartbeat of this master (0x1016:01), which is sent along with the cycles."""
         wanted = (self._master << 16 | max(1, round(1e3 * seconds))).to_bytes(4, "little")
         try:
             before = self.read(_CONSUMER, 1)
@@ -133,9 +135,10 @@ class CANopen:
         self._beat = 0.2 * seconds
 
     def operate(self, content: bytes) -> None:
-        """Bring the node to OPERATIONAL."""
+        """Switch the node to OPERATIONAL; raise BusError if no process data follow."""
         self._node.nmt.state = "OPERATIONAL"
         self.put(content)
+        # an NMT command is not acknowledged: only process data show that the node obeyed
         for _ in range(20):
             if self.take(0.1) is not None:
                 return
@@ -148,12 +151,14 @@ class CANopen:
     def take(self, timeout: float) -> bytes | None:
         """Send all PDOs and SYNC, and return all answers; None if an answer is missing."""
         with self._news:
-            if self._late:  # they must not pass for answers to the next one
+            # late answers to the last SYNC must not pass for answers to this one
+            if self._late:
                 self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
             self._arrived.clear()
         try:
             self._send(self._content)
-        except OSError:  # the bus is gone, or switched itself off: nothing will come back
+        except OSError:
+            # the interface is gone, or the controller is bus-off: no answer will arrive
             return None
         with self._news:
             whole = self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
@@ -173,7 +178,7 @@ class CANopen:
         self._network.send_message(_SYNC, b"")
 
     def state(self) -> str:
-        """Return a text that states whether the node still answers."""
+        """Return, as text for an error message, whether the node still answers."""
         self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
         try:
             self.read(0x1000, 0)
@@ -182,11 +187,12 @@ class CANopen:
         return "it answers, but sends no process data: it may have left OPERATIONAL"
 
     def close(self) -> None:
-        """Return to PRE-OPERATIONAL and restore the heartbeat monitoring."""
+        """Switch the node to PRE-OPERATIONAL and restore the heartbeat that it monitored before."""
         self._claim.free()
         if self._network is None:
             return
-        with contextlib.suppress(Exception):  # a bus that is gone must not hide the error that led here
+        # a failure on a dead bus must not replace the error that led here
+        with contextlib.suppress(Exception):
             node = self._node
             if node is not None:
                 node.nmt.state = "PRE-OPERATIONAL"
@@ -204,7 +210,8 @@ def packages() -> Any:
         import canopen
     except ImportError as missing:
         raise MissingExtraError(missing.name or "canopen", "bus", "CANopen") from None
-    logging.getLogger("canopen").addHandler(logging.NullHandler())  # its errors are reported as BusError
+    # errors are raised as BusError: without a handler logging would print them a second time
+    logging.getLogger("canopen").addHandler(logging.NullHandler())
     return canopen
 
 
@@ -228,6 +235,7 @@ def opened_network(interface: str, bitrate: int | None) -> Any:
             "(ip link set can0 up type can bitrate 1000000)?"
         ) from None
     network = canopen.Network(line)
-    network.NOTIFIER_CYCLE = 0.1  # s until its thread ends
+    # s; disconnecting waits for the receive thread, which looks for its end once in this time
+    network.NOTIFIER_CYCLE = 0.1
     network.connect()
     return network

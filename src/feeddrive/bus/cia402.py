@@ -19,7 +19,7 @@ _BITS = {"u8": 8, "i8": 8, "u16": 16, "i16": 16, "u32": 32, "i32": 32}
 
 
 class Object(NamedTuple):
-    """An entry of an object dictionary."""
+    """An entry of the object dictionary."""
 
     name: str
     index: int  # type: ignore[assignment]  # hides tuple.index, which is not used
@@ -34,25 +34,25 @@ class Object(NamedTuple):
 
     @property
     def code(self) -> str:
-        """The format letter of `struct`."""
+        """The format character of the `struct` module."""
         return _CODES[self.type]
 
     @property
     def mapped(self) -> int:
-        """The entry in a mapping object: index, subindex, bits."""
+        """The 32-bit entry of this object in a PDO mapping: index, subindex, size in bits."""
         return self.index << 16 | self.subindex << 8 | self.bits
 
     @property
     def place(self) -> str:
-        """The address in the notation of manuals, `0x607D:01`."""
+        """The address as manuals write it, such as `0x607D:01`."""
         return f"0x{self.index:04X}:{self.subindex:02X}"
 
     def encode(self, value: int) -> bytes:
-        """Encode as little endian, as on both buses. Raises struct.error for a value out of range."""
+        """Encode a value in little-endian order, used by both buses. Raises struct.error for a value out of range."""
         return struct.pack("<" + self.code, value)
 
     def decode(self, content: bytes) -> int:
-        """Decode the leading bytes of the content, as many as the type has."""
+        """Decode the leading bytes of the content; any bytes beyond the size of the type are ignored."""
         return int(struct.unpack("<" + self.code, content[: self.bits // 8])[0])
 
     def bounds(self) -> tuple[int, int]:
@@ -111,10 +111,11 @@ OBJECTS: Mapping[str, Object] = {
     )
 }
 AT: Mapping[tuple[int, int], Object] = {(entry.index, entry.subindex): entry for entry in OBJECTS.values()}
-DEVICE_NAME = (0x1008, 0)  # a text, and so none of the above
+# a text of any length, unlike the numbers above
+DEVICE_NAME = (0x1008, 0)
 VIRTUAL = "feeddrive virtual drive"  # the values of a virtual drive
 
-# what goes in every cycle, by process data objects of at most 8 bytes, so that CAN takes the same as EtherCAT
+# process data of every cycle, in PDOs of at most 8 bytes: the limit of CAN, kept on EtherCAT to have one mapping
 SENT = (
     ("controlword", "mode", "target_position"),
     ("target_velocity", "velocity_offset"),
@@ -183,7 +184,7 @@ class PowerState(Enum):
 
 
 def state_of(statusword: int) -> PowerState | None:
-    """Return the power state of a statusword, or None for undefined bits."""
+    """Return the power state of a statusword, or None if its bits match no state."""
     for state in PowerState:
         mask, value, _ = state.value
         if statusword & mask == value:
@@ -195,7 +196,7 @@ def state_of(statusword: int) -> PowerState | None:
 SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = 0x06, 0x07, 0x0F
 DISABLE_VOLTAGE, QUICK_STOP, FAULT_RESET = 0x00, 0x02, 0x80
 
-# to operation enabled: what to send in which state
+# the command that leads from each state towards operation enabled
 TOWARDS_ENABLED = {
     PowerState.SWITCH_ON_DISABLED: SHUTDOWN,
     PowerState.READY: SWITCH_ON,
@@ -207,7 +208,7 @@ TOWARDS_ENABLED = {
 CSP, CSV, CST = 8, 9, 10  # values of the mode of operation, 0x6060
 MODES = {"csp": CSP, "csv": CSV, "cst": CST}
 
-# error codes that a virtual drive sets, and what they mean in words
+# error codes set by a virtual drive; CiA 402 leaves 0xFF00 and above to the manufacturer
 ERRORS = {
     0x7305: "broken reading of the encoder",
     0x7500: "the bus stopped while the drive was enabled",
@@ -223,6 +224,7 @@ def _command(controlword: int) -> str:
 
     Bits: 0 switch on, 1 enable voltage, 2 quick stop (active low), 3 enable operation.
     """
+    # in this order: the command table leaves the other bits open (X) where one of these is 0
     if not controlword & 0x02:
         return "disable voltage"
     if not controlword & 0x04:

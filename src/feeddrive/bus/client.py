@@ -1,4 +1,4 @@
-"""CiA 402 client: identifies and checks a drive, switches it on and off, and commands it cyclically."""
+"""A CiA 402 client that identifies and checks a drive, switches it on and off, and commands it in a cycle."""
 
 import contextlib
 import time
@@ -22,7 +22,7 @@ _NEAR = 5e-3  # share by which the data of the drive may differ from the declare
 
 
 def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
-    """Read the identity of the drive. Raises BusError for a device with another profile or an unsupported mode."""
+    """Read the identity of the drive. Raises BusError for a device of another profile and for an unsupported mode."""
     profile = read_object(transport, "device_type") & 0xFFFF
     if profile != _PROFILE:
         raise BusError(f"{transport.where}: is not a CiA 402 drive but a device of profile {profile}")
@@ -35,6 +35,7 @@ def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
         text = transport.read(*cia402.DEVICE_NAME)
     except RefusedError:
         text = b""
+    # latin-1 decodes every byte: names of devices are not always ASCII
     identity["name"] = text.decode("latin-1").strip("\x00 ")
     if has_object(transport, "supported_modes"):
         supported = read_object(transport, "supported_modes")
@@ -48,16 +49,17 @@ def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
 
 
 def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
-    """Compare declared rated torque, counts and gear with the drive; return remarks on data that it does not provide.
+    """Compare the declared rated torque, counts and gear with the drive; return remarks on data missing in the drive.
 
-    Raises BusError with both values if they differ.
+    Raises BusError, with both values, for a difference.
     """
     key = "rated_torque" if scaling.rated_force is None else "rated_force"
     pairs = [(key, float(scaling.rated_milli), "rated_torque", 1e-3)]
     if scaling.counts_per_turn is not None:
         turns = _turns(transport, "gear_shaft_turns")
         pairs.append(("gear", turns * scaling.gear, "gear_motor_turns", 1.0 / turns))
-        if has_object(transport, "feed_constant"):  # positions may count in other units than the encoder
+        # 0x6092 first: positions may be scaled to other units than increments of the encoder
+        if has_object(transport, "feed_constant"):
             turns = scaling.gear * _turns(transport, "feed_shaft_turns")
             pairs.append(("counts_per_turn", turns * scaling.counts_per_turn, "feed_constant", 1.0 / turns))
         else:
@@ -80,7 +82,7 @@ def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
 
 
 def _turns(transport: Transport, name: str) -> int:
-    """Return the denominator of a ratio; 1 if the drive has none."""
+    """Return the denominator of a ratio, at least 1; 1 if the drive lacks the object."""
     return max(1, read_object(transport, name)) if has_object(transport, name) else 1
 
 
@@ -90,6 +92,7 @@ def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
         return
     value, power = interpolation_time(drive.cycle_time)
     try:
+        # the exponent first: a drive that accepts only its own cycle times judges the pair when the value arrives
         write_object(transport, "cycle_exponent", power)
         write_object(transport, "cycle_value", value)
     except RefusedError as error:
@@ -100,14 +103,15 @@ def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
 
 
 def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
-    """Set the drive's internal watchdog and check its reaction; return a remark if the drive file disables it.
+    """Set the watchdog of the drive and its reaction; return a remark if the drive file disables the watchdog.
 
-    Raises BusError if it cannot be set or is read back with another value.
+    Raises BusError if either cannot be set or reads back as another value.
     """
     if drive.watchdog_time == 0.0:
         return ["No watchdog (watchdog = 0 in the drive file): the axis runs on when this computer stops."]
     if has_object(transport, "connection_option") and read_object(transport, "connection_option") == 0:
-        write_object(transport, "connection_option", 1)  # a fault, as the standard has it by default
+        # 1, a fault: the default of the standard
+        write_object(transport, "connection_option", 1)
         if read_object(transport, "connection_option") != 1:
             raise BusError(
                 f"{transport.where}: goes on when the connection is lost (object 0x6007 = 0 cannot be changed)"
@@ -117,10 +121,10 @@ def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
 
 
 def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
-    """Write the limits to the drive; return remarks on those that it does not accept."""
+    """Write the limits to the drive; return a remark for each one that it refuses."""
     limits, scaling = drive.limits, drive.scaling
     wanted: dict[str, int] = {
-        # rounded towards the safe side
+        # truncated: the drive must not permit more than the file; at least 1, since 0 would forbid every force
         "max_torque": max(1, int(limits.force / scaling.newton)),
         "following_error_window": max(1, scaling.increments(limits.following_error)),
         "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
@@ -133,6 +137,7 @@ def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
     for name, value in wanted.items():
         least, most = cia402.OBJECTS[name].bounds()
         try:
+            # clamped: a limit beyond the range of its object could never act
             write_object(transport, name, max(least, min(most, value)))
         except RefusedError:
             remarks.append(
@@ -151,7 +156,7 @@ _TARGETS = {cia402.CSP: "target_position", cia402.CST: "target_torque"}
 
 
 class ActualValues(NamedTuple):
-    """The actual values of a drive in SI: positions m, velocity m/s, force N; None if the drive has no such object."""
+    """The actual values of a drive in SI: positions m, velocity m/s, force N; None where the drive lacks the object."""
 
     status: int
     position: float
@@ -163,14 +168,13 @@ class ActualValues(NamedTuple):
 
 
 class DriveClient:
-    """A CiA 402 drive. `with DriveClient(transport, drive) as client:` opens it; leaving the block always switches
-    it off.
+    """A CiA 402 drive, opened by a `with` block and always switched off at the end of the block.
 
-    All methods raise BusError, with bus, interface, station and remedy.
+    All methods raise BusError, whose message names bus, interface, station and remedy.
     """
 
     def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True) -> None:
-        """Set up a drive. Without `paced` each cycle starts after the answer to the last: for virtual drives only."""
+        """Set up the client. If `paced` is False, each cycle starts on the previous answer, for virtual drives only."""
         self.transport, self.drive = transport, drive
         self.scaling = drive.scaling
         self.pace = Pace(drive.cycle_time if paced else None)
@@ -190,6 +194,7 @@ class DriveClient:
     def __enter__(self) -> Self:
         try:
             self.open()
+        # BaseException: Ctrl-C while the drive is searched for must release the interface, too
         except BaseException:
             self.transport.close()
             raise
@@ -204,9 +209,11 @@ class DriveClient:
             elif self._operating:
                 self._switch_off()
         except BusError:
+            # the error that ended the block is the cause: that of switching off must not replace it
             if error is None:
                 raise
         finally:
+            # in place: the list is shared by the group, whose other drives go on without this one
             self.together[:] = [other for other in self.together if other is not self]
             self.together = [self]
             self.transport.close()
@@ -218,7 +225,7 @@ class DriveClient:
 
     @property
     def reports_velocity(self) -> bool:
-        """True if the drive has an actual velocity (0x606C); otherwise `told` contains the difference quotient."""
+        """True if the drive reports a velocity (0x606C); otherwise `told` contains a difference quotient."""
         return "velocity" in self._back.names
 
     @property
@@ -227,7 +234,7 @@ class DriveClient:
         return None if self.told is None else cia402.state_of(self.told.status)
 
     def open(self) -> None:
-        """Find and check the drive, write limits and mapping, and start the exchange; it stays switched off."""
+        """Find and check the drive, write limits and mapping, and start the exchange; the drive stays switched off."""
         self.find()
         self.map()
         self.watch()
@@ -235,10 +242,11 @@ class DriveClient:
         self.hear()
 
     def find(self) -> None:
-        """Find and identify the drive, check it, and write its mode, cycle time and limits."""
+        """Find, identify and check the drive, and write its mode, cycle time and limits."""
         transport = self.transport
         transport.open()
         self.identity = identify(transport, self.drive)
+        # before anything is written: a real drive must not be driven as fast as the bus allows
         if self.pace.cycle_time is None and not self.is_virtual:
             raise BusError(f"{transport.where}: only a virtual drive may be run without a clock; leave --unpaced out")
         self.remarks += check_scaling(transport, self.scaling)
@@ -259,8 +267,9 @@ class DriveClient:
         self._values["mode"] = self.mode
 
     def watch(self) -> None:
-        """Set the drive's internal watchdog."""
-        if self.pace.cycle_time is not None:  # else time is that of the frames, and stands still without them
+        """Set the watchdog of the drive, unless cycles are not paced."""
+        # unpaced, time is counted in frames: a watchdog on the clock would trip while nothing is late
+        if self.pace.cycle_time is not None:
             self.remarks += set_watchdog(self.transport, self.drive)
 
     def operate(self) -> None:
@@ -270,7 +279,8 @@ class DriveClient:
 
     def hear(self) -> None:
         """Wait for the first answer."""
-        for _ in range(_FIRST):  # the first ones may be lost on the way
+        # the first frames may be lost while the drive enters operation
+        for _ in range(_FIRST):
             if self._follow() is not None:
                 break
         for _ in range(self.drive.lag):
@@ -279,10 +289,10 @@ class DriveClient:
             raise BusError(f"{self.transport.where}: {self.transport.state()}, but its process data are lost")
 
     def cycle(self) -> ActualValues | None:
-        """Exchange one cycle with the commanded setpoints; return the actual values, None for a lost frame.
+        """Exchange the setpoints of one cycle; return the actual values, or None for a lost frame.
 
         Raises BusError, without sending, if the drive is enabled and the cycle is more than `late_cycles` late: the
-        drive had no new target in the meantime, and the next one would be a jump.
+        drive received no target in the meantime, and the next one would be a jump.
         """
         late, T = self.pace.wait(), self.drive.cycle_time
         if late > self.drive.late_cycles * T and self.state is PowerState.ENABLED:
@@ -294,8 +304,9 @@ class DriveClient:
         return self._exchange()
 
     def _exchange(self) -> ActualValues | None:
-        """Exchange one cycle with all drives of the group; return the answer of this one."""
+        """Exchange one cycle with all drives of the group; return the answer of this drive."""
         for client in self.together:
+            # all outputs before the first `take`: on EtherCAT one frame carries those of all drives
             client.transport.put(client._sent.pack(client._values))
         for client in self.together:
             client.answer = client._take()
@@ -310,7 +321,7 @@ class DriveClient:
         self.lost_in_row, self._heard = 0, time.monotonic()
         raw, scaling = self._back.unpack(answered), self.scaling
         error, second = raw.get("following_error"), raw.get("second_position")
-        if "velocity" not in raw:  # of a drive without 0x606C
+        if "velocity" not in raw:
             raw["velocity"] = 0 if self.told is None else round((raw["position"] - self._here) / self.drive.cycle_time)
         self.told = ActualValues(
             raw["statusword"],
@@ -326,7 +337,7 @@ class DriveClient:
         return self.told
 
     def excites(self, unit: str) -> None:
-        """Raise BusError if the drive has no object for a force excitation in N, a torque offset in `csp` and `csv`."""
+        """Raise BusError for an excitation in N if the drive lacks the torque offset, needed in `csp` and `csv`."""
         name = "torque_offset"
         if unit == "N" and self.mode != cia402.CST and name not in self._sent.names:
             raise BusError(
@@ -338,11 +349,11 @@ class DriveClient:
     def command(self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0) -> float:
         """Set the setpoints of the next cycle, in SI; return the position (m), in csp rounded to whole increments.
 
-        csp  position, with velocity and force feedforward where the drive has objects for them
+        csp  position, with velocity and force feedforward if the drive has objects for them
         csv  velocity, with force feedforward
         cst  force
 
-        Raises BusError for a value that its object cannot hold.
+        Raises BusError for a value outside the range of its object.
         """
         values, scaling = self._values, self.scaling
         torque, speed = scaling.per_mille(force), scaling.increments(velocity)
@@ -371,11 +382,12 @@ class DriveClient:
             self._values["controlword"] = controlword
         if self.told is not None:
             self.command()
+        # without the check for lateness: a target at the present position is never a jump
         self.pace.wait()
         return self._exchange()
 
     def enable(self) -> None:
-        """Switch the drive to operation enabled, holding the present position."""
+        """Switch the drive to operation enabled at its present position."""
         if self.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             raise BusError(f"{self._fault()}; look for its cause, then reset it (--reset-fault)")
         self._until(PowerState.ENABLED, cia402.TOWARDS_ENABLED)
@@ -391,7 +403,8 @@ class DriveClient:
             self._until(PowerState.FAULT, {PowerState.FAULT_REACTION: cia402.DISABLE_VOLTAGE})
         if self.state is not PowerState.FAULT:
             return
-        self._follow(cia402.DISABLE_VOLTAGE)  # the edge counts, not the bit
+        # the drive reacts to the rising edge of the bit, not to the bit
+        self._follow(cia402.DISABLE_VOLTAGE)
         self._follow(cia402.FAULT_RESET)
         self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: cia402.FAULT_RESET})
 
@@ -401,11 +414,12 @@ class DriveClient:
             self._values["controlword"] = cia402.QUICK_STOP
 
     def stop(self) -> None:
-        """Perform a quick stop, wait until the drive has switched off, and always disable voltage afterwards."""
+        """Perform a quick stop, wait until the drive has switched off, and disable the voltage in any case."""
         stopping = {PowerState.ENABLED: cia402.QUICK_STOP, PowerState.QUICK_STOP: cia402.QUICK_STOP}
         try:
             self._until(PowerState.SWITCH_ON_DISABLED, stopping, ending=(PowerState.FAULT, PowerState.READY))
         except BusError:
+            # leaving the `with` block must not wait for the same silent drive again
             self._unreachable = True
             raise
         finally:
@@ -420,7 +434,7 @@ class DriveClient:
             self._follow(cia402.DISABLE_VOLTAGE)
 
     def _until(self, wanted: PowerState, sending: dict[PowerState, int], ending: tuple[PowerState, ...] = ()) -> None:
-        """Run cycles, sending the controlword for each state, until the wanted state or one of `ending` is reached."""
+        """Run cycles with the controlword for each state, until the wanted state or one of `ending` is reached."""
         began, cycles = time.monotonic(), 0
         before = self.state
         while self.state is not wanted and self.state not in ending:
@@ -437,7 +451,7 @@ class DriveClient:
                     f"{self.transport.where}: no frame came back for {Quantity(silent, 's'):2 SI}; "
                     f"{self.transport.state()}"
                 )
-            # both: without a clock cycles run faster than their time, on a busy computer slower
+            # both times: unpaced cycles run faster than their time, those of a busy computer slower
             if cycles * self.drive.cycle_time > _PATIENCE and time.monotonic() - began > _PATIENCE:
                 at = "unknown" if self.state is None else self.state.words
                 bus = f"; {self.transport.state()}" if self.lost_in_row else ""
@@ -452,7 +466,7 @@ class DriveClient:
         return f"{self.transport.where}: fault 0x{code:04X}" + (f", {meaning}" if meaning else "")
 
     def trouble(self) -> str:
-        """Return the reason if the drive no longer follows its setpoints; empty while it does."""
+        """Return the reason why the drive no longer follows its setpoints; empty if it does."""
         if self.lost_in_row >= self.drive.lost_frames:
             return f"{self.lost_in_row} frames in a row were lost: {self.transport.state()}"
         if self.state is PowerState.ENABLED:
@@ -465,12 +479,13 @@ class DriveClient:
 
 @contextlib.contextmanager
 def driven_together(clients: Sequence[DriveClient]) -> Generator[None]:
-    """Open the drives of one segment and exchange their data in the same cycles, paced by the clock of the first.
+    """Open the drives of one segment and exchange their data in the same cycles, paced by the clock of the first drive.
 
-    They are always switched off at the end.  Raises BusError like each of them.
+    All are switched off at the end of the block, however it ends.  Raises BusError as `DriveClient` does.
     """
     with contextlib.ExitStack() as stack:
         for client in clients:
+            # push registers the exit only: the drives are opened below, each step for all of them
             stack.push(client)
         for step in (DriveClient.find, DriveClient.map, DriveClient.watch, DriveClient.operate):
             for client in clients:
@@ -484,9 +499,9 @@ def driven_together(clients: Sequence[DriveClient]) -> Generator[None]:
 
 
 def transport_of(drive: BusDrive, interface: str, bitrate: int | None, segment: Segment | None = None) -> Transport:
-    """Return the transport of a drive, on a shared segment or a separate one.
+    """Return the transport to a drive, on a shared EtherCAT segment if one is given.
 
-    If its package is missing, opening it raises MissingExtraError.
+    Opening the transport raises MissingExtraError if its package is missing.
     """
     if drive.bus == "ethercat":
         return EtherCAT(interface, drive.station, segment)

@@ -33,9 +33,9 @@ MOST_WATCH = 6.5  # s that the registers of a watchdog hold
 
 
 class BusLimits(Section):
-    """Limits at which a motion over the bus is aborted. Each must be stated, since none has a safe default.
+    """The limits at which a motion over the bus is aborted. Travel, velocity, force and error have no safe default.
 
-    They are checked in every cycle, and written to the drive where it has objects for them.
+    They are checked in every cycle, and written to the drive if it has objects for them.
     """
 
     travel: Number = parameter("m", "farthest from where the axis stands at the start, to both sides", above=0)
@@ -57,7 +57,7 @@ class BusLimits(Section):
 
 
 class BusDrive(Section):
-    """A CiA 402 drive on a bus, as a drive file describes it."""
+    """A CiA 402 drive on a bus: address, cycle, mode, supervision, scaling and limits."""
 
     bus: str = choice("ethercat or canopen", options=("ethercat", "canopen"))
     station: int = choice("position on the segment, or number of the node", least=1, most=65535, default=1)
@@ -79,7 +79,7 @@ class BusDrive(Section):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Raise ParameterError for limits below the resolution, a too short watchdog, or missing limits for cst."""
+        """Raise ParameterError for limits below the resolution, too short a watchdog, or limits missing in cst."""
         for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
             if getattr(self.limits, name) is None:
                 raise ParameterError(
@@ -109,7 +109,7 @@ class BusDrive(Section):
         """The watchdog time, s: as stated, else 0.1 s or, if longer, twice the longest permitted silence."""
         if self.watchdog is not None:
             return self.watchdog
-        # twice: the watchdog must not stop a drive whose frames `play` still waits for
+        # twice: the watchdog must not stop a drive while `play` still tolerates the silence
         return min(MOST_WATCH, max(0.1, 2.0 * self._silent_at_most))
 
     @property
@@ -119,7 +119,7 @@ class BusDrive(Section):
 
 
 class DriveFile(Section):
-    """A drive on a bus, as a drive file describes it."""
+    """The contents of a drive file: the interface, the name of the axis, and the drive."""
 
     interface: str = text(
         "interface of the bus; of canopen with its kind", shortest=1, example='"eth1" or "socketcan:can0"'
@@ -130,7 +130,7 @@ class DriveFile(Section):
 
     @property
     def name(self) -> str:
-        """The name of the file from which the section was read; empty if none."""
+        """The name of the file from which the section was read; empty if it was not read from a file."""
         return "" if self.read_from is None else self.read_from.file.name
 
 
@@ -140,7 +140,7 @@ def read_drive(path: str | Path) -> DriveFile:
 
 
 def interpolation_time(cycle_time: float) -> tuple[int, int]:
-    """Return object 0x60C2 for a bus cycle in s: mantissa and power of ten, rounded to the eight-bit range."""
+    """Return the two values of object 0x60C2 for a bus cycle in s: an eight-bit mantissa and the power of ten."""
     candidates = [(round(cycle_time / 10.0**power), power) for power in range(-6, 1)]
     fitting = [(value, power) for value, power in candidates if 0 < value <= 255]
     # deviations are rounded, so that equally good candidates tie and the finest power of ten is taken
@@ -151,13 +151,13 @@ def interpolation_time(cycle_time: float) -> tuple[int, int]:
 
 
 class DriveScaling(Section):
-    """Length of one increment, and force of one thousandth of the rated torque, at the table.
+    """The length of one increment, and the force of one thousandth of the rated torque, at the table.
 
         increment = lead / (gear · counts_per_turn)                       of a rotary motor
         force     = torque_per_mille / 1000 · rated_torque · gear · 2π / lead
 
-    A linear motor is described by `increment` and `rated_force` instead of the other five.  Raises ParameterError for
-    an incomplete or mixed description.
+    A linear motor is described by `increment` and `rated_force` alone.  Raises ParameterError for an incomplete or
+    mixed description.
     """
 
     increment: Number | None = parameter("m", "length of one increment at the table", above=0, default=None)
@@ -171,6 +171,7 @@ class DriveScaling(Section):
         """Raise ParameterError unless exactly one of the two descriptions is complete."""
         turning = {"counts_per_turn": self.counts_per_turn, "lead": self.lead, "rated_torque": self.rated_torque}
         linear = {"increment": self.increment, "rated_force": self.rated_force}
+        # `gear` has a default and so decides nothing: any other rotary field makes the motor a rotary one
         missing = [name for name, value in (turning if self.turns else linear).items() if value is None]
         doubled = self.turns and any(value is not None for value in linear.values())
         if missing or doubled:

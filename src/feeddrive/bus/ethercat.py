@@ -1,4 +1,4 @@
-"""EtherCAT transport by pysoem, for one or several drives of a segment, and access rights to raw sockets."""
+"""EtherCAT transport by pysoem, for one or several drives of a segment, and checks of the network interface."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
 
 
 class Segment:
-    """The jointly driven stations of an interface: one frame per cycle carries the outputs of all.
+    """The jointly driven stations of an interface: one frame per cycle carries the outputs of all stations.
 
-    Each station calls open, map and operate; steps that concern the whole segment run when the last station is ready.
+    Each station calls open, map and operate; a step of the whole segment runs once the last station is ready for it.
     """
 
     def __init__(self, interface: str) -> None:
@@ -41,7 +41,7 @@ class Segment:
         self._back = False  # whether the last frame came back whole
 
     def open(self, where: str) -> None:
-        """Open the master and bring the segment to PRE-OP, on the call of the first station."""
+        """Open the master and switch the segment to PRE-OP, on the first call only."""
         if self.master is not None:
             return
         try:
@@ -52,7 +52,8 @@ class Segment:
         self._claim.take(where, self.interface)
         _check_alone(where, self.interface)
         self.soem = pysoem
-        pysoem.settings.always_release_gil = True  # other threads of the process go on while it waits for a frame
+        # other threads of the process run while the master waits for a frame
+        pysoem.settings.always_release_gil = True
         pysoem.settings.timeouts.ret = _PATIENCE
         pysoem.settings.timeouts.safe = 2 * _PATIENCE
         self.master = pysoem.Master()
@@ -64,7 +65,7 @@ class Segment:
         self.find()
 
     def find(self) -> None:
-        """Bring all stations from INIT to PRE-OP, which clears FMMUs and sync managers of an earlier mapping."""
+        """Switch all stations from INIT to PRE-OP, which clears FMMUs and sync managers of an earlier mapping."""
         count = self.master.config_init()
         if count <= 0:
             raise BusError(
@@ -98,12 +99,13 @@ class Segment:
             wrong = next((fault for fault, _ in reports if fault), "")
             if not wrong:
                 return
+            # not on the first attempt: a lost answer may look like a fixed mapping
             if attempt and any(fixed for _, fixed in reports):
                 break
         raise BusError(wrong)
 
     def operate(self) -> None:
-        """Bring all stations to SAFE-OP and OP once they are ready.
+        """Switch all stations to SAFE-OP and OP once they are ready.
 
         Process data are exchanged in the meantime, since drives monitor them.
         """
@@ -125,6 +127,7 @@ class Segment:
     def _behind(self, name: str, wanted: int) -> str:
         """Return an error text that names the first station not in the wanted state, and its present state."""
         self.master.read_state()
+        # the state may have been reached just after the timeout: then the first station is named
         late = [station for station in self.stations if station.slave.state != wanted] or self.stations
         return f"{late[0].where}: does not go to {name}: {late[0].state()}"
 
@@ -133,13 +136,13 @@ class Segment:
         self._put.add(station)
 
     def took(self, station: int, timeout: float) -> bool:
-        """Return True if the frame of this cycle came back complete; pending outputs of the station send it first."""
+        """Return True if the frame of this cycle came back complete; send it first if the station has new outputs."""
         if station in self._put:
             self.exchange(timeout)
         return self._back
 
     def exchange(self, timeout: float) -> None:
-        """Exchange one frame with the outputs of all stations; an unexpected working counter counts as lost."""
+        """Exchange one frame with the outputs of all stations; with an unexpected working counter it counts as lost."""
         self._put.clear()
         self.master.send_processdata()
         self._back = self.master.receive_processdata(int(1e6 * timeout)) == self.master.expected_wkc
@@ -152,7 +155,8 @@ class Segment:
         self._claim.free()
         if self.master is None:
             return
-        with contextlib.suppress(Exception):  # an error of a dead bus must not hide the first one
+        # a failure on a dead bus must not replace the error that led here
+        with contextlib.suppress(Exception):
             self.master.state = self.soem.INIT_STATE
             self.master.write_state()
         with contextlib.suppress(Exception):
@@ -161,7 +165,7 @@ class Segment:
 
 
 class EtherCAT:
-    """A drive by its position on the segment, from 1. See `Transport`; stations of a `segment` share its frames."""
+    """A drive at a position on the segment, from 1. See `Transport`; stations of a `segment` share its frames."""
 
     def __init__(self, interface: str, station: int, segment: Segment | None = None) -> None:
         self.interface, self.station = interface, station
@@ -173,7 +177,7 @@ class EtherCAT:
         self._segment.stations.append(self)
 
     def open(self) -> None:
-        """Bring the station to PRE-OP."""
+        """Switch the station to PRE-OP, with all stations of the segment."""
         self._segment.open(self.where)
 
     def read(self, index: int, subindex: int) -> bytes:
@@ -185,7 +189,7 @@ class EtherCAT:
         self._sdo(self.slave.sdo_write, index, subindex, content)
 
     def _sdo(self, ask: Callable[..., Any], index: int, subindex: int, *content: bytes) -> Any:
-        """Run an SDO transfer, retrying after a lost frame; reading or writing the same value twice is harmless."""
+        """Run an SDO transfer, repeating it after a lost frame, since reading or writing a value twice is harmless."""
         soem, lost = self._segment.soem, "no answer"
         for _ in range(_ATTEMPTS):
             try:
@@ -199,9 +203,9 @@ class EtherCAT:
     def map(self, sent: Layout, told: Layout) -> None:
         """Write mapping and assignment, and configure sync managers and FMMUs from the mapping reported by the drive.
 
-        The master reads each mapping entry from the drive and silently omits entries that are not answered in time.
-        Therefore sizes are compared, the mapping is read back, and a faulty mapping is repeated from INIT on; the
-        mapping counts as fixed only if it is read back twice differently from what was written.
+        SOEM reads each mapping entry from the drive and silently omits entries whose answer is late.  Therefore sizes
+        are compared, the mapping is read back, and a faulty mapping is repeated from INIT on.  A mapping counts as
+        fixed only if it differs from the written one in two readings.
         """
         self._sent, self._told = sent, told
         self.assign()
@@ -236,13 +240,14 @@ class EtherCAT:
         ), False
 
     def watch(self, seconds: float) -> None:
-        """Set the process data watchdog of the slave controller, in steps of 0.1 ms, and its trigger by outputs.
+        """Set the process data watchdog of the slave controller, in steps of 0.1 ms, and check that outputs trigger it.
 
-        Uses registers 0x0400 and 0x0420 and bit 6 of the control of sync manager 2, according to ETG.1000.4.
+        Uses registers 0x0400 and 0x0420 and bit 6 of the control byte of sync manager 2, according to ETG.1000.4.
         """
         try:
             self.slave.set_watchdog("processdata", 1e3 * seconds)
             got = 1e-3 * float(self.slave.get_watchdog("processdata"))
+            # pysoem reads registers of a slave under this private name only
             control = int(self.slave._fprd(_OUTPUTS_CONTROL, 1)[0])
         except (self._segment.soem.WkcError, ValueError, TypeError, IndexError) as error:
             raise BusError(f"{self.where}: its watchdog cannot be set ({type(error).__name__}: {error})") from None
@@ -258,7 +263,7 @@ class EtherCAT:
             )
 
     def operate(self, content: bytes) -> None:
-        """Bring the station to SAFE-OP and OP, with all stations of the segment."""
+        """Switch the station to SAFE-OP and OP, with all stations of the segment."""
         self.slave.output = content
         self.ready = True
         self._segment.operate()
@@ -273,7 +278,7 @@ class EtherCAT:
         return bytes(self.slave.input) if self._segment.took(self.station, timeout) else None
 
     def state(self) -> str:
-        """Return AL state and AL status code as text."""
+        """Return the AL state and the AL status code as text."""
         names = {1: "INIT", 2: "PRE-OP", 3: "BOOT", 4: "SAFE-OP", 8: "OP"}
         self._segment.master.read_state()
         state = self.slave.state
@@ -286,18 +291,19 @@ class EtherCAT:
         return f"it is in {text}"
 
     def close(self) -> None:
-        """Return the station to INIT."""
+        """Return the segment to INIT, once its last station is closed."""
         self._segment.close(self)
 
 
-_STATES = struct.pack("<HBBHHHHHH", 0x1000 + 14, 7, 0x5A, 0, 0x0130, 2, 0, 0, 0)  # BRD of every AL status
+# a broadcast read (BRD, 7) of the AL status, 0x0130; the index 0x5A marks the frame as that of this program
+_STATES = struct.pack("<HBBHHHHHH", 0x1000 + 14, 7, 0x5A, 0, 0x0130, 2, 0, 0, 0)
 
 
 def _check_alone(where: str, interface: str) -> None:
-    """Raise BusError if another master is active, since scanning for drives would interrupt their operation.
+    """Raise BusError if another master is active, since a scan for drives would interrupt their operation.
 
-    Another master is detected by a frame that this process did not send, from this computer or from the line, or by a
-    station in OP, in case the other master is slow or blocked.  The states are read by one frame that changes nothing.
+    Another master is detected by a frame that this process did not send, or, if that master is slow or blocked, by a
+    station in OP.  The states are read by a single frame that changes nothing.
     """
     if not sys.platform.startswith("linux"):
         return
@@ -305,18 +311,21 @@ def _check_alone(where: str, interface: str) -> None:
         # another master on this computer is seen by the frames that it sends: only ETH_P_ALL receives these
         line = opened_socket(interface, _EVERYTHING)
     except BusError:
-        return  # the master says what is not permitted
+        # opening the master reports the missing right, with its remedy
+        return
     with contextlib.closing(line):
         for _ in _frames(line, _LISTENING):
             raise BusError(
                 f"{where}: another EtherCAT master sends on {interface}: end it first, since it would lose its "
                 "drives; nothing was sent"
             )
+        # from a locally administered address; 30 bytes pad the frame to 60, the least on Ethernet
         line.send(b"\xff" * 6 + b"\x02\x00\x00\x00\x00\x01" + b"\x88\xa4" + _STATES + bytes(30))
         for frame, outgoing in _frames(line, 1e-6 * _PATIENCE):
             datagram, states, answers = frame[16:18], frame[26], int.from_bytes(frame[28:30], "little")
             if outgoing or datagram != _STATES[2:4]:
                 continue
+            # in a broadcast read the slaves OR their states: bit 3 is set if any of them is in OP
             if answers and states & 0x08:
                 raise BusError(
                     f"{where}: a station on {interface} is in OP, and not by this program: another EtherCAT "
@@ -327,7 +336,7 @@ def _check_alone(where: str, interface: str) -> None:
 
 
 def _frames(line: socket.socket, seconds: float) -> Iterator[tuple[bytes, bool]]:
-    """Yield the EtherCAT frames received on a socket for `seconds`, with True for frames sent from this computer."""
+    """Yield the EtherCAT frames received on a socket within `seconds`, each with True if this computer sent it."""
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0.0:
         line.settimeout(left)
@@ -354,11 +363,12 @@ def check_interface(name: str) -> None:
 
 
 def _is_up(name: str) -> bool:
-    """Return True if the flags of the interface, in the network namespace of this process, mark it as up."""
+    """Return True if the interface is up, in the network namespace of this process."""
     if not sys.platform.startswith("linux"):
         return True
     import fcntl
 
+    # not from /sys/class/net, which shows the network namespace in which /sys was mounted
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         answered = fcntl.ioctl(asking, _FLAGS, struct.pack("16s24x", name.encode()[:15]))
     return bool(struct.unpack_from("<H", answered, 16)[0] & 1)
@@ -380,7 +390,7 @@ def opened_socket(interface: str, ethertype: int) -> socket.socket:
 
 
 def not_permitted(interface: str) -> str:
-    """Return the error text, with remedies, for missing access rights to raw sockets."""
+    """Return the error text, with remedies, for a missing right to open raw sockets."""
     return (
         f"interface '{interface}': raw Ethernet needs CAP_NET_RAW: run as root, give it once by  "
         f"sudo setcap cap_net_raw+ep $(readlink -f {sys.executable}), or try it in a namespace of its own by  "

@@ -1,4 +1,4 @@
-"""Playback of a profile on a drive within limits, with a log of the response; any fault causes a quick stop."""
+"""Playback of motion profiles on drives within limits, with logs of the responses; any fault causes a quick stop."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ABOVE_NYQUIST = 1e-3  # share of the excitation's power that may be lost betwee
 class Profile:
     """A motion sampled at the bus cycle: excitation in `unit` (N, m or m/s), set position relative to its start (m).
 
-    `velocity` is that of the file, else the central difference of the set position, m/s.
+    `velocity` in m/s is the set velocity of the file, or else the central difference of the set position.
     """
 
     name: str
@@ -47,12 +47,12 @@ class Profile:
 
 
 def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp: float = 0.0) -> Profile:
-    """Read time, excitation, set position and set velocity, as available, at the cycle time of the drive.
+    """Read a profile at the cycle time of the drive: time, and any of excitation, set position and set velocity.
 
     share  fraction of the excitation amplitude that is played
-    ramp   fade-in and fade-out time of the excitation, s, for a profile without its own
+    ramp   fade-in and fade-out time of the excitation, s; 0 for a profile that already has ramps
 
-    Raises LogError for a file that is not a log, ParameterError for one incompatible with drive, mode or limits.
+    Raises LogError for a file that is not a log, ParameterError for a profile that does not suit drive, mode or limits.
     """
     log = read_log(path)
     known = {"excitation", "set_position"} & set(log.channels)
@@ -99,12 +99,13 @@ def _every(path: str | Path, step: float, T: float, advice: str) -> int:
 
 
 def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[Profile]:
-    """Read the motion of each axis of a plan, for the drive with the axis name, relative to its present position.
+    """Read the motion of each axis of a plan, relative to its start, for the drive of that axis.
 
-    setpoints  setpoints.parquet of `feeddrive plan`
+    setpoints  the file `setpoints.parquet` written by `feeddrive plan`
+    drives     drives by the name of their axis
 
-    Raises ParameterError for axes without a drive, drives without an axis, other modes than csp, different cycle
-    times, and a motion that exceeds the limits of a drive; LogError for a file that is not a plan.
+    Raises ParameterError for a moving axis without a drive, a drive without an axis, a mode other than csp, different
+    cycle times, and a motion that exceeds the limits of a drive; LogError for a file that is not a plan.
     """
     log = read_log(setpoints)
     axes = [name.removesuffix(".set_position") for name in log.channels if name.endswith(".set_position")]
@@ -136,7 +137,8 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
     profiles: list[Profile] = []
     for axis, drive in drives.items():
         every = _every(setpoints, log.sample_time, drive.cycle_time, "plan it with --sample-time")
-        rows = np.minimum(np.arange(0, len(log) + every - 1, every), len(log) - 1)  # the end itself, too
+        # up to the last row, also if no cycle falls on it: the motion must end where the plan ends
+        rows = np.minimum(np.arange(0, len(log) + every - 1, every), len(log) - 1)
         position, velocity = log[f"{axis}.set_position"][rows], log[f"{axis}.set_velocity"][rows]
         rest = np.zeros(len(position))
         sha = str(log.provenance["sha256"])
@@ -149,7 +151,7 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
 
 
 def _check_band(path: str, excitation: np.ndarray, every: int, step: float) -> None:
-    """Raise ParameterError for excitation above the Nyquist frequency of the bus cycle, which would be aliased."""
+    """Raise ParameterError for excitation above the Nyquist frequency of the bus cycle, since it would be aliased."""
     if every == 1 or not np.any(excitation):
         return
     power = np.abs(np.fft.rfft(excitation)) ** 2
@@ -175,7 +177,7 @@ def _ramped(excitation: np.ndarray, rows: int) -> np.ndarray:
 
 
 def check_profile(profile: Profile, drive: BusDrive) -> None:
-    """Raise ParameterError if the profile begins or ends with a step, or exceeds the limits."""
+    """Raise ParameterError if a profile begins or ends with a step, or exceeds the limits of the drive."""
     limits = drive.limits
     for name, row in (("excitation", profile.excitation), ("speed of the set position", profile.velocity)):
         peak = float(np.max(np.abs(row), initial=0.0))
@@ -211,7 +213,7 @@ _SETTLING = 0.1  # s that the last target is held before the drive is switched o
 
 @dataclass(frozen=True)
 class Played:
-    """The log of a motion, the reason of an early end (None: completed), lost frames, cycle lateness, and remarks."""
+    """The log of a motion, the reason for an early end (None if completed), lost frames, lateness, and remarks."""
 
     log: Log
     aborted: str | None
@@ -222,10 +224,12 @@ class Played:
 
 @contextlib.contextmanager
 def interruption() -> Generator[Callable[[], bool]]:
-    """Turn Ctrl-C into a flag that is read once per cycle, so that no cycle is interrupted; repeating it has no
-    effect.
+    """Replace the handlers of Ctrl-C by a flag, so that no cycle is interrupted; pressing it again has no effect.
+
+    Yields a function that returns True once a signal has arrived.
     """
     pressed = threading.Event()
+    # Python permits signal handlers in the main thread only; others are stopped by `progress`
     if threading.current_thread() is not threading.main_thread():
         yield pressed.is_set
         return
@@ -242,7 +246,7 @@ def interruption() -> Generator[Callable[[], bool]]:
 
 
 def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progress: Progress | None = None) -> Played:
-    """Switch the drive on, play a profile, hold, and switch off; see `play_together`."""
+    """Switch a drive on, play a profile, hold the last position, and switch off; see `play_together`."""
     return play_together([client], [profile], names=[name], progress=progress)[0]
 
 
@@ -253,7 +257,7 @@ def play_together(
     names: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> list[Played]:
-    """Switch the drives on, play a profile on each in the same cycles, hold, and switch them off.
+    """Switch the drives on, play a profile on each in the same cycles, hold the last position, and switch them off.
 
     The motions are relative to the present positions.  Row k of a log holds the setpoints sent in cycle k and the
     drive's answer to them, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the motion
@@ -262,6 +266,7 @@ def play_together(
     """
     first, drive = clients[0], clients[0].drive
     for client, profile in zip(clients, profiles, strict=True):
+        # for every drive, before the first one is switched on
         if np.any(profile.excitation):
             client.excites(profile.unit)
     for client in clients:
@@ -290,10 +295,13 @@ def play_together(
             if aborted:
                 break
             if progress is not None and k % report_every == 0:
-                progress.show_step(profiles[0].name, min(k, count), count, "")  # never raises, so that no cycle breaks
+                # unlike `step`, it never raises: a cancel must end the motion by a quick stop
+                progress.show_step(profiles[0].name, min(k, count), count, "")
+        # before the quick stop, whose cycles are no part of the motion
         lateness = first.pace.lateness()
         if aborted:
             for client in clients:
+                # requested for all first: the next cycle carries every quick stop, while `_halt` waits drive by drive
                 client.prepare_stop()
         ends = [Text(f"{aborted}{_halt(client)}" if aborted else "") for client in clients]
         for client in () if aborted else clients:
@@ -316,7 +324,7 @@ def play_together(
 
 
 def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness | None) -> Iterator[str]:
-    """Yield remarks on the validity of the recorded motion."""
+    """Yield remarks on lost frames, missing real-time priority and late cycles."""
     if lost:
         yield (
             f"{lost} frames were lost; their rows hold the last values (column lost): repeat the measurement if there "
@@ -334,7 +342,7 @@ def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness
 
 
 def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
-    """Return the reason to abort: the first drive that no longer follows or is stopped by its watch; empty if none."""
+    """Return the reason to abort: the first drive that no longer follows or that its watch stops; empty if none."""
     for rows, fault in zip(kept, seen, strict=True):
         reason = rows.client.trouble() or fault
         if reason:
@@ -343,7 +351,7 @@ def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
 
 
 def listened(client: DriveClient, seconds: float) -> Played:
-    """Log a switched-off drive, at rest or moved by hand. Raises BusError if it stops answering."""
+    """Log a switched-off drive, whose axis is at rest or pushed by hand. Raises BusError if it stops answering."""
     assert client.told is not None
     rows, zero = _Rows(client), np.zeros(0)
     count = max(1, round(seconds / client.drive.cycle_time))
@@ -364,7 +372,7 @@ def listened(client: DriveClient, seconds: float) -> Played:
 
 
 class _Sent(NamedTuple):
-    """The setpoints of a cycle: the target as sent to the drive, and the excitation of the profile."""
+    """The setpoints of a cycle: the target sent to the drive, and the excitation of the profile."""
 
     target: Target
     excitation: float
@@ -405,7 +413,7 @@ def _halt(client: DriveClient) -> str:
 
 
 class _Rows:
-    """The recorder of one drive: sent and received values of each cycle, and the watch over the drive."""
+    """The recorder of one drive: the sent and received values of each cycle, and the supervision of the drive."""
 
     def __init__(self, client: DriveClient) -> None:
         assert client.told is not None
@@ -418,7 +426,7 @@ class _Rows:
         self._state = self._watch.begin(self._answer(client.told))
 
     def watched(self, sent: _Sent, late: bool) -> str:
-        """Add the completed cycle; return the reason if the watch aborts the motion, else empty."""
+        """Add the completed cycle; return the reason if the watch aborts the motion, else an empty text."""
         told = self.client.answer
         self.add(sent.target.position, sent.excitation, told)
         answer = None if told is None else self._answer(told)
@@ -430,7 +438,7 @@ class _Rows:
         return Answer(told.position, velocity, told.force, told.following_error, told.second)
 
     def add(self, set_position: float, excitation: float, told: ActualValues | None) -> None:
-        """Add one cycle; a lost frame repeats the last values."""
+        """Add one cycle; for a lost frame the last values are repeated."""
         self._last = told or self._last
         self.sent.append((set_position, excitation))
         self.told.append(self._last)

@@ -1,9 +1,9 @@
 """Passive sampling of a drive's actual values over its bus, without commanding the drive.
 
 Only inputs from the drive are mapped: no controlword, mode, target or limit is sent or written, and no watchdog is set,
-so that sampling neither enables nor moves a drive.  The drive is brought to OPERATIONAL (CANopen: its messages answer
-SYNC) or OP (EtherCAT) and left as the transport leaves it.  Like `play` and `listen`, sampling refuses a bus with
-another master.
+so that sampling neither enables nor moves a drive.  The drive is switched to OPERATIONAL (CANopen: its messages answer
+SYNC) or OP (EtherCAT) and, at the end, returned to the state described in the transport's `close`.  Like `play` and
+`listen`, sampling refuses a bus with another master.
 """
 
 import multiprocessing
@@ -24,6 +24,7 @@ from feeddrive.language.errors import BusError, FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
+# a forked copy of the page's process could inherit locks that its threads hold
 _CONTEXT = multiprocessing.get_context("spawn")
 _TOGETHER = 0.02  # s of rows that are handed over at once
 _LOST = 1000  # cycles in a row without an answer after which the drive is given up
@@ -37,13 +38,14 @@ _CHANNELS: Mapping[str, tuple[str, str]] = {
     "force": ("torque", "N"),
     "following_error": ("following_error", "m"),
     "position_second": ("second_position", "m"),
+    # last: `DriveSamples` reads the power state from the last column
     "status": ("statusword", ""),
 }
 _NEEDED = ("position", "torque", "statusword")
 
 
 class Sampler:
-    """The process data exchange with one drive: `open`, then `cycle` repeatedly, then `close`. All raise BusError."""
+    """The exchange with one drive: `open`, then repeatedly `cycle`, which both raise BusError, then `close`."""
 
     def __init__(self, transport: Transport, drive: BusDrive) -> None:
         self.transport, self.drive = transport, drive
@@ -75,6 +77,7 @@ class Sampler:
         """Exchange one cycle; return its lateness (s) and the values of the channels, None for a lost frame."""
         late = self.pace.wait()
         self.transport.put(b"")
+        # a virtual drive simulates the cycle before it answers, on a computer that may be busy
         told = self.transport.take(1.0 if self.virtual else max(2e-3, 2.0 * self.drive.cycle_time))
         if told is None:
             self._lost += 1
@@ -98,10 +101,10 @@ def values_of(raw: Mapping[str, int], channels: Mapping[str, str], scaling: Driv
 
 
 def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], stopped: Callable[[], bool]) -> None:
-    """Sample until `stopped`, passing time (s) and values to `give` in chunks; a lost frame is a row of NaN.
+    """Sample until `stopped` returns True, passing time (s) and values to `give` in chunks; a lost frame gives NaN.
 
-    Row k has the bus time k T, where T is the cycle time.  If this computer begins a cycle more than T late, the time
-    advances by the delay, except with a virtual drive, whose time is counted in cycles. Raises BusError.
+    Row k has the bus time k T, where T is the cycle time, plus the delays of all cycles that this computer began more
+    than T late.  A virtual drive has no such delays, since its time is counted in cycles.  Raises BusError.
     """
     T, k, slipped = sampler.drive.cycle_time, 0, 0.0
     gap = [float("nan")] * len(sampler.channels)
@@ -120,7 +123,7 @@ def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], sto
 def _child(file: DriveFile, line: Any) -> None:
     """Sample in a separate process, so that neither page nor plotting delays a cycle.
 
-    However the parent process ends, the connection breaks with it, and the drive is released properly.
+    However the parent process ends, the connection closes with it, and the drive is released properly.
     """
     # Ctrl-C reaches all processes of the terminal: this one is ended by its parent, and then releases the drive
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -128,20 +131,22 @@ def _child(file: DriveFile, line: Any) -> None:
     try:
         sampler.open()
         line.send(("open", sampler.channels, sampler.description))
+        # `poll` is true for a message to stop and for a connection closed by a parent that died
         sample(sampler, lambda time, values: line.send(("rows", time, values)), line.poll)
     except FeeddriveError as error:
         with suppress(OSError):
             line.send(("error", Text(f"{file.name}: {error}")))
     except (OSError, EOFError):
-        pass  # who asked is gone
+        # the parent has ended: nobody is left to receive an error
+        pass
     finally:
         sampler.close()
 
 
 class DriveSamples:
-    """The sampled actual values of a drive: position (m), velocity (m/s), force (N). See `LiveSource`.
+    """A live source of the actual values of a drive: position (m), velocity (m/s), force (N). See `LiveSource`.
 
-    The bus is claimed exclusively while the source is open.
+    No other program can use the bus while the source is open.
     """
 
     clock, over = "s", False
@@ -153,6 +158,7 @@ class DriveSamples:
         self._line, theirs = _CONTEXT.Pipe()
         self._process = _CONTEXT.Process(target=_child, args=(file, theirs), daemon=True)
         self._process.start()
+        # or this process would hold the other end open, and never see that the child has ended
         theirs.close()
 
     def take(self) -> Rows:

@@ -1,4 +1,4 @@
-"""The transport interface to a drive on a bus, and the timing of its cycle."""
+"""The interface to a drive on a bus, access to its objects, and the timing of its cycle."""
 
 import contextlib
 import gc
@@ -46,15 +46,15 @@ class RefusedError(BusError):
 class Transport(Protocol):
     """A drive on a bus.
 
-    `where` is bus, interface and station, for errors.  The order is open, object access, `map`, `watch`, `operate`,
-    repeated `put` and `take`, close; all raise BusError.  Drives that share a frame must all complete a step before any
-    of them continues with the next one.
+    `where` names bus, interface and station in error messages.  The order of calls is `open`, access to objects, `map`,
+    `watch`, `operate`, repeated `put` and `take`, `close`; all but `close` raise BusError.  Drives that share a frame
+    must all complete a step before any of them continues with the next one.
     """
 
     where: str
 
     def open(self) -> None:
-        """Find the drive; afterwards its objects can be read and written."""
+        """Find the drive, so that its objects can be read and written."""
 
     def read(self, index: int, subindex: int) -> bytes:
         """Return the content of an object. Raises RefusedError."""
@@ -67,7 +67,7 @@ class Transport(Protocol):
         """Map the objects that are sent and received in each cycle."""
 
     def watch(self, seconds: float) -> None:
-        """Set the drive's watchdog time, s, after which it stops without frames, and read it back."""
+        """Set the time without frames after which the watchdog of the drive stops it, in s, and read it back."""
 
     def operate(self, content: bytes) -> None:
         """Start the process data exchange with this initial content."""
@@ -83,7 +83,7 @@ class Transport(Protocol):
         ...
 
     def state(self) -> str:
-        """Return the bus state of the station as text, for the error after lost frames."""
+        """Return the bus state of the station as text, for the error message after lost frames."""
         ...
 
     def close(self) -> None:
@@ -91,7 +91,7 @@ class Transport(Protocol):
 
 
 class Claim:
-    """An exclusive lock on an interface: a second master would reset the first one's drives while they are in motion.
+    """An exclusive lock on an interface, since a second master would reset the drives of the first one in motion.
 
     The lock is an abstract socket name in the network namespace of the interface, which the system frees however the
     process ends.  It exists on Linux only; on other systems another master is detected only by its frames.
@@ -109,6 +109,7 @@ class Claim:
         line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             line.bind(name)
+            # so that `_holder` of another process can connect and read the process id
             line.listen(1)
         except OSError:
             line.close()
@@ -126,17 +127,18 @@ class Claim:
 
 
 def _holder(name: bytes) -> str:
-    """Return ` (process 123)` for the process that holds the name; empty if the system does not report it."""
+    """Return ` (process 123)` for the process that holds the lock; empty if the system does not report it."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
         asking.settimeout(0.1)
         asking.connect(name)
         process, *_ = struct.unpack("3i", asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        # 0: the holder runs in another process namespace, where its id means nothing here
         return f" (process {process})" if process not in (0, os.getpid()) else " (this process)" if process else ""
     return ""
 
 
 def read_object(transport: Transport, name: str) -> int:
-    """Read an object, by name, as a number. Raises RefusedError."""
+    """Read an object, by name, as a number. Raises RefusedError, and BusError for too short a content."""
     entry = OBJECTS[name]
     content = transport.read(entry.index, entry.subindex)
     if len(content) < entry.bits // 8:
@@ -191,8 +193,8 @@ _PRIORITY = 60  # SCHED_FIFO
 
 
 class Lateness(NamedTuple):
-    """The lateness of cycles, in s: median, 99th percentile, maximum; the number of cycles more than one cycle late;
-    and the total slip of the clock.
+    """The lateness of cycles: median, 99th percentile and maximum (s), the number of cycles more than one cycle late,
+    and the total slip of the schedule (s).
 
     It characterizes the computer, not the drive.
     """
@@ -209,8 +211,7 @@ class Pace:
 
     With cycle_time = None a cycle begins as soon as the drive has answered.  A delay of more than a cycle is not
     recovered by sending faster, since the drive would receive jumps: the schedule slips, the motion pauses for the
-    delay, and the log counts such cycles.  The delay permitted in motion is `late_cycles` of the drive file, enforced
-    by `DriveClient.cycle`.
+    delay, and the log counts such cycles.  `DriveClient.cycle` limits the delay in motion to `late_cycles`.
     """
 
     def __init__(self, cycle_time: float | None) -> None:
@@ -221,7 +222,7 @@ class Pace:
         self._missed, self._slipped = 0, 0.0
 
     def begin(self) -> None:
-        """Start the schedule."""
+        """Reset the lateness statistics."""
         self._late, self._missed, self._slipped = [], 0, 0.0
 
     def wait(self) -> float:
@@ -263,8 +264,10 @@ def urgent(wanted: bool) -> Generator[bool]:
         with contextlib.suppress(OSError):
             ordinary = os.sched_getscheduler(0), os.sched_getparam(0)
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
-            before = ordinary  # only now: a refusal leaves it None
+            # only after it succeeded: a refusal leaves None, and nothing to restore
+            before = ordinary
     collected = gc.isenabled()
+    # a full collection can take longer than a cycle
     gc.disable()
     try:
         yield before is not None

@@ -33,7 +33,7 @@ _RECORD = ("reading_load", "reading_motor", "force", "trip")
 
 
 class Sample(NamedTuple):
-    """The last sample of a call: encoder readings (m), the force applied from then on (N), trip code of the guard."""
+    """The last sample of a call: encoder readings (m), the force applied from then on (N), the guard's trip code."""
 
     position: float
     second: float
@@ -42,9 +42,9 @@ class Sample(NamedTuple):
 
 
 class DrivenAxis:
-    """A plant with its control, simulated step by step in the same native code as `simulate`.
+    """A plant with its control, simulated step by step by the same native code as in `simulate`.
 
-    A control without a guard is given one without limits, since a drive is switched on and off.
+    A control without a guard gets one without limits, because only a guard can switch the control on and off.
     """
 
     def __init__(self, loop: Loop, position: float = 0.0, seed: int = 0) -> None:
@@ -62,6 +62,7 @@ class DrivenAxis:
         self._constants = prepared.constants(self._closed)
         self._of_open = prepared.constants(self._open)
         self._velocity = self._constants.copy()
+        # without its position gain, and with all of the set velocity, a cascade is its velocity loop alone
         for name, value in (("control.law.Kv", 0.0), ("control.law.velocity_feedforward", 1.0)):
             for row, (constant, _) in enumerate(self._closed.plan.constants):
                 if constant == name:
@@ -77,7 +78,7 @@ class DrivenAxis:
 
     @property
     def has_velocity_loop(self) -> bool:
-        """True if the law is a cascade, whose velocity loop runs alone with a position gain of 0."""
+        """True if the law is a cascade, whose velocity loop can run alone, with a position gain of 0."""
         return isinstance(self.loop.control.law, CascadePPI)
 
     @staticmethod
@@ -88,7 +89,7 @@ class DrivenAxis:
     def follow(
         self, position: np.ndarray, velocity: np.ndarray, added_force: float, enable: bool, alone: bool = False
     ) -> Sample:
-        """Run one sample for each set position (m) and velocity (m/s), adding a force (N) after the limit.
+        """Run one sample for each set position (m) and velocity (m/s), adding a force (N) after the force limit.
 
         With `alone` only the velocity loop runs.  Without `enable` no force acts.
         """
@@ -112,6 +113,7 @@ class DrivenAxis:
         self.sample += count
         names = [name for name, _ in native.plan.outputs]
         row = dict(zip(names, outputs[-1].tolist(), strict=True))
+        # a trip in any sample of the bus cycle is a fault of the drive
         trip = max(outputs[:, names.index("trip")])
         added = float(inputs[-1, [n for n, _ in native.plan.inputs].index("added_force")]) if table == 0 else 0.0
         self.last = Sample(row["reading_load"], row["reading_motor"], row["force"] + added, float(trip))
@@ -126,9 +128,9 @@ _FORCE = 1000.0  # N, rated, where nothing is stated
 
 
 def scaling_of(loop: Loop) -> DriveScaling:
-    """Return the scaling, with one increment per count of the position encoder and the continuous force as rated force.
+    """Return the scaling of a virtual drive: one increment per encoder count, and the continuous force as rated force.
 
-    A motor on a screw gets a whole number of counts per revolution; the rated torque is a whole number of mN m.
+    A motor on a screw gets a whole number of counts per revolution, and a rated torque of a whole number of mN m.
     """
     sensor = loop.axis.encoder_load or loop.axis.encoder_motor
     resolution = sensor.resolution if isinstance(sensor, Encoder) else None
@@ -159,12 +161,13 @@ def _resistance(axis: Axis) -> float | None:
     if not all(isinstance(force, Gravity) for force in axis.forces):
         return None
     frictions = [friction for friction in (axis.friction_motor, axis.friction_load) if friction is not None]
+    # both signs: friction may depend on the direction; the viscous part is no resistance at rest
     held = sum(max(abs(float(law.steady(v) - law.linear() * v)) for v in (*-_SLOW, *_SLOW)) for law in frictions)
     return held + abs(sum(float(force.force) for force in axis.forces if isinstance(force, Gravity)))
 
 
 def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
-    """Return a drive file for the virtual drive, with limits from the machine's guard and control where available."""
+    """Return the text of a drive file for the virtual drive, with the limits of the guard and the control, if any."""
     guard, limits = loop.control.guard, loop.control.force_limit
     velocity = None if guard is None else guard.velocity_limit
     following = None if guard is None else guard.following_error_limit
@@ -248,7 +251,7 @@ READ_ONLY, NO_OBJECT, NO_SUBINDEX, WRONG_LENGTH, TOO_LARGE, WRONG_STATE = (
 
 
 class SdoAbortError(Exception):
-    """A refused SDO, with its abort code."""
+    """A refused SDO transfer, with its abort code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"0x{code:08X}")
@@ -268,7 +271,7 @@ class Firmware:
     """
 
     def __init__(self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float) -> None:
-        """Set up the firmware; `cycle_time` in s. Raises ParameterError if not a multiple of the sample time."""
+        """Set up the firmware. Raises ParameterError if `cycle_time` (s) is no whole multiple of the sample time."""
         self.axis, self.scaling = axis, scaling
         self.T = float(axis.loop.sample_time)
         self.samples = round(cycle_time / self.T)
@@ -317,6 +320,7 @@ class Firmware:
         if scaling.turns:
             assert scaling.counts_per_turn is not None
             values |= {"encoder_increments": round(scaling.counts_per_turn), "encoder_turns": 1}
+            # a ratio of whole numbers: three decimals of the gear remain
             turns = round(1000 * scaling.gear)
             values |= {"gear_motor_turns": turns, "gear_shaft_turns": 1000}
             values |= {"feed_constant": round(scaling.counts_per_turn * scaling.gear), "feed_shaft_turns": 1}
@@ -337,6 +341,7 @@ class Firmware:
         entry = cia402.AT.get((index, subindex))
         same = [other for other in cia402.AT.values() if other.index == index and self.has(other.name)]
         if entry is None or not self.has(entry.name):
+            # CiA 301: subindex 0 of a record is its highest subindex
             if subindex == 0 and same:
                 return bytes([max(other.subindex for other in same)])
             raise SdoAbortError(NO_SUBINDEX if same else NO_OBJECT)
@@ -364,7 +369,7 @@ class Firmware:
         self.values.update(sent)
 
     def lost(self) -> None:
-        """Handle a lost connection: an enabled drive goes into fault, unless 0x6007 = 0."""
+        """Handle a lost connection: an enabled drive enters the fault state, unless 0x6007 = 0."""
         if self.values["connection_option"] == 0:
             return
         if self.state in (PowerState.ENABLED, PowerState.QUICK_STOP):
@@ -432,9 +437,11 @@ class Firmware:
         if not values["position_least"] <= counts <= values["position_most"]:
             return 0x8612
         target = counts * scaling.metre
+        # freshly enabled there is no last target: a line from an old one would be a jump of the setpoint
         begin = target if fresh or self._target is None else self._target
         line = np.full(self.samples, target) if begin == target else begin + self._shares * (target - begin)
-        line[-1] = target  # before it is rounded to increments
+        # exactly: begin + (target - begin) may be off in the last bit
+        line[-1] = target
         self._target = target
         error = self._moved(line, values["velocity_offset"] * scaling.metre, offset, enable=True)
         far = abs(counts - values["position"])
@@ -450,6 +457,7 @@ class Firmware:
             limited = max(-float(limit), min(float(limit), limited))
         before = self.axis.last.position
         self.axis.push(limited, self.samples)
+        # the control is off, and its guard with it: the limits that hold in this mode are checked here
         guard, here = self.axis.loop.control.guard, self.axis.last.position
         speed = (here - before) / self.cycle_time
         self._show(here, self.axis.last.second, speed, round(limited / self.scaling.newton))
@@ -461,7 +469,7 @@ class Firmware:
         return 0x8612 if low or (guard.travel_most is not None and here > guard.travel_most) else 0
 
     def _begin_braking(self) -> None:
-        """Start the quick stop ramp at the set position, or without one at the present position."""
+        """Start the quick stop ramp at the set position or, if there is none, at the present position."""
         velocity = self.values["velocity"] * self.scaling.metre
         at = self.axis.last.position if self._target is None else self._target
         self._braking, self._still, self._target = (at, velocity), 0.0, None
@@ -480,6 +488,7 @@ class Firmware:
         self._braking = position, velocity
         error = self._moved(line, speeds, 0.0, enable=True)
         self._still += self.cycle_time if velocity == 0.0 else 0.0
+        # CiA 402: with options 5 to 8 a drive stays in quick stop active
         if self._still >= _STANDSTILL and self.values["quick_stop_option"] < 5:
             self.state = PowerState.SWITCH_ON_DISABLED
         return error
@@ -487,7 +496,7 @@ class Firmware:
     def _moved(
         self, line: np.ndarray, velocity: float | np.ndarray, added: float, *, enable: bool, alone: bool = False
     ) -> int:
-        """Run one bus cycle under control; return the error code, 0 without a trip of the guard."""
+        """Run one bus cycle in closed loop; return the error code, 0 if the guard does not trip."""
         before = self.axis.last.position
         last = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone)
         speed = (last.position - before) / self.cycle_time
@@ -523,10 +532,10 @@ INVALID = 1 << 31  # bit of a message that is switched off
 
 
 class PdoMap:
-    """The PDO mapping lists of a drive; a write is refused unless `changeable()` is True."""
+    """The PDO mapping and assignment lists of a drive; writes are refused unless `changeable()` is True."""
 
     def __init__(self, firmware: Firmware, changeable: Callable[[], bool], station: int = 0) -> None:
-        """Set up the lists; `station` is a CANopen node number, with the COB-IDs of the predefined connection set."""
+        """Set up the lists; `station` is the CANopen node number for the COB-IDs, 0 on EtherCAT."""
         self.firmware, self._changeable = firmware, changeable
         self._lists: dict[int, list[int]] = {}
         self.messages: dict[int, int] = {}
@@ -542,16 +551,16 @@ class PdoMap:
         self._counts = {index: len(entries) for index, entries in self._lists.items()}
 
     def names(self, index: int) -> list[str]:
-        """Return the objects of one PDO."""
+        """Return the names of the objects in one PDO."""
         words = self._lists[index][: self._counts[index]]
         return [cia402.AT[word >> 16, word >> 8 & 0xFF].name for word in words]
 
     def assigned(self, first: int) -> Layout:
-        """Return all objects listed by 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00), in order."""
+        """Return the layout of all PDOs assigned by 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00)."""
         return Layout([self.names(index) for index in self._lists[_ASSIGNED[first]][: self._counts[_ASSIGNED[first]]]])
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Return an object of the mapping, or one of the firmware. Raises SdoAbortError."""
+        """Return the content of a mapping object or any other object of the drive. Raises SdoAbortError."""
         if index in self.messages:
             if subindex > 2:
                 raise SdoAbortError(NO_SUBINDEX)
@@ -566,7 +575,7 @@ class PdoMap:
         return struct.pack("<H" if index >= 0x1C00 else "<I", entries[subindex - 1])
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
-        """Change an object of the mapping. Raises SdoAbortError."""
+        """Change a mapping object or any other object of the drive. Raises SdoAbortError."""
         if index not in self._lists and index not in self.messages:
             self.firmware.write(index, subindex, content)
             return
@@ -587,8 +596,9 @@ class PdoMap:
                 raise SdoAbortError(_TOO_MANY)
             self._counts[index] = value
             return
+        # CiA 301: entries may be written only while the count is 0
         if self._counts[index]:
-            raise SdoAbortError(WRONG_STATE)  # the count is set to 0 first
+            raise SdoAbortError(WRONG_STATE)
         if subindex > _ENTRIES:
             raise SdoAbortError(_TOO_MANY)
         if index < 0x1C00:
@@ -597,5 +607,6 @@ class PdoMap:
                 raise SdoAbortError(_NOT_MAPPABLE)
         elif value not in self._lists or value >= 0x1C00:
             raise SdoAbortError(NO_OBJECT)
+        # entries may arrive in any order: gaps hold a valid entry until theirs is written
         entries += [entries[0] if entries else value] * (subindex - len(entries))
         entries[subindex - 1] = value

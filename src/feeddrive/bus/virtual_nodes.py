@@ -1,8 +1,8 @@
 """The virtual drive as a slave on an Ethernet interface (EtherCAT), and as a node on a CAN bus (CANopen).
 
 The slave controller implements registers, EEPROM, FMMUs, sync managers, AL states and frame processing, according to
-ETG.1000.4 and the register descriptions of the chip manufacturers.  Not supported, and reported so by the registers:
-distributed clocks, redundancy, sync manager events and EEPROM writing.
+ETG.1000.4 and the register descriptions of the chip manufacturers.  The registers report that distributed clocks,
+redundancy, sync manager events and EEPROM writing are not supported.
 
 The mailbox supports CANopen over EtherCAT with SDO upload and download.  Segmented transfer, complete access and SDO
 information are refused with an abort code; masters work without them.
@@ -35,10 +35,10 @@ def serve_ethercat(
     watchdog: float | None = None,
     lose: Callable[[int], bool] = lambda _cycle: False,
 ) -> None:
-    """Serve drives on an interface until `stopped`; several drives are the stations of a segment, in order.
+    """Serve drives on an interface until `stopped` returns True; several drives form a segment, in order.
 
-    watchdog  real time without process data, s, after which an enabled drive goes into fault; None: the time that a
-              master writes to the registers; until then the plant advances only with the frames
+    watchdog  real time without process data, s, after which an enabled drive enters the fault state; None: the time
+              that a master writes to the registers; the plant advances only with the frames
     lose      function of the cycle number that returns True to drop the first drive's answer, for client tests
 
     Raises ParameterError for a missing interface, BusError without access rights.
@@ -59,7 +59,8 @@ def serve_ethercat(
                     frame = None if frame is None else station.passed(frame)
                 if frame is not None and not lose(drives[0].cycles):
                     line.send(frame)
-                moved = [station.advance() for station in stations]  # all of them, not up to the first
+                # after the answer, so that the simulation does not delay it; a list, since any() would stop early
+                moved = [station.advance() for station in stations]
                 if any(moved):
                     last = time.monotonic()
             for station, limit in zip(stations, limits, strict=True):
@@ -88,7 +89,7 @@ _WRITES = {2, 3, 5, 6, 8, 9}
 
 
 class SlaveController:
-    """A slave controller that answers EtherCAT frames; `cycles` counts the bus cycles passed to the firmware."""
+    """A slave controller that answers EtherCAT frames and passes their process data to the firmware."""
 
     def __init__(self, firmware: Firmware) -> None:
         self.firmware = firmware
@@ -99,7 +100,8 @@ class SlaveController:
         struct.pack_into("<BBHBBBBH", self._memory, 0x0000, 0x11, 0, 1, 4, 4, 4, 0x03, 0x0000)
         struct.pack_into("<H", self._memory, 0x0110, 0x5611)  # link on port 0, the others closed
         struct.pack_into("<H", self._memory, 0x0140, 0x0005)
-        struct.pack_into("<H", self._memory, _DIVIDER, 2498)  # 40 ns each, and two: 100 us
+        # a unit of the watchdog is divider + 2 periods of 25 MHz: 100 us, the default of the chips
+        struct.pack_into("<H", self._memory, _DIVIDER, 2498)
         self._outputs, self._inputs = self.objects.assigned(0x1600), self.objects.assigned(0x1A00)
         self._due = False
         self._enter(INIT)
@@ -111,7 +113,7 @@ class SlaveController:
 
     @property
     def watchdog(self) -> float:
-        """The watchdog time set in the registers, s: without outputs for that long the slave leaves OP; 0: never."""
+        """The watchdog time in the registers, s, after which a slave without outputs leaves OP; 0 if it is off."""
         (divider,) = struct.unpack_from("<H", self._memory, _DIVIDER)
         (time_,) = struct.unpack_from("<H", self._memory, _WATCHDOG_TIME)
         return 40e-9 * (divider + 2) * time_ if self._memory[_SYNC + 8 * 2 + 4] & 0x40 else 0.0
@@ -126,11 +128,12 @@ class SlaveController:
         self.firmware.lost()
 
     def passed(self, frame: bytes) -> bytes | None:
-        """Process a frame and return it, None if it is not EtherCAT; `advance` must be called afterwards."""
+        """Process a frame and return it, or None if it is not EtherCAT; call `advance` afterwards."""
         if len(frame) < 28 or frame[12:14] != b"\x88\xa4":
             return None
         returned = bytearray(frame)
-        returned[6] |= 0x02  # the address of the sender, as every slave marks it
+        # every slave sets the bit of a locally administered address in that of the sender
+        returned[6] |= 0x02
         for at, size in _datagrams(returned):
             self._datagram(returned, at, size)
         return bytes(returned)
@@ -162,7 +165,8 @@ class SlaveController:
         else:
             station, register = struct.unpack_from("<HH", frame, at + 2)
             mine = self._addressed(command, station)
-            if command in (1, 2, 3, 7, 8, 9, 13):  # by position, or to all: each slave counts on
+            # auto-increment and broadcast addresses grow by one in each slave
+            if command in (1, 2, 3, 7, 8, 9, 13):
                 struct.pack_into("<H", frame, at + 2, station + 1 & 0xFFFF)
             written = bytes(frame[start:end])
             if command in _READS and (mine or command in (7, 9)):
@@ -170,6 +174,7 @@ class SlaveController:
                 frame[start:end] = (
                     bytes(a | b for a, b in zip(content, written, strict=True)) if command == 7 else content
                 )
+                # ETG.1000.4: the working counter grows by 1, but by 2 for the write of a command that also reads
                 counted += 1
             if mine and command in _WRITES:
                 self._write(register, written)
@@ -185,9 +190,9 @@ class SlaveController:
         return station == 0
 
     def _logical(self, frame: bytearray, command: int, at: int, start: int, size: int) -> int:
-        """Serve LRD, LWR, LRW through the FMMUs.
+        """Serve an LRD, LWR or LRW command through the FMMUs; return the increment of the working counter.
 
-        Returns the working counter increment: 1 for a read, 1 for a write, 2 for a write in an LRW.
+        The increment is 1 for a read, plus 1 for a write, or plus 2 for a write in an LRW.
         """
         (logical,) = struct.unpack_from("<I", frame, at + 2)
         if self.state not in (SAFEOP, OP):
@@ -218,7 +223,8 @@ class SlaveController:
     def _read(self, register: int, size: int) -> bytes:
         content = bytes(self._memory[register : register + size]).ljust(size, b"\x00")
         if register <= sum(MAILBOX_IN) - 1 < register + size and self._memory[_SYNC + 13] & _FULL:
-            self._memory[_SYNC + 13] &= ~_FULL  # the last byte of the mailbox was read
+            # only reading its last byte empties a mailbox
+            self._memory[_SYNC + 13] &= ~_FULL
         return content
 
     def _write(self, register: int, content: bytes) -> None:
@@ -231,9 +237,11 @@ class SlaveController:
             self._control(self._memory[_AL_CONTROL])
         if _EEPROM_CONTROL + 1 in touched:
             self._serve_eeprom()
-        if _SYNC + 8 in touched:  # set up anew: empty
+        # a sync manager that is configured again starts with an empty mailbox
+        if _SYNC + 8 in touched:
             self._memory[_SYNC + 13] &= ~_FULL
-        elif self._memory[_SYNC + 14] & _REPEAT != repeat:  # the frame that fetched the mailbox was lost
+        elif self._memory[_SYNC + 14] & _REPEAT != repeat:
+            # the frame that fetched the mailbox was lost, and the master asks for its content again
             self._memory[_SYNC + 13] |= _FULL
         self._memory[_SYNC + 15] = self._memory[_SYNC + 14] & _REPEAT
         if sum(MAILBOX_OUT) - 1 in touched and self.state >= PREOP:
@@ -242,6 +250,7 @@ class SlaveController:
     def _serve_eeprom(self) -> None:
         command = struct.unpack_from("<H", self._memory, _EEPROM_CONTROL)[0] & 0x0700
         if command == 0x0100:
+            # the EEPROM is addressed in words of 16 bits
             at = 2 * struct.unpack_from("<I", self._memory, _EEPROM_ADDRESS)[0]
             self._memory[_EEPROM_DATA : _EEPROM_DATA + 8] = self._eeprom[at : at + 8].ljust(8, b"\xff")
         # not busy, no error; 8 bytes at once
@@ -275,7 +284,7 @@ class SlaveController:
                 self.firmware.lost()
 
     def _obstacle(self, state: int) -> int:
-        """Return the AL status code that prevents a state from being entered; 0 for none."""
+        """Return the AL status code of the reason why a state cannot be entered; 0 if it can."""
         if state == PREOP and self.state == INIT:
             return 0 if all(self._sync(k) == place for k, place in ((0, MAILBOX_OUT), (1, MAILBOX_IN))) else _NO_MAILBOX
         if state == SAFEOP and self.state == PREOP:
@@ -420,7 +429,7 @@ def serve_canopen(
     bitrate: int | None = None,
     lose: Callable[[int], bool] = lambda _cycle: False,
 ) -> None:
-    """Serve node `station` on a python-can bus until `stopped`; `lose` drops the answer of a cycle.
+    """Serve node `station` on a python-can bus until `stopped` returns True; `lose` drops the answer of a cycle.
 
     On each SYNC the values of the last cycle are sent, then the plant advances by one bus cycle.  Raises BusError for a
     bus that cannot be opened, MissingExtraError without the packages.
@@ -429,8 +438,9 @@ def serve_canopen(
     watch = _MasterWatch()
     objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL", station)
 
+    # a local class, since its base is in an optional package
     class Node(canopen.LocalNode):
-        """A CANopen node with the object dictionary of the firmware; the package handles only the heartbeat."""
+        """A CANopen node with the object dictionary of the firmware; the package itself handles only the heartbeat."""
 
         def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
             if index == _HEARTBEAT:
@@ -462,6 +472,7 @@ def serve_canopen(
         dictionary.add_object(heartbeat)
         node = Node(station, dictionary)
         network.add_node(node)
+        # of every node, since 0x1016 may name any of them later
         for master in range(1, 128):
             if master != station:
                 network.subscribe(_BEAT + master, watch.beat)
@@ -496,7 +507,8 @@ def serve_canopen(
         while not stopped():
             time.sleep(_PAUSE)
             if operational() and watch.is_silent():
-                node.nmt.state = "PRE-OPERATIONAL"  # as 0x1029 has it by default
+                # the default reaction of 0x1029 to a lost heartbeat
+                node.nmt.state = "PRE-OPERATIONAL"
             if not operational():
                 firmware.lost()
     finally:

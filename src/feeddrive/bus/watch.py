@@ -1,4 +1,4 @@
-"""Supervision of a drive in motion, independent of what the drive reports about its own health.
+"""Supervision of a drive in motion, independent of the health that the drive reports.
 
 `Watch.step` is a pure function: it maps state, targets and actual values of one cycle to the next state and a fault, or
 None.  It accesses neither bus nor clock, and does not depend on the source of the targets.
@@ -83,10 +83,12 @@ from feeddrive.bus.drive_file import BusDrive
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-SHOWN = 2  # counts by which a reading must change to be a sign of life: one may be noise
+# counts by which a reading must change to be a sign of life: one may be noise
+SHOWN = 2
 SURE = 3  # counts of true motion beyond which two are shown: one is shown, rounding and noise take one each
 USED = 0.75  # share of what is left to limits.following_error, of which a live drive uses less before it moves
-SPARE = 2  # cycles beyond `lost_frames` for which values may repeat: a frame in between, and slow process data
+# cycles beyond `lost_frames` for which values may repeat: a frame in between, and slow process data
+SPARE = 2
 RESPONSE = 0.01  # s that current loop, filters and elastic parts may take
 MEMORY = 10.0  # responses over which velocity and positions are compared
 
@@ -100,7 +102,7 @@ class Target(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """The actual values of a cycle; None if the drive has no such object."""
+    """The actual values of a cycle; None where the drive lacks the object."""
 
     position: float  # m
     velocity: float | None  # m/s
@@ -110,7 +112,7 @@ class Answer(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """The reason why a motion must end: kind, value and bound in one unit, cycle, and the error sentence."""
+    """The reason to end a motion: its kind, value and bound in one unit, cycle, and error message."""
 
     kind: str
     value: float
@@ -121,7 +123,7 @@ class Fault(NamedTuple):
 
 
 class Anchor(NamedTuple):
-    """A reference reading: its cycle, the target's lead in it (csp, m), and the commanded travel since (csv, m)."""
+    """A reference reading: its cycle, the lead of the target then (csp, m), and the commanded travel since (csv, m)."""
 
     position: float
     cycle: int
@@ -135,8 +137,8 @@ class Push(NamedTuple):
     forces  forces during the last RESPONSE, oldest first, N
     sign    its direction; 0 without a push
     time    its duration so far, s
-    speed   least gain of speed, m/s
-    way     least travel due to that gain, m
+    speed   smallest gain of speed, m/s
+    way     smallest travel due to that gain, m
     slowest, fastest  bounds of the initial speed, m/s, of an axis that has stayed within `SURE` counts
     due     the first cycle in which a live axis must have moved; kept when the push ends
     """
@@ -179,39 +181,41 @@ class State(NamedTuple):
 
 
 class Watch:
-    """The watch over one drive: the bounds of its drive file, without any state."""
+    """The supervision of one drive within the bounds of its drive file; it holds no state."""
 
     def __init__(self, drive: BusDrive) -> None:
         self.drive, self.limits = drive, drive.limits
         self._count = drive.scaling.metre
         self._sure = SURE * self._count
-        self._shown = (SHOWN - 1e-6) * self._count  # readings are whole counts, and their products with c are rounded
+        # readings are whole counts, but their products with c are rounded
+        self._shown = (SHOWN - 1e-6) * self._count
         self._patience = drive.lost_frames + SPARE
         self._response = max(RESPONSE, self._patience * drive.cycle_time)
         self._memory = MEMORY * self._response
-        self._held = (1.0 + 1.0 / MEMORY) * self._count  # no new value has shown more, if its velocity is 10 % wrong
-        self._forces = 1 + math.ceil(
-            self._response / drive.cycle_time - 1e-9
-        )  # of the last RESPONSE, both ends included
+        # a reading renewed in time stays the same for one count of travel at most, 10 % more by a wrong velocity
+        self._held = (1.0 + 1.0 / MEMORY) * self._count
+        # both ends of RESPONSE included; the quotient may be a whole number but for rounding
+        self._forces = 1 + math.ceil(self._response / drive.cycle_time - 1e-9)
 
     def begin(self, answer: Answer) -> State:
-        """Return the initial state, for an axis that is held in place."""
+        """Return the initial state, for an axis that holds its position."""
         here = answer.position
         return State(0, here, (Target(here, 0.0, 0.0),) * self.drive.lag, 0.0, answer, Anchor(here, 0, 0.0))
 
     def step(
         self, state: State, target: Target, answer: Answer | None, *, late: bool = False
     ) -> tuple[State, Fault | None]:
-        """Check one cycle, given its target and its answer, None for a lost frame; return the new state and a fault.
+        """Check one cycle, given its target and its answer (None for a lost frame); return the new state and a fault.
 
-        Time is counted in cycles.  `late` is True if this cycle began more than a cycle late, so that the travel since
-        the last one is unknown.
+        Time is counted in cycles.  `late` is True if this cycle began more than a cycle late, which makes the travel
+        since the last one unknown.
         """
         acting, *sent = (*state.sent, target)
         dt = self.drive.cycle_time
         silent = state.silent + dt
         anchor = state.anchor._replace(asked=state.anchor.asked + acting.velocity * dt)
-        if answer is None:  # a target may be lost with it: of which forces act nothing is known
+        # a target may be lost with the answer: which forces act is unknown, and the push starts again
+        if answer is None:
             lost = state._replace(
                 cycle=state.cycle + 1, sent=tuple(sent), silent=silent, anchor=anchor, push=Push(due=state.push.due)
             )
@@ -238,6 +242,7 @@ class Watch:
         travel, speed = abs(position - state.start), answer.velocity
         if speed is None:
             speed = (position - state.answer.position) / silent
+        # negated comparisons, so that NaN is a fault, too
         if not travel <= limits.travel:
             return _exceeded("travel", travel, limits.travel, "m", cycle)
         if not abs(speed) <= limits.velocity:
@@ -268,7 +273,7 @@ class Watch:
         return None
 
     def _pushed(self, push: Push, force: float, dt: float, cycle: int) -> Push:
-        """Return the push one cycle later: the least motion due to it, and bounds of the axis's initial speed."""
+        """Return the push one cycle later: the smallest motion due to it, and bounds on the axis's initial speed."""
         mass, breakaway = self.limits.largest_mass, self.limits.breakaway_force
         if self.drive.mode != "cst" or mass is None or breakaway is None:
             return push
@@ -288,13 +293,15 @@ class Watch:
         return Push(forces, sign, time, push.speed + gained, way, slowest, fastest, due)
 
     def _standing(self, cycle: int, anchor: Anchor, push: Push, acting: Target, sent: Sequence[Target]) -> Fault | None:
-        """Return the fault if the position stands still although that of a live drive must have moved."""
+        """Return the fault if the position has not changed although a live drive would have moved by now."""
         mode, most = self.drive.mode, self.limits.following_error
         if mode == "csp":
             lead = acting.position - anchor.position
+            # L' of the module's docstring: a lead to the other side leaves the whole following error
             before = max(0.0, math.copysign(anchor.lead, anchor.lead * lead))
             value, bound, why = abs(lead), before + USED * (most - before), "the set position leads it"
-            if value <= bound and sent:  # a dead drive must not reach the limit in the next cycle either
+            # nor may a dead drive reach the limit in the next cycle, whose target is already on its way
+            if value <= bound and sent:
                 value, bound, why = abs(sent[0].position - anchor.position), most, "the next set position leads it"
             if value <= bound or abs(lead - anchor.lead) < self._sure:
                 return None
@@ -326,11 +333,12 @@ class Watch:
         )
 
     def _repeated(self, state: State, answer: Answer, silent: float) -> tuple[tuple[int, float], int]:
-        """Return number and duration of the repeated answers, and the update interval of the values in answers."""
+        """Return the number and duration of repeated answers, and the update interval of the values, in answers."""
         many, time = state.same
         if answer == state.answer:
             return (many + 1, time + silent), state.renewal
-        held = abs(state.answer.velocity or 0.0) * time > self._held  # else the axis was at rest, or slow
+        # otherwise the axis was at rest or slow, and repeated values say nothing about the drive
+        held = abs(state.answer.velocity or 0.0) * time > self._held
         return (0, 0.0), max(state.renewal, min(many + 1, self._patience)) if held else state.renewal
 
     def _frozen(self, cycle: int, answer: Answer, same: tuple[int, float], renewal: int) -> Fault | None:
@@ -349,7 +357,7 @@ class Watch:
         return Fault("velocity_frozen", way, least, "m", cycle, message)
 
     def _compared(self, state: State, answer: Answer, silent: float, late: bool) -> tuple[float, float]:
-        """Return the gap between velocity and positions, m, and the largest recent speed, m/s."""
+        """Return the gap between integrated velocity and positions, m, and the largest recent speed, m/s."""
         if answer.velocity is None:
             return 0.0, 0.0
         kept = max(0.0, 1.0 - silent / self._memory)
@@ -372,7 +380,7 @@ class Watch:
 
 
 def _exceeded(key: str, value: float, bound: float, unit: str, cycle: int, which: str = "") -> Fault:
-    """Return the fault for an exceeded limit of the drive file; `which` names the source of the value."""
+    """Return the fault of an exceeded limit of the drive file; `which` names the source of the value."""
     message = Text(
         f"{key} = {Quantity(value, unit):SI}{which} in cycle {cycle} exceeded limits.{key} = {Quantity(bound, unit):SI}"
     )
