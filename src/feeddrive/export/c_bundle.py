@@ -54,6 +54,7 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
         seed=seed,
         outputs=len(routine.outputs),
         parameters=len(routine.parameters),
+        # C knows no array of length 0
         changes=max(1, len(retuned)),
         held=len(retuned),
         samples=_rows(tried.inputs, layout.precision),
@@ -65,7 +66,7 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
 
 
 def stepped(layout: Layout, tried: Trial) -> np.ndarray:
-    """Return the outputs of a trial, computed in Python by the operations of the layout."""
+    """Return the outputs of a trial, computed in Python operation by operation, in the precision of the layout."""
     held = LayoutRun(layout)
     held.reset(tried.inputs[0])
     outputs = []
@@ -77,7 +78,7 @@ def stepped(layout: Layout, tried: Trial) -> np.ndarray:
 
 
 def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]]]:
-    """Return all parameters after each change."""
+    """Return the sample of each change, with the values of all parameters after it."""
     values = {v.path: v.value for v in layout.routine.parameters}
     rows = []
     for sample in sorted(tried.changes):
@@ -96,7 +97,7 @@ def _rows(values: np.ndarray, real: str) -> str:
 
 
 def filled(routine: Routine) -> str:
-    """Return the lines that copy the inputs of stored sample k."""
+    """Return the C lines that copy the inputs of stored sample k."""
     return "\n".join(f"        inputs.{v.name} = value(samples[k][{i}]);" for i, v in enumerate(routine.inputs))
 
 
@@ -207,7 +208,7 @@ class Streamed:
 def streamed(
     layout: Layout, files: Mapping[str, str], tried: Trial, *, flags: Sequence[str] = FLAGS, command: str | None = None
 ) -> Streamed:
-    """Compile `P.h` and the C files of an export and run a trial of a controller through them.
+    """Compile the C files of an exported controller and run a trial through the program.
 
     Raises MissingProgramError without a compiler, and FileError if compilation or the program fails.
     """
@@ -264,7 +265,8 @@ def _stream_filled(struct: str, names: Sequence[str], source: str, cast: str) ->
     return "\n".join(f"                {struct}.{name} = {cast}{source}[{i}];" for i, name in enumerate(names))
 
 
-_REFUSED = 5  # exit status of a program whose compiler rounds differently
+# exit status of a program whose compiler rounds differently; other failures end with 1 to 4
+_REFUSED = 5
 _STREAM_PROGRAM = """\
 #include "{P}.h"
 
@@ -348,7 +350,7 @@ def version(command: str | None = None) -> str:
 def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command: str | None = None) -> Path:
     """Compile C files of a folder into a program and return its path.
 
-    The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
+    The code that runs once, `*_configure.c`, is compiled without optimization, since optimizing it takes seconds.
     Raises MissingProgramError without a compiler and FileError with the first compiler message on failure.
     """
     words = compiler(command)
@@ -367,6 +369,7 @@ def _run(words: Sequence[str], folder: Path) -> None:
     )
     if done.returncode != 0:
         messages = (done.stderr.strip() or "no message").splitlines()
+        # notes and warnings may precede the error
         first = next((line for line in messages if "error" in line), messages[0])
         raise FileError(f"the C compiler {words[0]} refuses: {first}")
 

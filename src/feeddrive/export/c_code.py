@@ -38,9 +38,9 @@ _TAKEN = frozenset(
 
 
 class Body:
-    """The statements that compute some nodes of a graph, in the order of the law's source.
+    """The C statements that compute some nodes of a graph, in the order of the law's source.
 
-    `leaves` maps existing values to their text; `makers` and `titles` determine the heading above a block's lines.
+    `leaves` maps values that already exist to their text; `makers` and `titles` give the heading above a block's lines.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Body:
         self._counts: Counter[int] = Counter()
 
     def text(self, index: int) -> str:
-        """Return the C text of a node: the leaf or variable that holds it, or a constant."""
+        """Return the C text of a node: a leaf, a variable, an inline expression or a constant."""
         node = self.graph.nodes[index]
         if index not in self.texts and node[0] == "const":
             self.texts[index] = number(float.fromhex(node[1]), self.real)
@@ -73,9 +73,10 @@ class Body:
         return self.texts[index]
 
     def compute(self, order: Iterable[int], kept: Iterable[int]) -> None:
-        """Emit statements for nodes in order; nodes that are kept, or used more than once, become variables."""
+        """Emit statements for nodes in order; nodes that are kept or used more than once become variables."""
         order = [index for index in order if index not in self.texts]
         self._counts = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
+        # twice: a kept node becomes a variable even if no other node reads it
         self._counts.update(2 * list(kept))
         chosen = {i for index in order if self.graph.name(index) == "select" for i in self.graph.nodes[index][2:]}
         for index in order:
@@ -100,7 +101,7 @@ class Body:
                 self.texts[index] = text
 
     def _matrix(self, index: int, values: list[str]) -> None:
-        """Emit the test whether the powers of a matrix decay, in a separate scope to free stack memory early."""
+        """Emit the test whether the powers of a matrix decay, in its own scope, which frees the stack memory early."""
         size = math.isqrt(len(values))
         self._unnamed += 1
         self.texts[index] = f"v{self._unnamed}"
@@ -121,7 +122,7 @@ class Body:
         self.lines += wrapped(line)
 
     def assign(self, targets: Iterable[tuple[str, int]], cast: str = "") -> None:
-        """Emit all assignments as if simultaneous: save values that are overwritten before they are read."""
+        """Emit all assignments as if simultaneous, saving values that would be overwritten before they are read."""
         moved = [(place, self.text(index)) for place, index in targets if self.text(index) != place]
         places = {place for place, _ in moved}
         held: dict[str, str] = {}
@@ -133,7 +134,7 @@ class Body:
 
 
 def wrapped(line: str) -> list[str]:
-    """Wrap a statement to readable line lengths; a chain of conditionals gets one line per case."""
+    """Wrap a long statement; a chain of conditionals gets one line per case."""
     if len(line) <= _LINE:
         return [line]
     head, assigned, value = line.partition(" = ")
@@ -220,11 +221,12 @@ RESERVED = re.findall(
 
 
 def _bits(real: str, bits: int, place: int, suffix: str) -> dict[str, str]:
-    """Return functions that access the exponent field of a floating-point number with the given width.
+    """Return the C functions that read and write the exponent field of a floating-point number of `bits` bits.
 
-    The field starts at bit `place`. The functions use memcpy, the only conversion that C defines.
+    The field starts at bit `place`. They use memcpy, the only conversion between number and bits that C defines.
     """
     exponents = (1 << (bits - 1 - place)) - 1
+    # 1.5 and not 1: the sum with a negative k keeps its exponent, too
     bias, whole = exponents // 2, f"{1.5 * 2.0**place:.1f}{suffix}"
     return {
         f"power_of_two{suffix}": f"""\
@@ -336,7 +338,7 @@ static void restore(uint64_t mode) { (void)mode; }
 
 
 def number(value: float, real: str = "double") -> str:
-    """Return a number as C source: a short decimal if it is exact, else the hexadecimal form with all bits."""
+    """Return a number as C source: a short decimal if that is exact, else the hexadecimal form with all bits."""
     suffix = "f" if real == "float" else ""
     value = float(np.float32(value)) if real == "float" else value
     if value in (float("inf"), float("-inf")):
@@ -345,6 +347,7 @@ def number(value: float, real: str = "double") -> str:
     text = repr(value)
     if abs(value) >= 1e6 and value % 1e6 == 0.0 and abs(value) < 1e19:
         text = f"{value:.1f}"
+    # multiples of 1/16 below a million have a decimal of at most ten digits that is exact
     elif abs(value) >= 1e6 or (16.0 * value) % 1.0 != 0.0:
         text = re.sub(r"\.?0*p", "p", value.hex())
     return f"({text}{suffix})" if text.startswith("-") else f"{text}{suffix}"
@@ -390,7 +393,7 @@ STRICT = (
     "",
 )
 CODE = -1
-"""The result of `P_broken_rule` if the check at start fails, whatever the parameters are."""
+"""The result of `P_broken_rule` if the check of the arithmetic fails, whatever the parameters are."""
 SENTENCE = (
     "every operation is rounded by itself, in the order in which it is written: compile without "
     "-funsafe-math-optimizations, with -ffp-contract=off and not for an x87"
@@ -398,7 +401,7 @@ SENTENCE = (
 
 
 def rules(routine: Routine) -> dict[int, str]:
-    """Return the meaning of each code of `P_broken_rule`: the arithmetic check, then the parameter rules."""
+    """Return the meaning of each code of `P_broken_rule`: the check of the arithmetic, then the parameter rules."""
     return {CODE: SENTENCE, **routine.sentences}
 
 
@@ -411,9 +414,9 @@ _DIVISOR = {_DOUBLE: 49.0, _FLOAT: 41.0}
 
 
 def exact(signature: str, real: str) -> str:
-    """Return a C function that is true if sums, products and quotients are rounded as in the simulation.
+    """Return a C function that tests whether sums, products and quotients are rounded as in the simulation.
 
-    The numbers are read from volatile memory, so that a compiler cannot compute the answer itself.
+    The numbers are read from volatile memory, so that the compiler cannot evaluate the test.
     """
 
     def text(value: float) -> str:
@@ -533,7 +536,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
 
 
 def mark(P: str) -> str:
-    """Return the macro that `configured` equals after a successful configure."""
+    """Return the name of the macro with the value of `configured` after a successful configure."""
     return f"{P.upper()}_CONFIGURED"
 
 
@@ -566,7 +569,8 @@ def _trips(layout: Layout) -> list[str]:
 
 
 def _designed_struct(name: str, layout: Layout) -> list[str]:
-    """Return the struct of design numbers: parameters with unit and meaning, prepared numbers grouped by block."""
+    """Return the struct of the design: parameters with unit and meaning, and prepared numbers grouped by block."""
+    # reversed: of several paths to one node the first one gives the heading
     prepared = {node: path for path, node in reversed(layout.prepared)}
     lines, group = [], ""
     wide = max((len(field.name) for field in layout.design), default=0) + len(layout.precision) + 2
@@ -613,7 +617,7 @@ def _grouped(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
 
 
 def comment(text: str) -> list[str]:
-    """Return a comment of one or more lines; `*/` within the text is split."""
+    """Return a C comment of one or more lines; any `*/` or `/*` within the text is split."""
     lines = [""]
     for line in text.replace("*/", "* /").replace("/*", "/ *").split("\n"):
         lines += textwrap.wrap(line, _WIDTH, subsequent_indent=" " * (len(line) - len(line.lstrip()))) or [""]
@@ -665,6 +669,7 @@ def _source(layout: Layout, title: str, made_by: str) -> str:
         ends = (*function.states, *function.outputs)
         body.compute(layout.order(ends, moving=True), ends)
         body.lines.append("")
+        # not strict: the reset of a controller has no outputs, that of a plant has all of them
         outputs = [(f"outputs->{v.name}", i) for v, i in zip(routine.outputs, function.outputs, strict=False)]
         body.assign([(f"state->{v.name}", i) for v, i in zip(routine.states, function.states, strict=True)] + outputs)
         used |= body.used
@@ -691,7 +696,8 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
     held = routine.memory
     defaults = [_assigned(f"parameters->{v.name}", v.value) for v in routine.parameters]
     designed, used = _designed(layout)
-    both = f"{P}_exact() && designs_exactly()"  # each file may be compiled with different flags
+    # one check in each file, since files may be compiled with different flags
+    both = f"{P}_exact() && designs_exactly()"
     functions = [
         exact("static bool designs_exactly(void)", "double"),
         _function(f"void {P}_defaults({P}_parameters *parameters)", [], defaults or ["(void)parameters;"]),
@@ -705,6 +711,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
             f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)",
             [],
             [
+                # first of all: after a refusal no older design may stay in force
                 f"{held}->configured = 0U;",
                 *wrapped(f"if (!({both}) || (designed(&{held}->design, parameters) != 0)) {{"),
                 "    return false;",
@@ -725,7 +732,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """Return the outputs after a failed configure: the safe force of the machine file; empty for a plant."""
+    """Return the lines that set the outputs without a valid configure, to the safe force; empty for a plant."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""
@@ -735,7 +742,7 @@ def _off(layout: Layout, answers: bool) -> str:
 
 
 def _designed(layout: Layout) -> tuple[str, set[str]]:
-    """Return the function that computes the design from valid parameters, and the operations that it uses."""
+    """Return the function that checks the parameters and computes the design, and the operations that it uses."""
     routine, P = layout.routine, layout.routine.name
     leaves = _leaves(layout, {"parameter": "parameters->"}, _DESIGN)
     for index, node in enumerate(layout.graph.nodes):
@@ -744,6 +751,7 @@ def _designed(layout: Layout) -> tuple[str, set[str]]:
     body = Body(layout.graph, layout.truth, leaves, layout.names, layout.makers, "double", _titles(routine))
     sentences, bounds = routine.sentences, len(routine.parameters)
     lines: list[str] = []
+    # the bounds first: rules and design may divide by a parameter or take its root
     for code, node in enumerate(layout.conditions[:bounds], 1):
         lines += _refused(_inline(layout, node, body), code, sentences[code])
     rules = layout.conditions[bounds:]
@@ -786,7 +794,7 @@ def _assigned(place: str, value: float) -> str:
 
 
 def _retune(layout: Layout) -> tuple[str, set[str]]:
-    """Return the function that adapts the state to new parameters: `retune` of the blocks, in double precision."""
+    """Return the `retune` function, which adapts the state in double precision, and the operations that it uses."""
     routine, P, real = layout.routine, layout.routine.name, layout.precision
     assert layout.retune is not None
     graph, truth = layout.retune.graph, layout.retune_truth
@@ -814,6 +822,7 @@ def _retune(layout: Layout) -> tuple[str, set[str]]:
     body.lines.append("return true;")
     text = "\n".join(body.lines)
     first = [
+        # a copy: the design is overwritten while the old one is still read
         *([f"const {P}_controller before = *controller;"] if "before." in text else []),
         *([f"{P}_state *const state = &controller->state;"] if "state->" in text else []),
         f"if (controller->configured != {mark(P)} || designed(&controller->design, parameters) != 0) {{",
@@ -835,7 +844,7 @@ _DESIGN = "DESIGN_"  # tables of `configure`, in double precision even if those 
 
 
 def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> dict[int, str]:
-    """Return the text of values that already exist: struct members, tables, the sample time."""
+    """Return the text of each value that already exists: struct members, tables, the sample time."""
     routine = layout.routine
     members: Mapping[str, Sequence[Variable]] = {
         "parameter": routine.parameters,
@@ -872,7 +881,7 @@ def _function(signature: str, first: Iterable[str], lines: Iterable[str]) -> str
 
 
 def _laws(routine: Routine) -> str:
-    """Return the docstrings of the blocks as text for a comment."""
+    """Return the docstrings of all blocks, as text for a comment."""
     parts = []
     for path, block in routine.blocks:
         if path and inspect.getdoc(type(block)):
@@ -911,7 +920,7 @@ _SHARED = re.compile(r"\b(designed|designs_exactly|decays|exact_\w+|power_of_two
 
 
 def header_only(P: str, files: Texts) -> str:
-    """Return declarations and definitions in one header, to be included where the step is called."""
+    """Return declarations and definitions as one header, to be included where the step is called."""
     close = f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {P.upper()}_H */\n"
     header = files.header.removesuffix(close)
     assert header != files.header, "the header ends otherwise than expected"
@@ -938,5 +947,6 @@ def _pieces(text: str, P: str) -> list[str]:
     lines = [line for line in text.splitlines() if not line.startswith("#include")]
     body = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", "\n".join(lines), flags=re.MULTILINE)
     top, rest = body.split("*/\n", 1)
+    # only the end of a function has its brace in the first column
     pieces = [f"{top}*/", *re.split(r"(?<=^\})\n+", rest, flags=re.MULTILINE)]
     return [piece.strip("\n") + "\n" for piece in pieces if piece.strip()]

@@ -1,4 +1,4 @@
-"""The target `cortex-m`: sources for a core, precomputed constants, build files, and runs on an emulated core."""
+"""The target `cortex-m`: C sources for a core, precomputed constants, build files, and runs on an emulated core."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from feeddrive.loop.routine import Variable, target_name
 
 # The supported Cortex-M cores: build files, and runs of a bundle on an emulated core.
 
+# without errno a square root is one instruction and no call of the library
 FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno"
 WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
 COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
@@ -35,7 +36,7 @@ PACKAGES = {
 
 
 def makefile(P: str, core: Core) -> str:
-    """Return the makefile: library, self-test in the emulator, size and instruction count, and their report."""
+    """Return the makefile, which builds the library, runs the self-test, and reports size and instruction count."""
     others = [other for other in CORES.values() if other.precision == core.precision]
     flags = "\n".join(f"FLAGS_{other.name} := {other.flags}" for other in others)
     machines = "\n".join(f"MACHINE_{other.name} := {other.machine}" for other in others)
@@ -122,7 +123,7 @@ emulator:
 
 
 def cmake_lists(P: str) -> str:
-    """Return a CMakeLists.txt for the library."""
+    """Return the CMakeLists.txt of the library."""
     return f"""\
 cmake_minimum_required(VERSION 3.13)
 project({P} C)
@@ -154,7 +155,7 @@ set(CMAKE_C_FLAGS_RELEASE "-O2")
 class Core(NamedTuple):
     """A Cortex-M core.
 
-    precision  precision of its floating-point unit
+    precision  that of its floating-point unit, "float" or "double"
     flags      gcc flags
     machine    QEMU machine, a board with this core
     title      full name of the core
@@ -183,7 +184,7 @@ def cores_for(precision: str) -> tuple[Core, ...]:
 
 
 def find_core(name: str | None, precision: str) -> Core:
-    """Return the core with a name; without a name, the default core for the precision.
+    """Return the core with a name, or by default the first core with hardware for the precision.
 
     Raises ParameterError for an unknown name, and for a core without hardware for the precision.
     """
@@ -205,7 +206,7 @@ PATIENCE = 300.0  # timeout in s for a build and a run
 
 
 class EmulatorError(FeeddriveError):
-    """A bundle that did not build, timed out, or failed its self-test; the message contains the output."""
+    """The error of a bundle that does not build, times out, or fails its self-test; the message has the output."""
 
     exit_code = 1
 
@@ -216,7 +217,8 @@ class Cost:
 
     least, most  executed instructions per step, including called functions
     flash        bytes of reset and step
-    configure    bytes of the code that runs once, without library functions; prepared: bytes of the constants instead
+    configure    bytes of the code that runs once, without library functions
+    prepared     bytes of the constants that can replace that code
     memory       bytes of RAM per controller
     """
 
@@ -261,10 +263,10 @@ def answers(
     *,
     optimise_configure: str = "-Os",
 ) -> np.ndarray:
-    """Run an emulated core from reset; return the outputs, shape (n, outputs), for inputs of shape (n, inputs).
+    """Run the controller on an emulated core; return outputs of shape (n, outputs) for inputs of shape (n, inputs).
 
     changes             parameter changes, by sample and dotted name
-    optimise_configure  compiler option for the code that runs once; it affects compile time, not results
+    optimise_configure  optimization level for the code that runs once; it affects compile time, not results
 
     Raises the errors of `self_test`.
     """
@@ -276,6 +278,7 @@ def answers(
     for k, row in enumerate(rows):
         if k in changes:
             values |= changes[k]
+            # all parameters, those of earlier changes included: the program reads the whole struct
             pieces += [b"\1\0\0\0", np.array(list(values.values()), dtype=np.float64).tobytes()]
         else:
             pieces.append(b"\0\0\0\0")
@@ -293,10 +296,11 @@ def answers(
 def _made(
     bundle: Path, *targets: str, extra_files: Mapping[str, bytes] | None = None, read: str = ""
 ) -> tuple[str, bytes]:
-    """Run `make` in a copy of the bundle; return its output and the content of one built file."""
+    """Run `make` in a copy of the bundle; return the printed output and the content of the file `read`."""
     check_programs()
     with tempfile.TemporaryDirectory(prefix="feeddrive-cortex-m-") as name:
         folder = Path(name) / "bundle"
+        # without objects of another build: newer than their sources, make would link them as they are
         shutil.copytree(bundle, folder, ignore=shutil.ignore_patterns("*.o", "*.a", "*.elf", "*.d"))
         for file, content in (extra_files or {}).items():
             (folder / file).write_bytes(content)
@@ -325,7 +329,7 @@ def _made(
 
 
 def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
-    """Return the files of the bundle by name, except machine file and manifest."""
+    """Return the files of the bundle by name, except the machine file and the manifest."""
     P = design.name
     files = c_files(design)
     return {
@@ -349,7 +353,7 @@ def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
 def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Path:
     """Write the bundle atomically and return the path of its README.
 
-    core  `m4f` or `m7` in single precision, `m7dp` in double; default: the first with this precision
+    core  `m4f` or `m7` in single precision, `m7dp` in double precision; default: the first core with the precision
 
     Raises ParameterError for an axis, for a core that is unknown or has another precision, and FileError as
     `new_directory` does.
@@ -384,7 +388,7 @@ def _named(variables: Sequence[Variable]) -> str:
 
 
 def _act(design: Design) -> str:
-    """Return the C lines that pass commands to the drives, in the drive's unit if the machine file has a motor."""
+    """Return the C lines that pass the commands to the drives, in the drive's unit if the machine file has a motor."""
     units, lines = {v.path: v.unit for v in design.routine.outputs}, list[str]()
     for port in design.routine.origin.ports():
         path = f"{port}command" if f"{port}command" in units else f"{port}force"
@@ -394,7 +398,7 @@ def _act(design: Design) -> str:
 
 
 def count_program(layout: Layout) -> str:
-    """Return a program that runs each stored step between two markers, to count its instructions."""
+    """Return a C program that runs each stored step between two markers, to count its instructions."""
     P = layout.routine.name
     return f"""\
 /* Runs the stored samples between two marks, so that the instructions of each step can be counted in the emulator. */
@@ -437,7 +441,7 @@ int main(void)
 
 
 def answer_program(layout: Layout) -> str:
-    """Return a program that reads samples from `samples.bin` on the host and writes the outputs to `answers.bin`.
+    """Return a C program that reads samples from `samples.bin` on the host and writes the outputs to `answers.bin`.
 
     A sample is a 32-bit flag (1: all parameters follow, as doubles), then the inputs.
     """
@@ -545,7 +549,7 @@ static void stop(void)
 
 
 def linker_script(P: str) -> str:
-    """Return the linker script of the emulated boards; section `core` contains the step, to count its instructions."""
+    """Return the linker script of the emulated boards; the section `core` holds the step, whose instructions count."""
     return f"""\
 /* The boards mps2-an386 and mps2-an500 of qemu, for the self-test only. */
 ENTRY(reset)
@@ -578,7 +582,7 @@ SECTIONS
 
 
 def prepared_files(layout: Layout) -> dict[str, str]:
-    """Return `P_prepared.h` and `P_prepared.c`, which replace configure, so that it need not be linked."""
+    """Return `P_prepared.h` and `P_prepared.c`, which replace `configure`, so that it need not be linked."""
     P, run = layout.routine.name, LayoutRun(layout)
     numbers = [f"        .{field.name} = {_text(run.design[field.node], layout.precision)}," for field in layout.design]
     parameters = [f"        .{v.name} = {number(v.value)}," for v in layout.routine.parameters]

@@ -1,4 +1,4 @@
-"""A design to export: the control or plant of a machine file with all checks, and test inputs for its controller."""
+"""A design to export: the checked control or plant of a machine file, and test inputs for the controller."""
 
 import hashlib
 from collections.abc import Mapping
@@ -30,14 +30,15 @@ from feeddrive.loop.machine import System
 from feeddrive.loop.routine import Routine, Variable, controller_routine, machine_routine, on_target, plant_routine
 from feeddrive.version import __version__
 
-LARGEST_MS = 3.0  # above this Ms, a change of the axis by a third may cause oscillation
+# 1/Ms is the distance of the loop gain from -1: above 3, a change of the axis by a third may make it oscillate
+LARGEST_MS = 3.0
 CONTROL, PLANT = "control", "plant"
 MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """A control, an axis, or all axes with their couplings, as a routine with its memory layout."""
+    """A control, an axis, or all axes with their couplings, as a routine and its memory layout."""
 
     machine: MachineFile
     axis: str
@@ -49,7 +50,7 @@ class Design:
 
     @property
     def routine(self) -> Routine:
-        """The four functions of the design."""
+        """The routine of the design: configure, reset, step and retune."""
         return self.layout.routine
 
     @property
@@ -88,24 +89,24 @@ class Design:
 
     @property
     def digest(self) -> str:
-        """The SHA-256 of the machine file."""
+        """The SHA-256 digest of the machine file."""
         return hashlib.sha256(self.machine.file.text.encode()).hexdigest()
 
     @property
     def made_by(self) -> str:
-        """The version of feeddrive, and the machine file with its digest."""
+        """A sentence with the version of feeddrive and the machine file with its digest."""
         file = Path(self.machine.file.name).name
         return f"Made by feeddrive {__version__} from {file}, SHA-256 {self.digest}."
 
     @property
     def period(self) -> str:
-        """The sample time with its unit, as text."""
+        """The sample time as text, with its unit."""
         T = self.routine.sample_time
         return f"{1e6 * T:.6g} µs" if T < 1e-3 else f"{1e3 * T:.6g} ms" if T < 1.0 else f"{T:.6g} s"
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """The warnings to read before the export moves an axis: missing data, a loop close to instability."""
+        """Warnings to read before the export moves an axis, such as missing limits or a loop close to instability."""
         if self.what == PLANT:
             return ()
         if not self.together:
@@ -118,7 +119,7 @@ class Design:
         return (*of_axes, *matched_dynamics(self.machine.machine()).remarks())
 
     def _axis_remarks(self, loop: Loop) -> list[str]:
-        """Return warnings about one axis."""
+        """Return the warnings about one axis."""
         guard, control = loop.control.guard, loop.control
         holding_force, remarks = float(weight(loop.axis)), list[str]()
         assert guard is not None, "what is exported has a guard"
@@ -141,14 +142,14 @@ class Design:
 
     @property
     def judgment(self) -> Judgment:
-        """The judgment on the stability of all axes: the first bad judgment, if any."""
+        """The judgment on the stability of all axes: the first bad one, if any."""
         loops = [self.loop] if not self.together else self.system.loops().values()
         loops = () if self.what == PLANT else loops
         judgments = [advice.judgment for loop in loops if (advice := self._stability(loop.name)) is not None]
         return next((judgment for judgment in judgments if judgment.bad), Judgment.EXPORTED)
 
     def _stability(self, axis: str) -> Advice | None:
-        """Return the judgment on the stability of a loop; None if its period is too long to compute its margins."""
+        """Return the judgment on the stability of a loop; None if its period is too long to compute margins."""
         if period_of(self.system) > MOST:
             return None
         nyquist = 0.5 / self.routine.sample_time
@@ -182,7 +183,7 @@ def read_design(
     name      prefix of all names on the target; default: `axis_x`, or `plant_x` for a plant
     axis      required for a control if the file has several axes; a plant without it contains all axes and couplings
     what      "control" or "plant"
-    together  export the controls of all axes as one design, with the couplings between them
+    together  True to export the controls of all axes as one design, with the couplings between them
 
     Raises FileError and ParameterError as `read_machine` does, ParameterError for a name that is illegal on a target
     and for the plant of one coupled axis, StructureError for a control without a guard and for a part that uses
@@ -227,7 +228,7 @@ def _require_uncorrected(machine: MachineFile, axis: str) -> None:
 
 
 def require_alone(design: Design, target: str) -> None:
-    """Raise ParameterError if the axis is coupled with others; for targets that simulate a single axis."""
+    """Raise ParameterError if the axis is coupled with others, for a target that simulates a single axis."""
     coupled = design.machine.coupled(design.axis)
     if coupled:
         raise ParameterError(
@@ -240,7 +241,7 @@ def require_alone(design: Design, target: str) -> None:
 def require_guard(loop: Loop) -> None:
     """Raise StructureError for a control without a guard; the message gives the lines to add to the machine file.
 
-    A target needs a defined reaction to invalid readings, and it must be the simulated one.
+    The reaction of a target to invalid readings must be defined, and equal the simulated one.
     """
     if loop.control.guard is None:
         held = float(weight(loop.axis))
@@ -256,10 +257,12 @@ def require_guard(loop: Loop) -> None:
 
 def weight(axis: Axis) -> Number:
     """Return the force in N that holds a hanging axis against gravity."""
+    # + 0.0: the negative of an empty sum is -0.0, which messages would show
     return -sum((force.force for force in axis.forces if isinstance(force, Gravity)), 0.0) + 0.0
 
 
-LONGEST_TABLE = 65_536  # numbers: half a megabyte in double precision, more than the flash of most microcontrollers
+# numbers: half a megabyte in double precision, more than the flash of most microcontrollers
+LONGEST_TABLE = 65_536
 _WORDS = {*INFIX, *CALLS, *FUNCTIONS, *ELEMENTARY, "select", "gather", "neg", "not"}
 _LEAVES = ("const", "truth", "input", "table")
 
@@ -291,7 +294,7 @@ def _check_operations(layout: Layout) -> None:
 
 
 def _check_numbers(layout: Layout) -> None:
-    """Check that every number stored in single precision is within its range."""
+    """Raise StructureError or ParameterError for a number beyond the range of single precision."""
     read = layout.moving_users
     for index, node in enumerate(layout.graph.nodes):
         if node[0] == "const" and read[index] and _too_large(float.fromhex(node[1])):
@@ -312,18 +315,19 @@ def _too_large(value: float) -> bool:
 
 
 def _design_name(layout: Layout, field: Field) -> str:
-    """Return the dotted name of a design number if it is a parameter, else its field name."""
+    """Return the dotted name of a design number that is a parameter, else its field name."""
     kind, place = layout.leaves.get(field.node, ("", 0))
     return layout.routine.parameters[place].path if kind == "parameter" else f"the design number {field.name}"
 
 
 _DRAWS = 5  # attempts until the block accepts a change
-BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # invalid readings, which some encoders return
+# not numbers, absurdly large ones, and subnormal ones, which a target must count as zero like the simulator
+BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """The inputs, of shape (n, inputs), and the parameter changes by sample and dotted name."""
+    """The inputs of a trial, shape (n, inputs), and its parameter changes by sample and dotted name."""
 
     inputs: np.ndarray
     changes: Mapping[int, Mapping[str, float]]
@@ -339,13 +343,13 @@ class Answers:
 
 
 def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, broken: float = 2e-4) -> Trial:
-    """Return `count` random samples of set motion and readings for a seed.
+    """Return a reproducible trial of `count` random samples of set motion and readings.
 
     The reading follows the set position with an error and a jitter whose sizes change every 40 samples, from less than
-    one encoder count to more than any limit, so that a quiet loop, limits and trips all occur; `broken` is the
-    probability that a reading is NaN or absurdly large for one to four samples.  Every 20 samples, enable may drop for
-    two samples, which clears trips.
-    At `changes` samples up to three parameters change by up to 25 %, within their bounds and the checks of their block.
+    one encoder count to more than any limit, so that a quiet loop, limits and trips all occur.  `broken` is the
+    probability that an input becomes an invalid number for one to four samples.  Every 20 samples, enable may drop
+    for two samples, which clears trips.  At `changes` samples up to three parameters change by up to 25 %, within their
+    bounds and the checks of their blocks.
     """
     random = np.random.default_rng(seed)
     pairs = zip(routine.origin.ports(), routine.origin.loops().values(), strict=True)
@@ -362,7 +366,7 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
 
 
 def _wandering(guard: Guard, T: float, count: int, random: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return the inputs of one axis by name."""
+    """Return random inputs of one axis, by name."""
     far = 1e-3 if guard.following_error_limit is None else float(guard.following_error_limit)
     fast = 1.0 if guard.velocity_limit is None else float(guard.velocity_limit)
 
@@ -371,10 +375,12 @@ def _wandering(guard: Guard, T: float, count: int, random: np.random.Generator) 
 
     blocks = count // 40 + 1
     least, most = (0.5 * sign if end is None else float(end) for sign, end in _ends(guard))
-    middle, half = 0.5 * (least + most), 0.502 * (most - least)  # slightly beyond the travel
+    # 0.502: slightly beyond the travel, so that its ends trip, too
+    middle, half = 0.5 * (least + most), 0.502 * (most - least)
     turning = 0.4 * fast / half * np.sin(0.002 * np.cumsum(random.normal(0.0, 1.0, count)))
     angle = T * np.cumsum(turning)
     position, speed = middle + half * np.sin(angle), half * turning * np.cos(angle)
+    # up to 10^0.05 = 1.12 times the limit of the following error, so that few blocks trip
     error = held(far * 10.0 ** random.uniform(-6.0, 0.05, blocks), 40) * np.sin(0.03 * np.arange(count))
     jitter = held(fast * T * 10.0 ** random.uniform(-6.0, -0.4, blocks), 40)
     rows: dict[str, np.ndarray] = {

@@ -1,4 +1,4 @@
-"""A P-PI design in the quantities used by drive manufacturers, and the elements that a target does not support."""
+"""A P-PI design in the quantities of drive manufacturers, and the parts of a design that a target cannot represent."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,9 +21,10 @@ from feeddrive.loop.loop import Loop
 
 
 class DriveQuantity(NamedTuple):
-    """A quantity of a drive: its unit at the table, its unit at the motor's shaft, and the exponent of r between them.
+    """A quantity of a drive: its units at the table and at the motor's shaft, and the power of r between the two.
 
-    With r = gear · 2π / lead in rad/m, value at the shaft = value at the table · r^power.
+    With r = gear · 2π / lead in rad/m, the value at the shaft is the value at the table · r^power.  `path` is the name
+    of the quantity in a machine file.
     """
 
     table: str
@@ -76,7 +77,7 @@ class DriveTrain:
 
 @dataclass(frozen=True)
 class Cascade:
-    """A P-PI design: its loop, its law, and its quantities in SI at the table; None for absent quantities."""
+    """A P-PI design: its loop, its law, and its quantities in SI at the table, None for those that are absent."""
 
     loop: Loop
     law: CascadePPI
@@ -118,7 +119,7 @@ def read_cascade(loop: Loop) -> Cascade:
 
 
 def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> float | None:
-    """Return a quantity in a unit of `language.units`, at the shaft of a rotary motor; None if absent."""
+    """Return a quantity in `unit` (of `language.units`), at the shaft if the motor is rotary; None if it is absent."""
     own = {"lead": train.lead, "gear": train.gear if train.rotary else None}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     if value is None:
@@ -130,13 +131,14 @@ def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> f
 
 
 def _fed(loop: Loop) -> tuple[float, float]:
-    """Return the feedforward mass in kg and the feedforward viscous friction in N s/m."""
+    """Return the mass in kg and the viscous friction in N s/m that are fed forward."""
     mass = viscous = 0.0
     for block in loop.control.feedforward:
         if isinstance(block, Inertia | DisturbanceCompensator):
             mass, viscous = mass + (block.mass or 0.0), viscous + (block.viscous or 0.0)
         elif isinstance(block, InverseDynamics):
             bodies = two_bodies(block.kind, block.model)
+            # drives feed a single mass forward: that of both bodies in rigid motion
             mass = mass + bodies.m11 + 2.0 * bodies.m12 + bodies.m22
             viscous = viscous + bodies.c11 + 2.0 * bodies.c12 + bodies.c22
     return float(mass), float(viscous)
@@ -145,7 +147,8 @@ def _fed(loop: Loop) -> tuple[float, float]:
 def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None) -> DriveTrain:
     """Return the drive train: from the arguments, else from the motor, else from the plant, else a linear motor.
 
-    Raises ParameterError for a lead or gear that is not positive, and if the drive train is unknown.
+    Raises ParameterError for a lead or gear that is not positive, for a gear without a lead, and if neither a motor nor
+    a lead is known.
     """
     for name, value in (("lead", lead), ("gear", gear)):
         if value is not None and not 0.0 < value < float("inf"):
@@ -182,9 +185,10 @@ SAFETY = (
 
 
 def kv_lines(Kv: float) -> tuple[str, ...]:
-    """Return the position gain (1/s) in the units used by manufacturers."""
+    """Return lines that state the position gain (1/s) in the units of manufacturers."""
     return (
         f"Kv = {Kv:.6g} 1/s = {Kv:.6g} (mm/s)/mm",
+        # 60 s/min / (1000 mm/m) = 0.06
         f"Kv = {Kv * 0.06:.6g} (m/min)/mm = {Kv * 0.06:.6g} 1000/min; 1 (m/min)/mm is 16.667 1/s",
         f"Kv = {Kv * 100.0:.6g} times 0.01/s",
         f"Following error at 1 m/min without velocity feedforward: {1e3 / (60.0 * Kv):.4g} mm",
@@ -192,7 +196,7 @@ def kv_lines(Kv: float) -> tuple[str, ...]:
 
 
 class Item(NamedTuple):
-    """An element of the control: its kind, its path in the machine file, and its values."""
+    """An element of the control: its kind, its path in the machine file, and its values as text."""
 
     kind: str
     path: str
@@ -200,7 +204,7 @@ class Item(NamedTuple):
 
 
 class LostPart(NamedTuple):
-    """An item that a target cannot represent, with the reason and the consequence."""
+    """An element that a target cannot represent, with the reason and the consequence."""
 
     path: str
     value: str
@@ -248,7 +252,7 @@ def _read(value: SupportsFloat, unit: str, shown: str = "SI") -> str:
 
 
 def items(cascade: Cascade) -> Iterator[Item]:
-    """Yield all elements of a P-PI design except its gains, in the order of the signal path."""
+    """Yield all elements of a P-PI design except its gains, along the signal path."""
     control, law = cascade.loop.control, cascade.law
     if law.velocity_samples > 1:
         yield Item("velocity_samples", "control.law.velocity_samples", str(law.velocity_samples))
@@ -279,7 +283,7 @@ def items(cascade: Cascade) -> Iterator[Item]:
 
 
 def _fed_items(block: Block) -> Iterator[str]:
-    """Yield the kinds of the items in a feedforward."""
+    """Yield the kinds of the elements in a feedforward block."""
     if isinstance(block, Inertia | DisturbanceCompensator):
         if block.mass:
             yield "inertia"
@@ -335,10 +339,10 @@ def _acts(loop: Loop, guard: Guard, name: str) -> bool:
 
 
 def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str, str]]) -> tuple[LostPart, ...]:
-    """Return the items that a target cannot represent.
+    """Return the elements that a target cannot represent.
 
-    held     kinds of items that the target represents completely
-    outside  kind -> reason and consequence, or empty for the general ones; kinds in neither are unsupported
+    held     kinds of elements that the target represents completely
+    outside  reason and consequence by kind; for an empty consequence, and for all other kinds, the general text applies
     """
     parts = []
     for item in items(cascade):
@@ -349,6 +353,6 @@ def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str,
 
 
 def numbers(block: Block) -> str:
-    """Describe a block in one line: its kind and its values."""
+    """Describe a block in one line by its kind and its values."""
     shown = (f"{name} {value:g} {tree.declaration(block, name).unit}".rstrip() for name, value in tree.leaves(block))
     return ", ".join([block.kind, *shown])

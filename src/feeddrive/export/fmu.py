@@ -1,4 +1,4 @@
-"""The targets `fmu2` and `fmu3`: variables, XML descriptions, the archive with its binary, and execution in FMPy."""
+"""The targets `fmu2` and `fmu3`: variables, XML descriptions, the archive with its binary, and runs in FMPy."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ _BASE = ("m", "kg", "s", "A", "rad")  # in the order of `units.Dimension`
 _DISPLAYED = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "s": ("ms", 1e3), "N": ("kN", 1e-3)}
 _TAGS = {"number": ("Real", "Float64"), "truth": ("Boolean", "Boolean"), "enumeration": ("Enumeration", "Enumeration")}
 _CAUSALITY = {"time": "independent", "sample_time": "parameter", "parameter": "parameter", "start": "parameter"}
+# XML 1.0 admits these characters in no form, not even as references
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _CATEGORIES = {
     "logEvents": "trips of the guard, and their end",
@@ -105,7 +106,7 @@ def build_description(name: str, sources: Sequence[str]) -> bytes:
 
 
 def _text(text: str) -> str:
-    """Remove the characters that XML forbids."""
+    """Return the text with a space for each character that XML forbids."""
     return _NOT_XML.sub(" ", text)
 
 
@@ -115,12 +116,13 @@ def _written(root: Element) -> bytes:
 
 
 def _units(root: Element, variables: Sequence[FmuVariable]) -> None:
-    """Add every unit with the exponents of its base units; angle is a base unit, so that Hz and 1/s remain distinct."""
+    """Add every unit with the powers of its base units; with the angle as base unit, Hz and 1/s remain distinct."""
     units = sorted({variable.unit for variable in variables if variable.unit})
     definitions = SubElement(root, "UnitDefinitions")
     for name in units:
         unit = SubElement(definitions, "Unit", name=name)
-        with contextlib.suppress(ParameterError):  # a drive unit, "A or V", has no base units
+        # the unit of a drive command, "A or V", has no base units
+        with contextlib.suppress(ParameterError):
             factor, dimension = measure(name)
             powers = {base: str(power) for base, power in zip(_BASE, dimension, strict=True) if power}
             SubElement(unit, "BaseUnit", powers | ({} if factor == 1.0 else {"factor": repr(factor)}))
@@ -130,7 +132,7 @@ def _units(root: Element, variables: Sequence[FmuVariable]) -> None:
 
 
 def _trip(root: Element, three: bool) -> None:
-    """Add the codes of the guard as an enumeration."""
+    """Add the trip codes of the guard as an enumeration."""
     types = SubElement(root, "TypeDefinitions")
     if three:
         kind = SubElement(types, "EnumerationType", name="Trip")
@@ -168,12 +170,12 @@ def _variables(parent: Element, three: bool, variables: Sequence[FmuVariable]) -
 
 
 def _bound(value: float) -> str:
-    """Return a bound as text; the smallest normal number means "above zero" and is written as 0."""
+    """Return a bound as text; the smallest normal number stands for "above zero" and is written as 0."""
     return repr(0.0 if abs(value) == sys.float_info.min else value)
 
 
 def _variability(variable: FmuVariable) -> str:
-    """Return the variability: inputs and outputs are discrete, held between samples and never interpolated."""
+    """Return the variability of a variable; inputs and outputs are discrete, so that no tool interpolates them."""
     if variable.group == "time":
         return "continuous"
     if variable.group in ("input", "output"):
@@ -182,7 +184,7 @@ def _variability(variable: FmuVariable) -> str:
 
 
 def _structure(parent: Element, three: bool, variables: Sequence[FmuVariable]) -> None:
-    """Add the model structure: outputs belong to the last step, so there is no direct feedthrough."""
+    """Add the model structure: outputs belong to the last step, so that there is no direct feedthrough."""
     outputs = [i for i, variable in enumerate(variables) if variable.group == "output"]
     if three:
         for i in outputs:
@@ -192,6 +194,7 @@ def _structure(parent: Element, three: bool, variables: Sequence[FmuVariable]) -
         return
     listed, unknown = SubElement(parent, "Outputs"), SubElement(parent, "InitialUnknowns")
     for i in outputs:
+        # FMI 2.0 refers to variables by their index from 1, and not by their value reference
         SubElement(listed, "Unknown", index=str(i + 1), dependencies="")
         SubElement(unknown, "Unknown", index=str(i + 1))
 
@@ -201,7 +204,7 @@ _TRUTHS = ("enable", "enabled")
 
 
 class FmuVariable(NamedTuple):
-    """A variable; its index in the tuple of all variables is its value reference.
+    """A variable of an FMU; its index in the tuple of all variables is its value reference.
 
     group        "time", "sample_time", "parameter", "start" (a fixed parameter: the initial state), "input" or "output"
     kind         "number", "truth" or "enumeration"
@@ -221,7 +224,7 @@ class FmuVariable(NamedTuple):
 
 
 def is_plant(routine: Routine) -> bool:
-    """Return True if the routine is the plant, not the control."""
+    """Return True if the routine is that of a plant, not of a control."""
     return routine.memory == "plant"
 
 
@@ -230,6 +233,7 @@ def variables(routine: Routine) -> tuple[FmuVariable, ...]:
     T = routine.sample_time
     scalars = [
         FmuVariable("time", "time", "number", "s", "simulated time", None),
+        # its bounds admit one value only: the control was designed for this sample time
         FmuVariable("sample_time", "sample_time", "number", "s", "from sample to sample; fixed", T, least=T, most=T),
     ]
     for parameter in routine.parameters:
@@ -263,7 +267,7 @@ def _kind(name: str) -> str:
 
 
 def _bounds(declared: Declaration | None) -> tuple[float, float]:
-    """Return the smallest and largest admissible values; for an exclusive bound, the adjacent number."""
+    """Return the smallest and the largest admissible value; for an exclusive bound, the adjacent number."""
     if declared is None:
         return -math.inf, math.inf
     least = -math.inf if declared.least is None else declared.least
@@ -276,7 +280,7 @@ def _bounds(declared: Declaration | None) -> tuple[float, float]:
 
 
 def _beside(bound: float, towards: float) -> float:
-    """Return the adjacent number; for zero the smallest normal one, as tools may flush subnormal numbers to zero."""
+    """Return the adjacent number; for 0 the smallest normal one, since tools may flush subnormal numbers to 0."""
     return math.copysign(sys.float_info.min, towards) if bound == 0.0 else math.nextafter(bound, towards)
 
 
@@ -361,7 +365,7 @@ static int model_trip(const MODEL(outputs) *outputs)
 
 
 def model_header(routine: Routine, token: str, variables: Sequence[FmuVariable]) -> str:
-    """Return the text of fmu_model.h."""
+    """Return the text of `fmu_model.h`: the variables and the functions that depend on the model."""
     P = routine.name
     head = _HEAD.format(P=P, P_upper=P.upper(), held=routine.memory, token=token)
     rows = ",\n".join(f"    {_row(variable)}" for variable in variables)
@@ -418,7 +422,7 @@ _TAKEN = (
 )
 
 
-# for any compiler and any processor
+# tools compile the sources with their own flags, for any processor
 _EXACT = """\
 /* A fused multiply-add rounds once and would give other bits than the simulation. */
 #if defined(__clang__)
@@ -433,10 +437,10 @@ _EXACT = """\
 
 
 def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
-    """Return the FMU of a laid-out routine, for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
+    """Return the FMU of a routine for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
 
-    title, made_by   description of the design, and program and source file; both appear in its texts
-    binary           include a library for this machine; otherwise tools compile the included sources
+    title, made_by  description of the design, and program and machine file; both appear in its texts
+    binary          True to include a library for this machine; otherwise tools compile the included sources
 
     Raises ParameterError for another version, single precision or a name that the archive reserves, FileError and
     MissingProgramError as `compiled` does.
@@ -461,6 +465,7 @@ def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool 
     def described(token: str) -> bytes:
         return model_description(version, P, title, token, tool, routine.sample_time, scalars, compiles)
 
+    # the token appears in the texts of which it is the digest: they are hashed with an empty one
     token = _token([described(""), model_header(routine, "", scalars).encode(), *(t.encode() for t in files.values())])
     files["fmu_model.h"] = model_header(routine, token, scalars)
     entries = {"modelDescription.xml": described(token)}
@@ -477,9 +482,10 @@ def _read(folder: str, name: str) -> str:
 
 
 def _token(parts: list[bytes]) -> str:
-    """Return a digest of the complete model, formatted as a GUID."""
+    """Return a digest of the complete model in the format of a GUID."""
     digest = hashlib.sha256()
     for part in parts:
+        # with the length, so that a byte moved from one part to the next changes the digest
         digest.update(len(part).to_bytes(8, "little") + part)
     text = digest.hexdigest()
     return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"
@@ -490,6 +496,7 @@ def _packed(entries: dict[str, bytes]) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in sorted(entries.items(), key=lambda entry: (entry[0] != "modelDescription.xml", entry[0])):
+            # the earliest time that a ZIP archive can state
             information = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
             information.compress_type = zipfile.ZIP_DEFLATED
             executable = name.startswith("binaries/")
@@ -543,12 +550,13 @@ _FLAGS = (
     "-ffp-contract=off",
     "-fno-math-errno",
     "-fvisibility=hidden",
+    # ziglang's compiler switches this sanitizer on by itself
     "-fno-sanitize=undefined",
 )
 
 
 def library_place(version: int) -> str:
-    """Return folder and file extension of the library that tools on this machine load: `linux64/*.so`."""
+    """Return the path pattern of the library that tools on this machine load, such as `linux64/*.so`."""
     system = {"Linux": "linux", "Darwin": "darwin", "Windows": "windows"}.get(platform.system(), "linux")
     wide = sys.maxsize > 2**32
     ending = {"linux": "so", "darwin": "dylib", "windows": "dll"}[system]
@@ -561,7 +569,7 @@ def library_place(version: int) -> str:
 def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
     """Compile files into a shared library and return its bytes.
 
-    The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
+    The code that runs once, `*_configure.c`, is compiled without optimization, since optimizing it takes seconds.
 
     Raises MissingProgramError without a compiler and FileError with the first compiler message on failure.
     """
@@ -597,7 +605,7 @@ _ACCESS = {
 
 
 def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
-    """Simulate a controller's FMU with parameter changes between steps; return the outputs, shape (n, outputs).
+    """Run a trial on the FMU of a controller, with its parameter changes; return the outputs, shape (n, outputs).
 
     Raises FmuError for an FMU that cannot be opened or fails, and MissingExtraError without FMPy.
     """
@@ -618,7 +626,7 @@ def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
 
 
 def _access(archive: Archive, fmu: Any, verb: str, names: Sequence[str]) -> Callable[[Sequence[float] | None], Any]:
-    """Return a function that sets or gets variables by name; variables of one type share one call."""
+    """Return a function that sets or gets the named variables; variables of one type share one call."""
     known = {variable.name: variable for variable in archive.description.modelVariables}
     groups: dict[str, list[int]] = {}
     for i, name in enumerate(names):
@@ -646,6 +654,7 @@ def _access(archive: Archive, fmu: Any, verb: str, names: Sequence[str]) -> Call
 def prove(directory: Path, design: Design, tried: Trial) -> Answers:
     """Run a trial in FMPy. Raises the errors of `answers`."""
     outputs = answers(directory / f"{design.name}.fmu", design.routine, tried)
-    import fmpy  # an extra: `answers` has said so if it is missing
+    # an optional package, imported here: if it is missing, `answers` has raised the error that names it
+    import fmpy
 
     return Answers(outputs, f"FMPy {fmpy.__version__}", "the library in the FMU")

@@ -1,4 +1,4 @@
-"""Names and texts valid on every target: identifiers, reserved words of the languages, ASCII."""
+"""Names and texts that are valid on every target: identifiers, reserved words, and ASCII text."""
 
 import re
 import unicodedata
@@ -70,11 +70,12 @@ def identifier(wanted: str, taken: set[str], reserved: frozenset[str]) -> str:
     """Return a legal name close to `wanted` that is neither reserved nor taken, and add it to `taken`.
 
     `axis.law.Kv` becomes `axis_law_Kv`, `ω0` becomes `omega0`, and `_2`, `_3`, ... is appended to a name already taken.
-    Names are case-insensitive.  The same calls in the same order give the same names.
+    Names that differ only in case count as equal.  The same calls in the same order give the same names.
     """
     text = re.sub(r"[^A-Za-z0-9]+", "_", "".join(map(_plain, wanted))).strip("_")
     if not text or text[0].isdigit():
         text = f"x{text}"
+    # Structured Text ignores the case of names
     gone = {word.upper() for word in taken} | {word.upper() for word in reserved}
     name, count = text, 1
     while name.upper() in gone:
@@ -85,7 +86,7 @@ def identifier(wanted: str, taken: set[str], reserved: frozenset[str]) -> str:
 
 
 def _plain(character: str) -> str:
-    """Return a character in ASCII: letters without accents, Greek letters spelled out."""
+    """Return a character in ASCII: a letter without its accent, or the name of a Greek letter."""
     if character.isascii():
         return character
     words = unicodedata.name(character, "").split()
@@ -97,7 +98,7 @@ def _plain(character: str) -> str:
 
 
 def check_name(name: str, where: str, longest: int = HAL_LENGTH) -> None:
-    """Raise ParameterError unless `name` is legal for an export on every target; `where`: its option or key."""
+    """Raise ParameterError unless `name` is legal on every target; `where` names its option or key in the message."""
     advice = "letters, digits and single underscores, a letter first, such as axis_x"
     if not _PLAIN.fullmatch(name):
         raise ParameterError(f"{where}: {name!r} cannot name a component, a function and a struct: take {advice}")
@@ -143,7 +144,7 @@ _RAISED = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺ˣʸᵀⁱⁿᵏˢ", "01234
 
 
 def ascii_text(text: str) -> str:
-    """Return the text in ASCII: `s²` becomes `s^2`, `ζ` becomes `zeta`, an unknown character becomes `?`.
+    """Return a text in ASCII: `s²` becomes `s^2`, `ζ` becomes `zeta`, an unknown character becomes `?`.
 
     `·/` becomes `* /`, so that it does not end a C comment.
     """
@@ -173,6 +174,7 @@ def _run_spelled(text: str) -> str:
 def _spelled(character: str) -> str:
     words = unicodedata.name(character, "").split()
     if words[:1] == ["GREEK"] and "LETTER" in words:
+        # Unicode names the letter LAMDA
         name = words[words.index("LETTER") + 1].lower().replace("lamda", "lambda")
         return name.capitalize() if words[1] == "CAPITAL" else name
     if unicodedata.combining(character):

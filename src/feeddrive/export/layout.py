@@ -1,4 +1,4 @@
-"""The memory layout of a routine on a target: what `configure` computes and stores, and what each step computes."""
+"""The memory layout of a routine on a target: the numbers that `configure` stores, and those that a step computes."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -27,7 +27,7 @@ PRECISIONS = ("double", "float")
 
 
 class Field(NamedTuple):
-    """A number that `configure` computes and stores: its name, its node, and a flag for truth values."""
+    """A number that `configure` computes and stores: its name, its node, and True if it is a truth value."""
 
     name: str
     node: int
@@ -39,14 +39,14 @@ class Layout:
     """A routine expressed in the operations that the code generators can print.
 
     leaves   node -> (kind, index): kind is "parameter", "sample_time", "input", "state" or "table"
-    moving   per node: true if it changes from sample to sample; the others are computed by `configure`
-    truth    per node: true if it is a truth value
+    moving   per node: True if it changes from sample to sample; the others are computed by `configure`
+    truth    per node: True if it is a truth value
     design   numbers that `configure` stores for reset, step and retune
     names    variable names in the source of the laws, by node
-    makers   dotted names of the blocks that compute the nodes
-    prepared the nodes of the prepared numbers, in order
+    makers   dotted names of the blocks that compute the nodes, by node
+    prepared the dotted names and nodes of the prepared numbers, in order
     conditions the nodes of the routine's conditions, in order
-    retune   the live parameter change in plain arithmetic, with a flag per node for truth values
+    retune   the live parameter change in plain arithmetic; `retune_truth` flags the truth values among its nodes
     """
 
     routine: Routine
@@ -76,7 +76,7 @@ class Layout:
         return read
 
     def order(self, roots: Iterable[int], *, moving: bool) -> list[int]:
-        """Return the operations on which some nodes depend, either moving or constant ones, in the order of the law."""
+        """Return the moving, or else the constant, operations on which `roots` depend, in the order of the law."""
         return [
             index
             for index in reachable(self.graph, list(roots))
@@ -150,7 +150,7 @@ def _lowered_retune(retune: Retune) -> Retune:
 
 
 def _moved(words: Mapping[int, Word], place: Mapping[int, int]) -> dict[int, Word]:
-    """Transfer properties of nodes to the nodes that replace them; if two became one, the first wins."""
+    """Return properties of nodes for the nodes that replace them; if several became one, the first one counts."""
     return {place[node]: word for node, word in sorted(words.items(), reverse=True) if node in place}
 
 
@@ -175,7 +175,7 @@ def truths(graph: Graph) -> list[bool]:
 
 
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
-    """Return the subgraph of the roots in printable operations; elementary functions remain calls."""
+    """Return the subgraph of the roots in operations that can be printed; elementary functions remain calls."""
 
     def compose(printable: Graph, name: str, values: list[Symbol]) -> Symbol:
         known = _known(printable, name, values)
@@ -188,12 +188,13 @@ _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a
 
 
 def _known(graph: Graph, name: str, operands: list[Symbol]) -> Symbol | None:
-    """Return the value if no operation is needed: two constants, or x · 1, which gives the same bits."""
+    """Return the result if no operation is needed: for constants, and for x · 1 and x / 1, which keep the bits."""
     numbers = [_number(graph, symbol) for symbol in operands]
     if name in _FOLDED and None not in numbers:
         return graph.constant(_FOLDED[name](*numbers))
     if name == "neg" and numbers[0] is not None:
         return graph.constant(-numbers[0])
+    # no such rule for x + 0, which turns -0 into 0
     if name == "mul" and 1.0 in numbers:
         return operands[1 - numbers.index(1.0)]
     return operands[0] if name == "div" and numbers[1] == 1.0 else None
@@ -214,9 +215,9 @@ def _fields(
     truth: list[bool],
     moving: list[bool],
 ) -> tuple[Field, ...]:
-    """Name the design numbers: after parameters and prepared numbers, else after variables of the law.
+    """Return the design numbers with names: of parameters and prepared numbers, else of variables of the law.
 
-    A number without a name in the law is named after the first named number that depends on it: `law_integral_factor`.
+    Any other number is named after the first named number that depends on it: `law_integral_factor`.
     """
     taken: set[str] = set()
     fields: list[Field] = []
@@ -240,7 +241,7 @@ def _fields(
 
 
 def _named_results(graph: Graph, nodes: list[int], names: Mapping[int, Name], moving: list[bool]) -> dict[int, str]:
-    """Map each node to the first named moving number that depends on it."""
+    """Return, for each node, the name of the first named moving number that depends on it."""
     wanted, results = set(nodes), dict[int, str]()
     reaches: dict[int, set[int]] = {node: {node} for node in nodes}
     for index, node in enumerate(graph.nodes):
@@ -282,6 +283,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "not": lambda a: not a,
     "select": lambda condition, a, b: a if condition else b,
     "power_of_two": lambda k: type(k)(np.ldexp(1.0, int(k))),
+    # frexp gives a mantissa in [0.5, 1), this operation has it in [1, 2)
     "exponent": lambda x: type(x)(np.frexp(x)[1] - 1 if x != 0.0 else np.finfo(type(x)).minexp - 1),
     "gather": lambda row, place: row[int(place)],
     "decays": lambda *entries: bool(matrix.decays(np.reshape(entries, (math.isqrt(len(entries)), -1)).tolist())),
@@ -289,7 +291,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
 
 
 class LayoutRun:
-    """A controller or a plant executed from its layout, as the reference for exported code.
+    """The execution of a controller or a plant from its layout, as the reference for exported code.
 
     It is slow: about 10 000 operations in 10 ms.
     """
@@ -297,7 +299,8 @@ class LayoutRun:
     def __init__(self, layout: Layout, parameters: Mapping[str, float] | None = None, *, wide: bool = False) -> None:
         """Start a run.
 
-        `parameters` override those of the machine file, by dotted name; `wide` computes in double precision.
+        `parameters` override those of the machine file, by dotted name.  With `wide`, all computations are in double
+        precision.
         """
         self.layout = layout
         self.real: Any = np.float64 if wide or layout.precision == "double" else np.float32
@@ -307,14 +310,14 @@ class LayoutRun:
         self.design = self._configured()
 
     def _configured(self) -> dict[int, Any]:
-        """Return the numbers that `configure` stores, by node, rounded once."""
+        """Return the numbers that `configure` stores, by node, each rounded once to the precision of the target."""
         nodes = [field.node for field in self.layout.design]
         computed = self.values(nodes)
         kept = (value if isinstance(value, bool) else self._rounded(value) for value in computed)
         return dict(zip(nodes, kept, strict=True))
 
     def values(self, nodes: list[int]) -> list[Any]:
-        """Return values, in double precision, of nodes that depend on parameters only."""
+        """Return the values of nodes that depend on parameters only, in double precision."""
         values = self._tables(np.float64)
         for node, (kind, i) in self.layout.leaves.items():
             if kind == "parameter":
@@ -332,7 +335,7 @@ class LayoutRun:
         return {node: real(rows[i][2]) for node, (kind, i) in self.layout.leaves.items() if kind == "table"}
 
     def reset(self, inputs: Iterable[float]) -> list[Any]:
-        """Reset to the position of the axis; return the initial outputs of a plant."""
+        """Reset the state to the inputs; return the outputs of the reset, which only a plant has."""
         return self._advance(self.layout.reset, inputs)
 
     def step(self, inputs: Iterable[float]) -> list[Any]:
@@ -377,7 +380,7 @@ class LayoutRun:
 
 
 def evaluated(graph: Graph, ends: list[int], leaves: Mapping[int, Any], real: Any) -> list[Any]:
-    """Evaluate some nodes, each operation rounded to `real`; subnormal numbers become zero."""
+    """Return the values of the nodes `ends`, each operation rounded to `real`; subnormal numbers become zero."""
     values: dict[int, Any] = dict(leaves)
     least = np.finfo(real).tiny
     with np.errstate(all="ignore"):
@@ -388,22 +391,25 @@ def evaluated(graph: Graph, ends: list[int], leaves: Mapping[int, Any], real: An
             elif node[0] == "truth":
                 values[index] = node[1]
             else:
+                # operands and results, as processors do that count subnormal numbers as zero
                 operands = [_flushed(values[i], least) for i in arguments(node)]
                 operation = _OPERATIONS.get(node[0])
                 result = elementary(node[0], operands[0], real) if operation is None else operation(*operands)
+                # a selection moves bits and is no arithmetic operation
                 values[index] = _flushed(result, least) if node[0] != "select" else result
     return [values[index] for index in ends]
 
 
 def _flushed(value: Any, least: Any) -> Any:
-    """Return the number, or a zero of the same sign if it is subnormal."""
+    """Return a number, or a zero of the same sign if it is subnormal."""
+    # `not <`, so that NaN passes unchanged
     if isinstance(value, (bool, np.ndarray)) or not abs(value) < least:
         return value
     return value * type(value)(0.0)
 
 
 def _needed(graph: Graph, ends: list[int], known: Mapping[int, Any]) -> list[int]:
-    """Return the nodes to compute, in order, excluding known ones and their arguments."""
+    """Return the nodes that must be computed for `ends`, in order, without known nodes and their arguments."""
     needed: set[int] = set()
     stack = [index for index in ends if index not in known]
     while stack:
@@ -419,7 +425,7 @@ _graphs: dict[tuple[str, Any], tuple[Graph, int, int]] = {}
 
 
 def elementary(name: str, x: Any, real: Any) -> Any:
-    """Evaluate an elementary function in a precision, by its definition in plain arithmetic."""
+    """Return the value of an elementary function in a precision, by its definition in plain arithmetic."""
     assert name in ELEMENTARY, f"no operation '{name}' in {real.__name__}"
     key = (name, real)
     if key not in _graphs:

@@ -50,17 +50,17 @@ _UNITS = {"m": "mm", "m/s": "mm/s", "m/s2": "mm/s2", "m/s3": "mm/s3", "m/s4": "m
 
 
 def input_pin(name: str) -> str:
-    """Return the pin of an input of the routine."""
+    """Return the name of the pin of an input of the routine."""
     return "enable" if name == "enable" else _INPUTS[name][0]
 
 
 def reading_pin(routine: Routine) -> str:
-    """Return the pin of the controlled position."""
+    """Return the name of the pin of the controlled position."""
     return _INPUTS["reading_load" if any(v.name == "reading_load" for v in routine.inputs) else "reading"][0]
 
 
 def pins(routine: Routine) -> list[Item]:
-    """Return all pins."""
+    """Return all pins of the controller."""
     codes = "; ".join(f"{code} {word}" for code, word in FAULTS.items())
     outputs = {v.name: v for v in routine.outputs}
     items = [
@@ -91,7 +91,7 @@ def pins(routine: Routine) -> list[Item]:
 
 
 def settings(routine: Routine) -> dict[Item, float]:
-    """Return the parameters of the component itself, with their values."""
+    """Return the parameters that belong to the component and not to the control, with their values."""
     T = servo_period(routine)
     return {
         Item(
@@ -108,7 +108,7 @@ def settings(routine: Routine) -> dict[Item, float]:
 
 
 def tolerance(routine: Routine) -> int:
-    """Return the largest permitted deviation of the thread period from the sample time, in ns."""
+    """Return the largest permitted deviation of the thread's period from the sample time, in ns."""
     return max(servo_period(routine) // 1000, 1)
 
 
@@ -142,7 +142,7 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
 
 
 def _input_expression(name: str) -> str:
-    """Return a C expression for an input of the law."""
+    """Return the C expression for an input of the law, in SI."""
     return "on ? 1.0 : 0.0" if name == "enable" else f"{pin(_INPUTS[name][0], '', '', '').c} / scale"
 
 
@@ -162,9 +162,9 @@ _PLANT_INPUTS = {
 
 
 def plant_comp(routine: Routine, title: str, made_by: str) -> str:
-    """Return the text of the simulated axis's .comp file, which includes P.h.
+    """Return the text of the .comp file of the simulated axis, which includes P.h.
 
-    Its `read` and `write` functions replace those of an I/O card.
+    Its functions `read` and `write` replace those of an I/O card.
     Raises ParameterError and StructureError for names and sample times that LinuxCNC does not support.
     """
     T = servo_period(routine)
@@ -207,7 +207,7 @@ def text(name: str) -> str:
 
 
 def filled(name: str, /, **values: object) -> str:
-    """Return a file of `templates/linuxcnc/` with values inserted."""
+    """Return the text of a file in `templates/linuxcnc/` with its placeholders replaced by `values`."""
     return Template(text(name)).substitute({key: str(value) for key, value in values.items()})
 
 
@@ -218,7 +218,7 @@ MEASURED = ("time", "tmax", "tmax-increased")  # pins that HAL adds to every fun
 
 
 class Item(NamedTuple):
-    """A pin or a parameter declared in the .comp file."""
+    """A pin or a parameter that a .comp file declares."""
 
     name: str
     type: str  # "float", "bit", "s32" or "u32"
@@ -227,17 +227,20 @@ class Item(NamedTuple):
 
     @property
     def c(self) -> str:
-        """The name by which the C code of a component reads and writes it."""
+        """The name of the item in the C code of a component."""
         return re.sub("_+", "_", re.sub("[-.]", "_", self.name))
 
 
 def pin(name: str, kind: str, direction: str, meaning: str) -> Item:
-    """Return a pin."""
+    """Return a pin, its meaning converted to plain ASCII."""
     return Item(name, kind, direction, plain(meaning))
 
 
 def parameter(variable: Variable) -> Item:
-    """Return the HAL parameter of a parameter: `axis.x.control.law.Kv` is `law.Kv` of the component `axis-x`."""
+    """Return the HAL parameter of a parameter of the control or the axis.
+
+    `axis.x.control.law.Kv` becomes `law.Kv` of the component `axis-x`.
+    """
     name = re.sub(r"^axis\.[^.]+\.(control\.|actuator\.(?=motor\.))?", "", variable.path).replace("_", "-")
     return Item(name, "float", "rw", plain(f"{variable.meaning}, {variable.unit or 'no unit'}"))
 
@@ -263,6 +266,7 @@ def check_component(name: str, functions: Sequence[str], items: Iterable[Item]) 
                 f"'{whole}' has {len(whole)} characters, {len(whole) - HAL_LENGTH} more than the {HAL_LENGTH} of a "
                 f"name in LinuxCNC's HAL; take a shorter name than '{name}'"
             )
+        # halcompile replaces `-` and `.` in C names by `_`: names that differ only there would collide
         key = re.sub("[-._]+", "_", entry)
         if key in seen:
             raise StructureError(f"'{hal(name)}.{seen[key]}' and '{whole}' are one name in LinuxCNC's HAL")
@@ -270,7 +274,7 @@ def check_component(name: str, functions: Sequence[str], items: Iterable[Item]) 
 
 
 def plain(words: str) -> str:
-    """Return text that halcompile and its manual pages accept: ASCII, without quotes and backslashes."""
+    """Return a text as halcompile and its manual pages accept it: ASCII, without double quotes and backslashes."""
     words = words.replace("²", "2").replace("³", "3").replace("µ", "u").replace("·", " ").replace("−", "-")
     words = words.replace('"', "'").replace("\\", "/").replace("\n", " ")
     return words.encode("ascii", "replace").decode()
@@ -295,6 +299,7 @@ def servo_period(routine: Routine) -> int:
 
 # LinuxCNC's flags permit a fused multiply-add, which processors other than x86 would use.
 _EXACT = '#pragma GCC optimize("fp-contract=off")\n\n'
+# these functions keep thousands of variables in one frame, of which the compiler would warn
 _AS_IT_STANDS = """\
 #pragma GCC push_options
 #pragma GCC optimize("O0")
@@ -303,9 +308,9 @@ _AS_IT_STANDS = """\
 
 
 def core(name: str, parts: Texts) -> str:
-    """Return the header that a component includes: the complete routine.
+    """Return the header that a component includes, with the complete routine.
 
-    Code that runs once or at parameter changes may have thousands of lines: it is compiled without optimization, in a
+    Code that runs once or at parameter changes may have thousands of lines.  It is compiled without optimization, in a
     tenth of the time.
     """
     once = re.compile(
@@ -323,7 +328,7 @@ def component_text(
     functions: Sequence[str],
     body: str,
 ) -> str:
-    """Return the text of a .comp file that includes `name`.h, for `halcompile --install`."""
+    """Return the text of a .comp file that includes `name.h`, for `halcompile --install`."""
     lines = [f'component {name} "{plain(description)}";', ""]
     lines += [f'pin {item.direction} {_TYPES[item.type]} {item.name} "{item.meaning}";' for item in pins]
     lines.append("")
@@ -341,12 +346,12 @@ _TYPES = {"float": "float", "bit": "bit", "s32": "signed", "u32": "unsigned"}
 
 
 def _number(item: Item, value: float) -> str:
-    """Return a default value in halcompile syntax: without the `+` of an exponent."""
+    """Return a default value in the syntax of halcompile, which has no `+` in an exponent."""
     return repr(float(value)).replace("e+", "e") if item.type == "float" else str(int(value))
 
 
 def numbers(texts: Iterable[str]) -> str:
-    """Return a C initializer, wrapped into lines."""
+    """Return the values of a C initializer, wrapped into lines."""
     lines = [""]
     for number_text in texts:
         if len(lines[-1]) + len(number_text) > 90:
@@ -356,7 +361,7 @@ def numbers(texts: Iterable[str]) -> str:
 
 
 def where(wanted: bool, text: str) -> str:
-    """Return the text if `wanted`, else an empty text."""
+    """Return the text if `wanted` is True, else an empty text."""
     return text if wanted else ""
 
 
@@ -364,12 +369,12 @@ def where(wanted: bool, text: str) -> str:
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
-    """Write the control of a design as a LinuxCNC component, with the files to run it; return the path of the README.
+    """Write the control of a design as a LinuxCNC component with all files to run it; return the path of the README.
 
     joint  number of the joint in LinuxCNC; default: the index of the axis in the machine file
 
     The directory contains `<name>.comp` with `<name>.h`, `<name>.hal`, `<name>.ini`, the axis as `<name>_plant.comp`,
-    `desk.ini` and `desk.hal`, and a README. It is written atomically.
+    `desk.ini` and `desk.hal`, and a README.  It is written atomically.
     Raises ParameterError for a plant instead of a control, for an axis coupled with others (the desk simulates one
     axis), for a name or sample time that LinuxCNC does not support, a precision other than double, a wrong joint
     number, or a loop that cannot follow LinuxCNC's motion; FileError for a directory that cannot be written.
@@ -432,7 +437,7 @@ LETTERS = "XYZABCUVW"
 
 
 def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
-    """Return the wiring of the controller, from the joint's commands to the force, without the I/O card."""
+    """Return the HAL wiring of the controller, from the joint's commands to the force, without the I/O card."""
     name, P = hal(routine.name), routine.name
     x = _prefix(routine)
     reading = reading_pin(routine)
@@ -492,7 +497,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
 
 
 def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: str, made_by: str) -> str:
-    """Return the sections of the joint and of the axis; in mm, the LINEAR_UNITS of the desk."""
+    """Return the .ini sections of the joint and the axis, in mm, which are the LINEAR_UNITS of the desk."""
     velocity, acceleration, error = 1e3 * limit.velocity, 1e3 * limit.acceleration, 1e3 * limit.following_error
     # inside the guard's travel: at its end the smallest overshoot would trip
     room = error if limit.travel_known else 0.0
@@ -528,7 +533,7 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
 
 
 def _unknown(limit: Limits) -> list[str]:
-    """Return the settings that the machine file lacks and that must not be assumed."""
+    """Return comment lines that name the settings missing in the machine file, which must not be assumed."""
     if limit.travel_known:
         return []
     return [
@@ -538,7 +543,7 @@ def _unknown(limit: Limits) -> list[str]:
 
 
 def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
-    """Return the HAL file for a desk test: the planner, the controller, and the simulated axis in place of a card."""
+    """Return the HAL file of a desk test: planner, controller, and the simulated axis in place of an I/O card."""
     x, p, name = _prefix(routine), hal(plant.name), hal(routine.name)
     readings = [r for r in ("motor-position-fb", "load-position-fb", "position-fb") if _has(routine, r)]
     lines = [
@@ -568,7 +573,7 @@ def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
 
 
 def desk_ini(routine: Routine, joint: int, letter: str) -> str:
-    """Return a LinuxCNC configuration with this axis, for `linuxcnc desk.ini`; lower joints echo their commands."""
+    """Return the LinuxCNC configuration `desk.ini` with this axis; lower joints echo their commands."""
     others = [other for other in LETTERS if other != letter][:joint]
     ideal = "".join(_IDEAL.format(letter=other, joint=i) for i, other in enumerate(others))
     return filled(
@@ -582,7 +587,7 @@ def desk_ini(routine: Routine, joint: int, letter: str) -> str:
 
 
 def _prefix(routine: Routine) -> str:
-    """Return the prefix of the signals, different for each axis."""
+    """Return the prefix of the HAL signals, which differs between axes."""
     return hal(routine.name)
 
 
@@ -632,8 +637,8 @@ class Limits:
 def limits(loop: Loop) -> Limits:
     """Return the limits of the fastest tested move that keeps a margin of 30 % to the limits of control and motor.
 
-    The move has LinuxCNC's trapezoidal velocity profile.  Its following error is computed as in LinuxCNC, against the
-    reading one period later.  Raises ParameterError if even the slowest move violates the limits.
+    The move has the trapezoidal velocity profile of LinuxCNC.  Its following error is computed as in LinuxCNC, from the
+    reading one period later.  Raises ParameterError if even the slowest move lacks the margin.
     """
     least, most = _travel(loop)
     tried = None
@@ -651,7 +656,7 @@ def limits(loop: Loop) -> Limits:
 
 
 def _travel(loop: Loop) -> tuple[float, float]:
-    """Return the ends of the travel in m: those of the guard, else half a metre to either side."""
+    """Return the ends of the travel in m: those of the guard, else a travel of one metre."""
     guard = loop.control.guard
     least, most = (None, None) if guard is None else (guard.travel_least, guard.travel_most)
     if least is not None and most is not None:
@@ -664,7 +669,7 @@ def _travel(loop: Loop) -> tuple[float, float]:
 
 
 def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | None:
-    """Simulate a move and return the limits it implies; None if the move is too fast or too long."""
+    """Simulate a move and return the resulting limits; None if the move is too fast or too long."""
     acceleration = velocity / _RAMP
     distance = 2.0 * _RAMP * velocity
     if distance > most - least:
@@ -680,6 +685,7 @@ def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | N
     except DivergedError:
         return None
     error = float(np.max(np.abs(run["set_position"][:-1] - run["reading_load"][1:])))
+    # the force before the limit: after it a saturated move would look like one within the limit
     force = float(np.max(np.abs(run["requested"])))
     speed = float(np.max(np.abs(run["velocity_load"])))
     guard, motor = loop.control.guard, loop.axis.actuator.motor
@@ -698,4 +704,5 @@ def _rounded_up(value: float) -> float:
     """Round up to 1, 2 or 5 times a power of ten, in m, and to at least 10 um."""
     value = max(value, 1e-5)
     power = 10.0 ** math.floor(math.log10(value))
+    # 1e-9: a round number must not become the next one by its rounding
     return next(round(step * power, 9) for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))

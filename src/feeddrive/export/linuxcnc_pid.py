@@ -1,4 +1,4 @@
-"""The target `linuxcnc-pid`: a P-PI design as LinuxCNC's stock pid components, with the remaining differences."""
+"""The target `linuxcnc-pid`: a P-PI design in LinuxCNC's stock pid components, with the remaining differences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -90,7 +90,7 @@ _LATE = (
 
 
 def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) -> LinuxcncPid:
-    """Return a design as LinuxCNC pid components.
+    """Return the pid components of LinuxCNC that represent a design.
 
     route  "two" pids in cascade, or "one"
     units  machine units per meter: 1000 for mm, 1/0.0254 for inches
@@ -140,6 +140,7 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
             error_previous_target=False,
         )
     by_bias = velocity is not None or bool(filters)
+    # the design feeds the velocity in the middle of the sample forward, v + a T/2, so that a carries d T/2
     half = 0.5 * cascade.loop.sample_time
     return LinuxcncPid(
         position=position,
@@ -153,7 +154,7 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
 
 
 def biquad(block: Filter, T: float) -> StockBiquad:
-    """Return a filter of the design as coefficients of LinuxCNC's biquad, at sample time T in s."""
+    """Return the coefficients of LinuxCNC's biquad for a filter of the design at sample time T in s."""
     prepared = block.prepare(T)
     if isinstance(prepared, Section):
         return StockBiquad(
@@ -171,7 +172,7 @@ def biquad(block: Filter, T: float) -> StockBiquad:
 
 
 def period(loop: Loop) -> float:
-    """Return the sample time in HAL, in s: an integer number of nanoseconds times 1e-9."""
+    """Return the sample time in HAL, in s: a whole number of nanoseconds times 1e-9."""
     return round(loop.sample_time * 1e9) * 1e-9
 
 
@@ -191,9 +192,9 @@ def _check_one(cascade: Cascade) -> None:
 
 
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
-    """Return the loop with LinuxCNC's pids instead of its control, on the same axis at HAL's period.
+    """Return the loop with LinuxCNC's pids in place of its control, on the same axis, at the period of HAL.
 
-    The guard is unchanged, except that the force of a disabled axis is 0, because a disabled pid outputs 0.
+    The guard is unchanged, except that the force of a disabled axis is 0, the output of a disabled pid.
     """
     guard = cascade.loop.control.guard
     control = Control(law=law, guard=None if guard is None else replace(guard, safe_force=0.0))
@@ -213,7 +214,7 @@ _DWELL = 0.3  # s after a move, in which overshoot becomes visible
 
 
 class Figure(NamedTuple):
-    """A figure of both controls; None where it is undefined."""
+    """A figure of the design and of the stock pids; None where it is undefined."""
 
     what: str
     unit: str
@@ -223,7 +224,7 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """The figures of both controls, and the two moves from which they were computed."""
+    """The figures of the design and of the stock pids, and the two moves on which they are based."""
 
     figures: tuple[Figure, ...]
     move: JerkLimitedMove
@@ -238,6 +239,7 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
         return
     hint = ""
     for share in np.linspace(0.95, 0.05, 19):
+        # gains and integral frequency together: a slower loop of the same shape
         law = replace(
             cascade.law,
             Kv=cascade.law.Kv * share,
@@ -262,7 +264,7 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
 
 
 def difference(cascade: Cascade, stock: Loop) -> Difference:
-    """Compare both controls on the same axis and the same moves."""
+    """Compare the design and the stock pids on the same axis and the same moves."""
     move, saturating = moves(cascade.loop)
     figures = [*_margins(cascade.loop, stock)]
     designed, by_pid = (_run(loop, move) for loop in (cascade.loop, stock))
@@ -281,7 +283,7 @@ def difference(cascade: Cascade, stock: Loop) -> Difference:
 
 
 def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
-    """Return a move that needs 40 % of the force limit, and one that needs 150 % if there is a limit.
+    """Return a move that needs 40 % of the force limit and, if there is a limit, one that needs 150 %.
 
     The velocity is half the limit, at most 0.3 m/s; the acceleration rises in 20 ms, or in 5 ms for the second move;
     both moves stay within the travel.
@@ -316,7 +318,7 @@ def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
 
 
 def _free(loop: Loop) -> Loop:
-    """Return the loop without the guard limits, which would trip a saturated axis."""
+    """Return the loop without the guard's limit of the following error, which would trip a saturated axis."""
     guard = loop.control.guard
     if guard is None:
         return loop
@@ -324,7 +326,7 @@ def _free(loop: Loop) -> Loop:
 
 
 def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
-    """Simulate a move; None if the run diverges."""
+    """Return the simulated run of a move; None if it diverges."""
     try:
         return simulate(loop, move, record=("set_velocity", "following_error", "force"))
     except DivergedError:
@@ -332,7 +334,7 @@ def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
 
 
 def _along(what: str, *runs: Run | None) -> list[Figure]:
-    """Return the following error and force figures of both runs during a move."""
+    """Return the figures of following error and force of both runs during a move."""
     errors = [None if run is None else run["following_error"] for run in runs]
     peaks = [None if e is None else 1e6 * float(np.max(np.abs(e))) for e in errors]
     means = [None if e is None else 1e6 * float(np.sqrt(np.mean(e * e))) for e in errors]
@@ -364,12 +366,13 @@ def _margins(*loops: Loop) -> list[Figure]:
 
 # Files of the target `linuxcnc-pid`: .hal and .ini fragments, and a README with the expected differences.
 
-JOINTS = 16  # of a LinuxCNC
+# EMCMOT_MAX_JOINTS of LinuxCNC 2.9
+JOINTS = 16
 _LONGEST = ".velocity.do-pid-calcs.tmax-increased"  # name after the axis name
 
 
 def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: float = 1000.0, joint: int = 0) -> Path:
-    """Write the configuration fragments atomically and return the path of the README.
+    """Write the .hal and .ini fragments atomically and return the path of the README.
 
     route  "two" pids in cascade, or "one"
     units  machine units per meter: 1000 for mm
@@ -405,7 +408,7 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
 
 
 def _checked(name: str) -> str:
-    """Return the name. Raises ParameterError if a HAL name with this prefix is too long."""
+    """Return the name unchanged. Raises ParameterError if a HAL name with this prefix would be too long."""
     most = HAL_LENGTH - len(_LONGEST)
     if len(name) > most:
         raise ParameterError(
@@ -437,7 +440,7 @@ GAINS = tuple(name for name in declarations(StockPid) if name not in ("error_pre
 
 
 def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[str]) -> str:
-    """Return gains, limits and following error of a joint, for its .ini file."""
+    """Return the .ini fragment of a joint: gains, limits and following error."""
     guard, units = cascade.loop.control.guard, float(law.units)
     lines = [*(f"# {line}".rstrip() for line in head), "", f"[JOINT_{joint}]"]
     if guard is not None and guard.following_error_limit is not None:
@@ -464,12 +467,13 @@ def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[
         lines += ["", f"# biquad {i}: {numbers(cascade.loop.control.filters[i])}"]
         lines += [f"FILTER_{i}_{name.upper()} = {getattr(block, name)!r}" for name in COEFFICIENTS]
     if law.filters:
+        # 0 is no limit to a pid, but a limit of 0 to limit1
         lines += ["", "# limit of filtered feedback plus feedforward", f"LIMIT = {last.maxoutput or 1e20!r}"]
     return "\n".join(lines) + "\n"
 
 
 def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head: Sequence[str]) -> str:
-    """Return the components of an axis with wiring and settings; the user connects the drive's pins."""
+    """Return the .hal fragment of an axis: components, wiring and settings, without the pins of the drive."""
     two, encoders = law.velocity is not None, cascade.loop.axis.encoders()
     pids = [f"{name}.position", *[f"{name}.velocity"] * two]
     motor = cascade.loop.axis.actuator.motor
@@ -506,6 +510,7 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
         *(f"addf {pid}.do-pid-calcs servo-thread" for pid in pids),
         *(
             f"addf {function} servo-thread"
+            # in the order of the signal: any other would add a period of dead time
             for function in (sums[1:2] + filters + sums[2:] + [f"{name}.limit"] * bool(filters))
         ),
         "",
@@ -525,7 +530,7 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
 
 
 def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
-    """Yield the wiring from the last pid through the filters, and the sum with the feedforward."""
+    """Yield the wiring from the last pid through the filters to the sum with the feedforward."""
     if not law.filters:
         return
     ends = [f"{name}.feedback.out", *(f"{name}.filter{i}.out" for i in range(len(law.filters)))]
@@ -539,14 +544,14 @@ def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
 
 
 def _pids(law: LinuxcncPid) -> Iterator[tuple[str, StockPid]]:
-    """Yield the key prefix in the .ini file and the pid, for each pid."""
+    """Yield each pid with the prefix of its keys in the .ini file, as (prefix, pid)."""
     yield "POSITION", law.position
     if law.velocity is not None:
         yield "VELOCITY", law.velocity
 
 
 def _settings(law: LinuxcncPid, name: str, joint: int) -> Iterator[str]:
-    """Yield the lines that set the parameters of the pids."""
+    """Yield the HAL lines that set the parameters of pids, sums, filters and limit."""
     for prefix, pid in _pids(law):
         whole = f"{name}.{prefix.lower()}"
         yield from (f"setp {whole}.{gain} [JOINT_{joint}]{prefix}_{gain.upper()}" for gain in GAINS)

@@ -1,4 +1,4 @@
-"""LinuxCNC programs in an isolated session, which leaves the system unchanged, and controllers run in a real HAL.
+"""LinuxCNC programs in isolated sessions that leave the system unchanged, and runs of controllers in a real HAL.
 
 HAL's shared memory exists once per computer, `halcompile --install` writes to the common component directory, and a
 killed real-time process leaves a residue.  A session therefore has separate IPC, mount, process and network namespaces.
@@ -34,13 +34,13 @@ _PACKAGES = {
 
 
 class HalError(FeeddriveError):
-    """A LinuxCNC run that rejected a component, failed, or did not end; the message contains the output."""
+    """The error of a LinuxCNC run that rejects a component, fails, or does not end; the message has the output."""
 
     exit_code = 1
 
 
 def check_programs() -> None:
-    """Raise MissingProgramError, with the packages, unless LinuxCNC and its compiler are installed."""
+    """Raise MissingProgramError, naming the packages, unless LinuxCNC and its compiler are installed."""
     missing = [program for program in _PACKAGES if shutil.which(program) is None]
     if missing:
         packages = " ".join(dict.fromkeys(_PACKAGES[program] for program in missing))
@@ -48,7 +48,7 @@ def check_programs() -> None:
 
 
 def check_session() -> None:
-    """Raise MissingProgramError as `check_programs` does, and HalError if the system allows no isolated session."""
+    """Raise MissingProgramError as `check_programs` does, and HalError if the system permits no isolated session."""
     check_programs()
     tried = subprocess.run(
         [*_alone(), "mount", "-t", "tmpfs", "feeddrive", MODULES],
@@ -67,12 +67,13 @@ def check_session() -> None:
 
 
 def _alone() -> list[str]:
+    # the other namespaces need root, which an ordinary user is only in a user namespace
     root = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
     return ["unshare", *root, "--ipc", "--mount", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
 
 
 def session(folder: Path, components: Sequence[Path], run: str, patience: float = 60.0) -> str:
-    """Install components, run a bash command in a folder, and return its output.
+    """Install components in a session, run a bash command in a folder, and return the output.
 
     components  .comp files, each with its include files in the same folder; they are copied into the folder
     patience    timeout in s, after which all processes are killed
@@ -99,7 +100,7 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
 
 
 def _ran(script: Path, patience: float) -> tuple[int, str]:
-    """Run a session's script; return its exit status and output."""
+    """Run the script of a session; return its exit status and output."""
     program = subprocess.Popen(
         [*_alone(), "bash", script.name],
         cwd=script.parent,
@@ -113,6 +114,7 @@ def _ran(script: Path, patience: float) -> tuple[int, str]:
     )
     try:
         printed, _ = program.communicate(timeout=patience)
+    # Ctrl-C, too, must not leave real-time processes running
     except BaseException as error:
         os.killpg(program.pid, signal.SIGKILL)
         printed, _ = program.communicate()
@@ -154,7 +156,7 @@ STREAMER_PINS = 20
 
 @dataclass(frozen=True, eq=False)
 class HalRun:
-    """The result of a run: one row of numbers per sample, and the printed output."""
+    """The result of a run: the rows of numbers, one per sample, and the printed output."""
 
     rows: np.ndarray
     printed: str
@@ -174,7 +176,7 @@ def halrun(
     paced: bool = False,
     patience: float = 60.0,
 ) -> HalRun:
-    """Install components, stream rows through them, one per servo period, and record the output rows.
+    """Install components, stream rows of inputs through them, one per servo period, and record the rows of outputs.
 
     components  .comp files, each with its include files in the same folder
     folder      an empty folder for intermediate files
@@ -219,12 +221,13 @@ def halrun(
 
 
 def _rows(values: np.ndarray, types: str) -> str:
-    """Return exact rows for halstreamer, each flagged with a 1; the last row is a filler flagged with a 0."""
+    """Return rows for halstreamer with all digits, each flagged with a 1, and a final row of zeros flagged with a 0."""
     words = [repr if letter == "f" else _whole for letter in types]
     lines = [
         " ".join([*(word(value) for word, value in zip(words, row, strict=True)), "1"])
         for row in np.asarray(values, dtype=float).tolist()
     ]
+    # a streamer holds its last row when the queue is empty: the flag of this one switches the sampler off
     return "\n".join([*lines, " ".join(["0"] * (len(types) + 1))]) + "\n"
 
 
@@ -289,11 +292,11 @@ def answers(
     period: int | None = None,
     patience: float = 60.0,
 ) -> HalRun:
-    """Return the outputs of an exported controller to inputs in SI, shape (n, inputs), in the order of the routine.
+    """Run an exported controller on inputs in SI, shape (n, inputs), in the order of the routine; return its outputs.
 
     directory    output directory of `write_linuxcnc`;  folder: an empty working folder
-    units_per_m  factor on input lengths; with 1 the component gets exactly the numbers of `inputs`
-    also         additional bit pins, with their inputs at each sample
+    units_per_m  factor on lengths; with 1 the component receives exactly the numbers of `inputs`
+    also         additional bit pins, with their value in each sample
     more         names and types of pins recorded after the outputs, such as ("fault-code", "s")
     setup        halcmd commands before the thread starts;  meanwhile, at_end, paced and patience: as for `halrun`
     period       thread period in ns; default: the sample time
@@ -307,8 +310,9 @@ def answers(
         f"loadrt {routine.name}",
         f"addf {name} servo-thread",
         f"setp {name}.units-per-m {units_per_m!r}",
+        # a session does not run in real time: late calls are no fault here
         f"setp {name}.late-limit 0",
-        *setup,  # not in real time here
+        *setup,
         *(f"net in-{i} streamer.0.pin.{i} => {name}.{pin}" for i, pin in enumerate(pins)),
         *(f"net out-{i} {name}.{pin} => sampler.0.pin.{i}" for i, (pin, _) in enumerate(taken)),
     ]

@@ -1,4 +1,4 @@
-"""The target `parameters`: a design in the parameter names and units of drive manufacturers, and its files."""
+"""The target `parameters`: files of a design in the parameter names and units of drive manufacturers."""
 
 import csv
 import io
@@ -43,9 +43,9 @@ NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common u
 class Row(NamedTuple):
     """A parameter of a manufacturer.
 
-    unit      in the manufacturer's notation; `measure` is the same unit for `language.units`
+    unit      in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
     source    manual and page; empty if no manual was available
-    linear    name, unit and measure for a linear motor, if they differ
+    linear    name, unit and measure for a linear motor, if they differ; an empty name for none
     scale     factor in addition to the unit: -1 for a lower limit
     decimals  number of decimals that the controller stores; `most` is the largest value that it accepts
     """
@@ -63,7 +63,7 @@ class Row(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A number as written in a file, with its path in the machine file and its value in SI."""
+    """A number in a manufacturer's file, with its path in the machine file and its value in SI."""
 
     name: str
     text: str
@@ -88,7 +88,8 @@ class Maker:
     notes    header lines of its file: which loop is meant, how the integrator is switched off, and the like
     rotary   true if it supports rotary motors only
     held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside`: reasons for others
-    filters  (filter, index among the filters, drive train) -> its lines
+    filters  function of a filter and its index among the filters, which returns the filter's lines
+    always   parts that it never represents, whatever the design is
     """
 
     key: str
@@ -104,7 +105,7 @@ class Maker:
 
 
 def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Line], list[LostPart]]:
-    """Return the numbers in a manufacturer's file, and the parts of the design that it cannot represent."""
+    """Return the lines of a manufacturer's file, and the numbers that do not fit its parameters."""
     lines: list[Line] = []
     lost: list[LostPart] = []
     for row in maker.rows:
@@ -125,7 +126,7 @@ def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Li
 
 
 def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
-    """Return the reason why a value cannot be entered, with the consequence; None if it can."""
+    """Return the reason why a parameter cannot hold a value, with the consequence; None if it can."""
     if row.most is not None and abs(value) > row.most:
         return f"{row.name} takes at most {row.most:g}", "the loop cannot be set up there: the gain stays lower"
     if value != 0.0 and abs(float(text) - value) > 0.01 * abs(value):
@@ -139,7 +140,7 @@ def number(value: float, decimals: int | None = None) -> str:
 
 
 def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
-    """Return a quantity in SI at the table, with all digits."""
+    """Return a quantity in SI at the table, as text with all digits."""
     own = {"lead": train.lead, "gear": train.gear}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     return f"{value!r} {QUANTITIES[quantity].table}".rstrip()
@@ -178,6 +179,7 @@ ODRIVE_ROWS = (
         "Nm/(turn/s^2)",
         "kg m2",
         "inertia, used by the input modes that make an acceleration themselves",
+        # N m per turn/s²: a turn is 2π rad
         scale=2.0 * math.pi,
     ),
 )
@@ -257,10 +259,11 @@ _AT_SHAFT = {"velocity_limit": ("rpm",)}
 
 
 def csv_text(cascade: Cascade, train: DriveTrain | None, head: list[str]) -> str:
-    """Return the CSV file: comment lines with `#`, then a header and one row per number."""
+    """Return the text of the CSV file: comment lines with `#`, then a header and one row per number."""
     out = io.StringIO()
     for line in head:
         out.write(f"# {line}".rstrip() + "\n")
+    # csv writes CRLF by default; all other files of an export have LF
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEAD)
     linear = DriveTrain(None)
@@ -333,7 +336,7 @@ _FIRST, _STEP = 1657, 5  # p1657 .. p1661 are the first filter, p1662 .. p1666 t
 
 
 def sinumerik_filters(block: Filter, place: int) -> Filtered:
-    """Return the lines of a current setpoint filter: PT2 or general second order, as frequencies and damping ratios."""
+    """Return the lines of a current setpoint filter of type PT2 or general second order: frequencies and dampings."""
     if place >= FILTERS:
         return Filtered(why=f"a drive has {FILTERS} current setpoint filters")
     path = f"control.filters.{place}"
@@ -510,12 +513,13 @@ TWINCAT_ROWS = (
 
 _AX5_FILTERS = ("P-0-0513", "P-0-0515", "P-0-0516", "P-0-0517")
 _AX8_FILTERS = ("0x3163", "0x3183", "0x31A3", "0x31C3")
+# a low pass of these drives has complex poles only
 _LARGEST_DAMPING = 0.99999999
 LOW_PASS_1, LOW_PASS_2 = 1, 3  # filter types, the same numbers in both drives
 
 
 def twincat_filters(block: Filter, place: int) -> Filtered:
-    """Return the low-pass lines for both drives; reject a notch, whose four parameters are not documented."""
+    """Return the lines of a low pass for both drives; a notch is rejected, as its parameters are not documented."""
     if place >= len(_AX5_FILTERS):
         return Filtered(why=f"a drive has {len(_AX5_FILTERS)} current command filters")
     if not isinstance(block, LowPass | LowPass2):
@@ -594,7 +598,7 @@ Entry = TypeVar("Entry", Line, LostPart)
 
 
 class Part(NamedTuple):
-    """A section of the README: a manufacturer's file, what it contains and lacks, or why it is absent."""
+    """A section of the README: a manufacturer's file with its lines and missing parts, or the reason for its absence."""
 
     title: str
     file: str = ""
@@ -605,7 +609,7 @@ class Part(NamedTuple):
 
     @property
     def unread(self) -> list[str]:
-        """The names without a manual reference, whose unit is only an assumption from common use."""
+        """The parameters whose unit is assumed from common use and was not checked against a manual."""
         marks = ("NOT CHECKED", "in common use")
         return [line.name for line in self.lines if line.name and any(mark in line.source for mark in marks)]
 
@@ -652,6 +656,7 @@ def write_parameters(
                 continue
             lines, missing = lines_of(maker, cascade, train)
             lines, missing = _in_paths(cascade.loop, lines), _in_paths(cascade.loop, [*missing, *_lost(maker, cascade)])
+            # a loop may be stable only with the filters that this file has no room for
             kept = tuple(b for i, b in enumerate(cascade.loop.control.filters) if not maker.filters(b, i).why)
             bare = replace(cascade.loop, control=replace(cascade.loop.control, filters=kept))
             warning = _warning(bare, cascade.loop)
@@ -660,7 +665,8 @@ def write_parameters(
             parts.append(Part(maker.title, f"{wanted_maker}.txt", warning, lines, missing))
         elif wanted_maker == "linuxcnc":
             lines, missing = halcmd_lines(cascade)
-            lines = _in_paths(cascade.loop, lines)  # `left_out` names what is missing by its path already
+            # only the lines: `left_out` has already given the missing parts their paths
+            lines = _in_paths(cascade.loop, lines)
             title = "LinuxCNC's pid, as lines of halcmd"
             warning = _warning(stock_loop(cascade, stock_law(cascade, units=STOCK_UNITS)), cascade.loop)
             head = [title, *warning, *_head(design, cascade, None)]
@@ -679,12 +685,12 @@ def write_parameters(
 
 
 def _in_paths(loop: Loop, rows: Sequence[Entry]) -> list[Entry]:
-    """Return lines or lost parts with their paths in the machine file."""
+    """Return lines or lost parts with their complete paths in the machine file."""
     return [row._replace(path=tree.in_paths(loop, row.path)) for row in rows]
 
 
 def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[str]:
-    """Return the header of each file: title, safety notes, Kv in four units, and the drive train."""
+    """Return the header lines of a file: title, safety notes, Kv in four units, and the drive train."""
     lines = [f"{design.title}.", design.made_by, "", *SAFETY, "", *kv_lines(cascade.law.Kv)]
     if train is not None and train.lead is not None:
         lines.append(
@@ -697,7 +703,7 @@ def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[st
 
 
 def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) -> str:
-    """Return a manufacturer's file: one number per line, with its meaning and source in comments above."""
+    """Return the text of a manufacturer's file: one number per line, with meaning and source in comments above."""
     out = [f"{comment} {line}".rstrip() for line in head]
     before = "setp " if key == "linuxcnc" else ""
     join = " " if key == "linuxcnc" else " = "
@@ -714,7 +720,7 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
 
 
 def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
-    """Return the parts of the design that a manufacturer cannot represent: filters individually, the rest by kind."""
+    """Return the parts of the design that a manufacturer cannot represent: each filter, and all else by kind."""
     parts = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):
         why = maker.filters(block, i).why
@@ -728,7 +734,7 @@ def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
 
 
 def _warning(bare: Loop, whole: Loop) -> list[str]:
-    """Return a warning if the loop is stable as designed but unstable with the numbers of a file alone."""
+    """Return a warning if the loop is stable as designed but unstable with only the numbers of a file."""
     if bare is whole or not stability(whole).stable:
         return []
     verdict = stability(bare)
@@ -753,7 +759,7 @@ _PID_MEANINGS = {
 
 
 def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
-    """Return the settings of the two pids and of their bias, without zeros that are the default."""
+    """Return the halcmd lines of two pids and their bias, without zeros (the default), and the lost parts."""
     law = stock_law(cascade, units=STOCK_UNITS)
     assert law.velocity is not None
     lines = list(_gains(cascade, "position", law.position)) + list(_gains(cascade, "velocity", law.velocity))

@@ -1,4 +1,4 @@
-"""The target `st`: a control as Structured Text, import files for PLC tools, a test block, and a README."""
+"""The target `st`: a control in Structured Text, import files for PLC tools, a test block, and a README."""
 
 import inspect
 import re
@@ -37,9 +37,9 @@ MOST_OPERATIONS = 500  # largest number of operations for one design number
 
 @dataclass(frozen=True)
 class Fixed:
-    """The parts fixed by the export: design numbers with their values, and the parameters behind them.
+    """The numbers fixed by the export: design numbers with their values, and the parameters on which they depend.
 
-    nodes  values of the nodes that depend only on fixed parameters and are used by rules on other parameters
+    nodes  values, by node, that depend on fixed parameters only and are read by rules on other parameters
     """
 
     fields: Mapping[str, float]
@@ -48,7 +48,7 @@ class Fixed:
 
 
 def fixed(layout: Layout) -> Fixed:
-    """Return the design numbers that need too many operations, and those that depend only on the same parameters."""
+    """Return the design numbers that need too many operations, and others that depend on the same parameters only."""
     leaves = layout.leaves
     held: set[int] = set()
     below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}
@@ -68,7 +68,7 @@ def fixed(layout: Layout) -> Fixed:
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """Return the values, by node, of operations on fixed parameters that rules on other parameters use."""
+    """Return the values, by node, of operations on fixed parameters that rules on other parameters read."""
     graph, leaves = layout.graph, layout.leaves
     moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
     stands = _depending(graph, held)
@@ -88,7 +88,7 @@ def _depending(graph: Graph, others: set[int]) -> list[bool]:
 
 
 class Printing(Protocol):
-    """The interface of the printer that `configure` uses: its layout, legal names and statements."""
+    """The printer as `configure` sees it: a layout, legal names, and statements."""
 
     layout: Layout
     fixed: Fixed
@@ -115,7 +115,7 @@ class Printing(Protocol):
 
 
 def configure(printer: Printing) -> Unit:
-    """Return the function block that computes the design, always in LREAL, then rounded once for storage.
+    """Return the function block that computes the design in LREAL and rounds each number once for storage.
 
     Bounds are checked first, then the rules between parameters, then the design is computed, each only if all previous
     conditions hold, so that rejected parameters never cause a division by zero.
@@ -130,7 +130,8 @@ def configure(printer: Printing) -> Unit:
             leaves[node] = printer.parameter("parameters", i)
     section = printer.section(leaves, ["parameters", "design", "rule"], "LREAL")
     for node, (kind, i) in layout.leaves.items():
-        if kind == "table":  # a table read at fixed indices: results then depend only on parameters
+        # a table may be read here, too: at a fixed index the entry depends on parameters only
+        if kind == "table":
             section.table(node, layout.routine.tables[i][0], [float(x) for x in layout.routine.tables[i][2]])
     lines = ["rule := 0;"]
     bounds = len(layout.routine.parameters)
@@ -145,6 +146,7 @@ def configure(printer: Printing) -> Unit:
         inner += _refused(layout, section.statements.texts[node], code)
     lines += _unless_broken(inner)
     places = {field.node: f"design.{printer.design[field.name]}" for field in wanted}
+    # in REAL a field holds the rounded number: other numbers must be computed from a variable of their own
     section.places = places if printer.real == "LREAL" else {}
     inner = printer.computed(section, places)
     for field in wanted:
@@ -170,7 +172,7 @@ def configure(printer: Printing) -> Unit:
 
 
 def _is_tunable(printer: Printing, node: int) -> bool:
-    """Return True if a node depends on a parameter that can be changed on the PLC."""
+    """Return True if a node depends on a parameter that the PLC can change."""
     for i in reachable(printer.layout.graph, [node]):
         kind, place = printer.layout.leaves.get(i, ("", 0))
         if kind == "parameter" and printer.layout.routine.parameters[place].path in printer.parameters:
@@ -188,7 +190,7 @@ def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
 
 
 def _refused(layout: Layout, holds: str, code: int) -> list[str]:
-    """Return lines that store the code of the first violated condition."""
+    """Return the lines that store the code of a condition, if it is the first violated one."""
     sentence = st.plain(ascii_text(layout.routine.sentences[code]))
     return [
         f"(* {code}: {sentence} *)",
@@ -199,7 +201,7 @@ def _refused(layout: Layout, holds: str, code: int) -> list[str]:
 
 
 def _unless_broken(lines: list[str]) -> list[str]:
-    """Return the lines, guarded by a test that no rule has been violated so far."""
+    """Return the lines inside an IF that no rule has been violated so far."""
     return ["IF rule = 0 THEN", *(f"{st.INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
 
 
@@ -210,12 +212,13 @@ def _unless_broken(lines: list[str]) -> list[str]:
 # axis_x_reset       design, inputs -> state: off, where the axis is
 # axis_x_retune      state, parameters and design before and after -> state
 
-CYCLE_TOLERANCE = 1e-6  # relative tolerance of the sample time: a task's cycle is known more precisely
+# relative: the cycle of a task is known more precisely, and any other sample time is another design
+CYCLE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Program:
-    """The units in the order that a compiler needs; `names` maps dotted parameter names to Structured Text names."""
+    """The units of a program, each before its use; `names` maps dotted parameter names to Structured Text names."""
 
     structures: tuple[Structure, ...]
     units: tuple[Unit, ...]
@@ -224,7 +227,7 @@ class Program:
 
     @property
     def block(self) -> Unit:
-        """The function block that a PLC calls."""
+        """The function block that a PLC task calls."""
         return self.units[-1]
 
     def text(self) -> str:
@@ -241,7 +244,7 @@ def program(layout: Layout, heading: str) -> Program:
 
 
 class Printer:
-    """The printer of a layout; field names are made legal once and used throughout."""
+    """The printer of a layout as Structured Text, with one legal name for each field."""
 
     def __init__(self, layout: Layout, heading: str) -> None:
         self.layout, self.heading = layout, heading
@@ -255,7 +258,7 @@ class Printer:
         self.used: dict[str, set[str]] = {"LREAL": set(), "REAL": set()}
 
     def program(self) -> Program:
-        """Return structures, functions and function blocks."""
+        """Return the structures, functions and function blocks of the control."""
         reset = self._reset()
         blocks = [configure(self), reset, self._retune(), self._step(reset.sections[st.INPUTS][1:])]
         own = [unit for real, used in self.used.items() for unit in st.functions(used, self.name, real)]
@@ -284,7 +287,7 @@ class Printer:
         )
 
     def _design_comment(self) -> str:
-        """Return the comment on the design numbers: the parameters that are fixed by the export."""
+        """Return the comment above the design structure, which lists the parameters fixed by the export."""
         lines = ["Numbers that depend on parameters only."]
         if self.fixed.parameters:
             lines += ["", "Those with a value are fixed by the export. They were computed for these parameters:"]
@@ -301,7 +304,7 @@ class Printer:
         return ("TRUE" if value else "FALSE") if field.truth else st.decimal(value, self.real)
 
     def parameter(self, struct: str, i: int) -> str:
-        """Return the field of a parameter, or its value if it is fixed."""
+        """Return the text of a parameter: its field in `struct`, or its value if it is fixed."""
         path = self.routine.parameters[i].path
         return st.literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
 
@@ -327,7 +330,7 @@ class Printer:
         )
 
     def _retune(self) -> Unit:
-        """Return the function block for live parameter changes, which computes in LREAL like configure."""
+        """Return the function block for live parameter changes, which computes in LREAL, as `configure` does."""
         retune = self.layout.retune
         assert retune is not None, "a control can be retuned, an axis is not printed"
         states = [f"state.{self.states[v.path]}" for v in self.routine.states]
@@ -364,7 +367,7 @@ class Printer:
         )
 
     def _prepared(self, struct: str, node: int) -> str:
-        """Return the text of a prepared number: a constant or a design variable; empty if it is never read."""
+        """Return the text of a prepared number: a constant or a field of the design; empty if it is never read."""
         constant = self.layout.graph.nodes[node]
         if constant[0] == "const":
             return st.literal(float.fromhex(constant[1]))
@@ -432,7 +435,7 @@ class Printer:
         )
 
     def _off(self) -> list[str]:
-        """Return the outputs for invalid parameters: the safe force of the machine file."""
+        """Return the assignments of the outputs under invalid parameters, with the safe force of the machine file."""
         printed: list[str] = []
         for name, value in off_outputs(self.routine).items():
             text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(st.literal(value, self.real))
@@ -453,7 +456,7 @@ class Printer:
         return Declared(variable.name, kind, "", meaning)
 
     def _put(self, name: str, text: str) -> list[str]:
-        """Return the assignment of an output, in the type that a PLC program expects."""
+        """Return the assignment of an output, converted to its declared type."""
         if name == "trip":
             return [f"trip := {self.real}_TO_INT({text});"]
         if name == "enabled":
@@ -469,7 +472,7 @@ class Printer:
         return text if self.real == "LREAL" else f"LREAL_TO_REAL({text})"
 
     def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
-        """Return statements for some nodes, and register the functions that they call."""
+        """Return the statements for some nodes, and register the functions that they call."""
         lines = section.compute(nodes)
         self.used[section.real] |= section.statements.used
         return lines
@@ -500,7 +503,7 @@ class Printer:
         real: str,
         traced: tuple[Graph, Mapping[int, Name], Mapping[int, str]] | None = None,
     ) -> Section:
-        """Start a section for the statements of one block."""
+        """Return a new section for the statements of one function block."""
         layout = self.layout
         graph, names, makers = traced or (layout.graph, layout.names, layout.makers)
         return Section(self.name, dict(self.routine.blocks), graph, leaves, names, makers, real, taken)
@@ -552,7 +555,7 @@ def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:
 
 
 def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
-    """Return fields, with a comment above the first field of each group that shares it."""
+    """Return the fields, with the comment of each group above its first field."""
     grouped: list[Declared] = []
     last = ""
     for field, meaning in fields:
@@ -562,7 +565,7 @@ def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
 
 
 def _meaning(variable: Variable) -> str:
-    """Return unit and meaning, without the remark about an absent parameter."""
+    """Return the unit and the meaning of a variable, without a remark on its absence in the machine file."""
     meaning = re.sub(r"; absent[^;]*$", "", variable.meaning)
     return f"{variable.unit}: {meaning}" if variable.unit else meaning
 
@@ -594,7 +597,7 @@ def write_structured_text(design: Design, out: Path) -> Path:
 
 
 def header(design: Design) -> str:
-    """Return the comment above the function block: its title, its usage, and the docstrings of its blocks."""
+    """Return the comment above the function block: title, usage, and the docstrings of the blocks of the control."""
     parts = [
         design.title,
         design.made_by,
@@ -719,7 +722,7 @@ _HEAD = '<?xml version="1.0" encoding="utf-8"?>\n<TcPlcObject Version="1.1.0.1" 
 
 
 def twincat_file(part: Structure | Unit) -> tuple[str, str]:
-    """Return file name and content for a structure, function or function block."""
+    """Return the name and the content of the TwinCAT file of a structure, function or function block."""
     if isinstance(part, Structure):
         body = f"    <Declaration><![CDATA[{_cdata(part.text())}]]></Declaration>\n"
         return f"{part.name}.TcDUT", _wrapped("DUT", part.name, "", body)
@@ -731,7 +734,7 @@ def twincat_file(part: Structure | Unit) -> tuple[str, str]:
 
 
 def _wrapped(tag: str, name: str, more: str, body: str) -> str:
-    """Wrap an element. Its GUID depends on the name alone, so that a repeated export replaces the file in a project."""
+    """Return the file of an element. Its GUID depends on the name only: a repeated export replaces it in a project."""
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"feeddrive/{tag}/{name}")
     return f'{_HEAD}  <{tag} Name="{name}" Id="{{{identity}}}"{more}>\n{body}  </{tag}>\n</TcPlcObject>\n'
 
@@ -741,7 +744,8 @@ def _cdata(text: str) -> str:
     return text.replace("]]>", "]] >")
 
 
-SAMPLES = 100  # they are constants in the memory of the PLC
+# few, since they are constants in the memory of the PLC
+SAMPLES = 100
 _SAID = """\
 Tries {name} on this PLC: call it in any task until done. It gives {samples} stored samples to the controller, with
 a live change of parameters in between, and compares every output with the simulator's, all bits.
@@ -752,8 +756,10 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
     """Return the function block `axis_x_check`, which compares the controller with stored samples."""
     routine, name = layout.routine, layout.routine.name
     real = "LREAL" if layout.precision == "double" else "REAL"
+    # no broken inputs: Structured Text has no literal for NaN or infinity
     tried = trial(routine, SAMPLES, seed, changes=1, broken=0.0)
     changes = {
+        # parameters that the export has fixed cannot change on the PLC
         sample: {path: value for path, value in changed.items() if path in program.names}
         for sample, changed in tried.changes.items()
     }
@@ -809,12 +815,13 @@ def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str
         lines += [
             f"{st.INDENT}parameters.{program.names[path]} := {bare(st.literal(v))};" for path, v in changed.items()
         ]
+        # an IF without a statement is illegal
         lines += ["END_IF;"] if changed else [f"{st.INDENT};", "END_IF;"]
     return lines
 
 
 def _array(name: str, signal: str, row: Sequence[float] | np.ndarray, real: str) -> Declared:
-    """Return a signal as an array over the samples, in the type of the controller's interface."""
+    """Return the declaration of a constant array of a signal, in its type at the controller."""
     if signal in ("enable", "enabled"):
         kind, texts = "BOOL", ["TRUE" if x > 0.5 else "FALSE" for x in row]
     elif signal == "trip":

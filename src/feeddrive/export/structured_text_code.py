@@ -1,4 +1,4 @@
-"""Structured Text code: declarations, expressions, statements from a graph, and functions that IEC 61131-3 lacks."""
+"""Structured Text: declarations, expressions, statements from a graph, and functions missing in IEC 61131-3."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SECTIONS = (INPUTS, OUTPUTS, VARIABLES, CONSTANTS)
 
 
 class Declared(NamedTuple):
-    """A variable or a field: name, type, initial value as text, meaning, and the comment above it."""
+    """The declaration of a variable or a field: name, type, initial value as text, meaning, and a comment above it."""
 
     name: str
     kind: str
@@ -52,7 +52,7 @@ class Structure:
     fields: Sequence[Declared]
 
     def declared(self) -> Sequence[Declared]:
-        """Return the fields; an empty structure, which is illegal, gets a dummy field."""
+        """Return the fields, or a dummy field if there are none, since an empty structure is illegal."""
         return self.fields or [Declared("none", "BOOL", "", "nothing is kept here")]
 
     def text(self) -> str:
@@ -63,7 +63,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Unit:
-    """A function (with result type `result`) or a function block."""
+    """A function, if it has a result type, or a function block."""
 
     name: str
     comment: str
@@ -95,7 +95,7 @@ class Unit:
 
 
 def _declared(variables: Iterable[Declared]) -> list[str]:
-    """Return one line per variable, with meanings aligned where lines remain short."""
+    """Return one line per variable, with the meanings of short lines aligned."""
     variables = list(variables)
     lines = [f"{INDENT}{v.name} : {v.kind}{' := ' + v.value if v.value else ''};" for v in variables]
     wide = min(44, max((len(line) for line, v in zip(lines, variables, strict=True) if v.meaning), default=0))
@@ -121,7 +121,7 @@ def comment(text: str) -> list[str]:
 
 
 def plain(text: str) -> str:
-    """Return text that can neither begin nor end a comment."""
+    """Return a text that can neither begin nor end a comment."""
     return text.replace("(*", "( *").replace("*)", "* )")
 
 
@@ -130,7 +130,7 @@ def _joined(lines: Iterable[str]) -> str:
 
 
 def huge(real: str) -> Declared:
-    """Return the declaration of a variable whose square is infinite."""
+    """Return the declaration of the variable whose square is infinite."""
     return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")
 
 
@@ -141,7 +141,7 @@ OWN = frozenset({"floor", "power_of_two", "exponent"}) | ELEMENTARY  # functions
 
 
 def literal(value: float, real: str = "LREAL") -> str:
-    """Return a number in an expression as text that restores the same bits: `0.5`, `LREAL#0.1`, `(-LREAL#1.0E-7)`.
+    """Return a number for use in an expression, with the same bits: `0.5`, `LREAL#0.1`, `(-LREAL#1.0E-7)`.
 
     A number that REAL and LREAL round differently has a type prefix, since compilers disagree on the type of a plain
     0.1.
@@ -156,7 +156,7 @@ def literal(value: float, real: str = "LREAL") -> str:
 
 
 def decimal(value: float, real: str = "LREAL") -> str:
-    """Return the shortest decimal that restores the same bits, for declarations, which give the type separately."""
+    """Return the shortest decimal with the same bits, for a declaration, which states the type separately."""
     mantissa, _, power = str(np.float32(value) if real == "REAL" else float(value)).partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{f'E{int(power)}' if power else ''}"
 
@@ -170,7 +170,7 @@ def short(value: float) -> float:
 def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -> str:
     """Return an operation as text, parenthesized if it contains an operator.
 
-    `prefix` is the name prefix of the functions printed with the block.
+    `prefix` begins the names of the functions printed along with the block.
     """
     if name in INFIX:
         return f"({values[0]} {INFIX[name]} {values[1]})"
@@ -188,7 +188,7 @@ def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -
 
 
 def own(prefix: str, name: str, real: str) -> str:
-    """Return the name of a function printed with the block: `axis_x_exp`, or `axis_x_exp_real` for REAL."""
+    """Return the name of a function printed along with the block: `axis_x_exp`, or `axis_x_exp_real` for REAL."""
     return f"{prefix}_{name}{'' if real == 'LREAL' else '_real'}"
 
 
@@ -258,10 +258,10 @@ def _no_array(size: int) -> str:
 
 
 class Statements:
-    """The statements that compute some nodes of a graph.
+    """The Structured Text statements that compute some nodes of a graph.
 
-    `texts` maps leaves and nodes already computed to their text.  `declare(node, kind)` returns the name of a new
-    variable of a type, or of an existing variable with the value.
+    `texts` maps leaves, and nodes already computed, to their text.  `declare(node, kind)` returns the name of the
+    variable for a node, which it declares with the type `kind` unless the node has a place.
     """
 
     def __init__(
@@ -290,11 +290,12 @@ class Statements:
         self._inside: set[int] = set()  # choices nested in another choice
 
     def compute(self, roots: Iterable[int], held: Iterable[int] = ()) -> list[Assignment | Choice]:
-        """Return the statements for some nodes in the order of the law; those in `held` always get a variable."""
+        """Return the statements for some nodes in the order of the law; nodes in `held` always become variables."""
         roots, self._held = list(roots), set(held)
         order = self._needed(roots)
         uses = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
         uses.update(roots)
+        # twice: a held node becomes a variable even if no other node reads it
         uses.update(2 * list(self._held))
         alone = {index for index in order if uses[index] == 1 and index not in self.named}
         for index in order:
@@ -335,6 +336,7 @@ class Statements:
             case "decays":
                 size, array = len(node) - 1, self.array(len(node) - 1)
                 self.used.add(f"decays_{size}")
+                # an array begins with zeros, and these entries are never written
                 entries = [(k, self.texts[i]) for k, i in enumerate(arguments(node)) if self.texts[i] != "0.0"]
                 reads = self._all_reads(arguments(node))
                 for k, text in entries:
@@ -369,7 +371,7 @@ class Statements:
         return frozenset().union(*(self._reads.get(i, frozenset({i})) for i in values))
 
     def _add(self, statement: Assignment) -> None:
-        """Append a statement, before a trailing choice if it is independent of it, so that choices can merge."""
+        """Append a statement, but before a last choice on which it does not depend, so that choices can merge."""
         last = self.done[-1] if self.done else None
         place = (
             len(self.done) - 1 if isinstance(last, Choice) and not (statement.needs & last.makes) else len(self.done)
@@ -377,7 +379,7 @@ class Statements:
         self.done.insert(place, statement)
 
     def _choice(self, index: int) -> None:
-        """Add a choice, or add its assignments to the previous choice if the condition is the same."""
+        """Add a choice, or merge it with the previous choice if both have the same condition."""
         choice = self._branches(index, self._variable(index, self._kind(index)))
         _append(self.done, choice)
         cast(Choice, self.done[-1]).makes.add(index)
@@ -401,7 +403,8 @@ class Statements:
         return Assignment(target, self.texts[side], self._all_reads([side]))
 
 
-MOST_ENTRIES = 10_000  # an array with its initial values in the source, for a table
+# a table is an array with all its initial values in the source
+MOST_ENTRIES = 10_000
 
 
 class Section:
@@ -435,7 +438,7 @@ class Section:
         return name
 
     def _wanted(self, index: int) -> str:
-        """Return the variable name from the law, or of the state if it may have been reset, else a numbered name."""
+        """Return the name from the law, else that of the state that a selection may keep, else a numbered name."""
         if index in self.names:
             return word(self.names[index])
         node = self.graph.nodes[index]
@@ -449,7 +452,7 @@ class Section:
         return name
 
     def table(self, node: int, path: str, row: list[float]) -> None:
-        """Declare a table as a constant array."""
+        """Declare a table as a constant array. Raises StructureError for a table with too many entries."""
         if len(row) > MOST_ENTRIES:
             raise StructureError(
                 f"{path} has {len(row)} entries, more than the {MOST_ENTRIES} that fit into a Structured Text array; "
@@ -461,7 +464,7 @@ class Section:
         self.statements.texts[node] = name
 
     def switch(self, node: int) -> None:
-        """Read the enable input as a BOOL, which replaces its comparison with one half."""
+        """Replace the comparison of the enable input with one half by the BOOL `switched_on`."""
         for index, operation in enumerate(self.graph.nodes):
             if (
                 operation[0] == "lt"
@@ -471,7 +474,7 @@ class Section:
                 self.statements.texts[index] = "switched_on"
 
     def compute(self, nodes: Iterable[int]) -> list[str]:
-        """Return the statements for some nodes, grouped under the names of the blocks that compute them."""
+        """Return the statements for some nodes, under headings with the blocks that compute them."""
         nodes = list(nodes)
         self.statements.done = []
         statements = self.statements.compute(nodes, nodes)
@@ -493,7 +496,7 @@ class Section:
         return [array for name, array in self._tables.items() if any(f"{name}[" in line for line in self._lines)]
 
     def assign(self, targets: Iterable[tuple[str, int]]) -> list[str]:
-        """Emit all assignments as if simultaneous: save values that are overwritten before they are read."""
+        """Return assignments that act as if simultaneous: values overwritten before they are read are saved first."""
         moved = [(place, self.statements.texts[index]) for place, index in targets]
         moved = [(place, text) for place, text in moved if place != text]
         places = {place for place, _ in moved}
@@ -611,7 +614,7 @@ _RANGE = {  # floating-point format: fraction bits, exponents, largest number
 
 
 def functions(used: Iterable[str], prefix: str, real: str = "LREAL") -> list[Unit]:
-    """Return the functions that some operations need, dependencies first."""
+    """Return the functions that some operations need, each after its dependencies."""
     units: dict[str, Unit] = {}
     for name in sorted(set(used) & OWN):
         _add(units, name, prefix, real)
@@ -716,12 +719,13 @@ def _plain(name: str, prefix: str, real: str) -> Unit:
 
 
 def _elementary(name: str, graph: Graph, root: int, prefix: str, real: str) -> Unit:
-    """Return an elementary function whose body is the simulator's plain arithmetic."""
+    """Return an elementary function with the plain arithmetic of the simulator as its body."""
     function = own(prefix, name, real)
     taken = {"x", HUGE, function}
     variables: list[Declared] = []
 
     def declare(index: int, kind: str) -> str:
+        # a function of Structured Text returns what is assigned to its name
         if index == root:
             return function
         variables.append(Declared(identifier(f"v{len(variables) + 1}", taken, ST_WORDS), kind))

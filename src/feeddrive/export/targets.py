@@ -1,7 +1,7 @@
 """The export targets by name, with the functions that write and prove them, the manifest `export.json` and the README.
 
-The README is rendered as plain text from a Jinja2 template in `templates/`. An undefined name in a template is an
-error. Only `|` in a table cell is escaped, by the filter `cell`.
+The README is rendered as plain text from a Jinja2 template in `templates/`.  An undefined name in a template is an
+error.  Only `|` in a table cell is escaped, by the filter `cell`.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _NUMBERS = {"int | None": int, "float | None": float}
 
 @dataclass(frozen=True)
 class Proof:
-    """The function `prove` of a module, with which `verify` runs an export, and the length of its trial.
+    """The proof of an export: the module whose function `prove` runs it, and the length of the trial.
 
-    samples    number of samples, which takes some seconds
+    samples    number of samples, chosen to take some seconds
     changes    number of live parameter changes in the trial; 0 if the program does not support them
-    own_build  true if the export builds itself, so that compiler and flags cannot be chosen
+    own_build  True if the export has its own build, so that compiler and flags cannot be chosen
     """
 
     module: str
@@ -53,6 +53,7 @@ class Proof:
     ) -> Answers:
         """Run the export in a directory and return its outputs. Raises the errors of the module's `prove`."""
         compiler = () if self.own_build else (flags, command)
+        # imported on use: each target needs modules and packages that the others do not
         return import_module(f"{_HERE}.{self.module}").prove(directory, design, tried, *compiler)
 
 
@@ -60,12 +61,14 @@ class Proof:
 class Target:
     """A target: the function that writes it, its capabilities, and the proof of its export.
 
-    options     those in `OPTIONS` that its function takes
+    options     names in `OPTIONS` that its function accepts
     precisions  supported precisions, default first
-    together    true if it can contain the controls of several axes as one
-    linear      true if it supports linear axes only: it uses mm, or the units of a motor with its lead
-    in_c        true if its code is that of the target c, whose `configure` returns the codes of violated rules
-    proof       absent if the export cannot run on this computer; `unproven` gives the reason
+    plants      True if it can contain a plant
+    together    True if it can contain the controls of several axes as one
+    fixed       arguments with which its function is always called
+    linear      True if it supports linear axes only: it uses mm, or the units of a motor with its lead
+    in_c        True if its code is that of the target c, whose `broken_rule` returns the codes of violated rules
+    proof       None if the export cannot run on this computer; `unproven` gives the reason
     """
 
     module: str
@@ -82,11 +85,11 @@ class Target:
 
 
 class TargetOption(NamedTuple):
-    """An option of some targets, which the command `export` takes too.
+    """An option of some targets, also offered by the command `export`.
 
     kind   its type in the request of the command
-    unit   SI
-    asked  its name in that request, if it has another one
+    unit   its SI unit
+    asked  its name in that request, if it differs
     """
 
     kind: str
@@ -107,7 +110,7 @@ OPTIONS: Mapping[str, TargetOption] = {
     "lead": TargetOption("float | None", "lead of the screw, if the file has none", "m"),
     "gear": TargetOption("float | None", "turns of the motor in one of the screw"),
 }
-"""The options of targets by name; a target lists those that it has."""
+"""The options of targets, by name; each target lists those that it accepts."""
 
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
@@ -240,9 +243,9 @@ def write_all(
 
 
 def write_again(design: Design, target: str, out: Path, options: Mapping[str, Any]) -> None:
-    """Repeat an export with the options in its `export.json`: the same design gives the same bytes.
+    """Repeat an export with the options of its `export.json`; the same design gives the same bytes.
 
-    Raises the errors of the target's function, and TypeError for options that it does not have.
+    Raises the errors of the target's function, and TypeError for options that it does not accept.
     """
     chosen = _chosen(target)
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
@@ -260,14 +263,16 @@ def _planned(
     together: bool,
     options: Mapping[str, Any],
 ) -> tuple[Design, Path, Callable[[Design, Path], Path]]:
-    """Return a checked design, its path, and the function that writes it."""
+    """Return the checked design, the path of its export, and the function that writes it."""
     chosen = _chosen(target)
+    # the command passes every option: one that was not given must not count as foreign to the target
     chosen_options = {key: value for key, value in options.items() if value not in (None, False, ())}
     for option in chosen_options:
         if option not in chosen.options:
             raise ParameterError(f"{_flag(option)} means nothing for the target {target}{_instead(option)}")
     for option, declared in OPTIONS.items():
         value, kind = chosen_options.get(option), _NUMBERS.get(declared.kind)
+        # bool first: Python counts True and False as whole numbers
         if kind is not None and value is not None and (isinstance(value, bool) or not isinstance(value, int | kind)):
             wanted = "a whole number" if kind is int else "a number"
             raise ParameterError(f"{_flag(option)} = {value!r} must be {wanted}")
@@ -295,7 +300,8 @@ def _planned(
             f"mm or with a lead; {fits} are in rad and N m"
         )
     if not plant:
-        with suppress(NoSlopeError):  # no derivative needed; the remarks state that nothing is proven
+        # a law without a linear model is exported all the same: the remarks state that nothing is proven
+        with suppress(NoSlopeError):
             require_stable(design.system)
     stem, part = Path(design.machine.file.name).stem, "all" if design.together else design.axis
     place = Path("results") / f"export_{stem}_{part}_{target}" if out is None else Path(out)
@@ -310,7 +316,7 @@ def _chosen(target: str) -> Target:
 
 
 def _flag(option: str) -> str:
-    """Return an option in command-line syntax."""
+    """Return an option as it is written on the command line."""
     asked = OPTIONS[option].asked if option in OPTIONS else ""
     return f"--{(asked or option).replace('_', '-')}"
 
@@ -327,7 +333,7 @@ MOST_BYTES = 10_000_000  # of a file
 
 @dataclass(frozen=True)
 class Manifest:
-    """The content of `export.json`; `source` is the name of the machine file, `files` are SHA-256 digests by name."""
+    """The content of `export.json`: `source` is the name of the machine file, `files` has SHA-256 digests by name."""
 
     target: str
     axis: str
@@ -386,7 +392,7 @@ def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, byt
 
 
 def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, bytes | str]:
-    """Return the files to write, including the edited files of the older export, which are kept."""
+    """Return the files to write, including edited files of the older export, which are kept."""
     contents = dict(files)
     for name in changed_files(out, read_manifest(out)):
         if not (out / name).is_file():
@@ -437,10 +443,11 @@ def read_manifest(directory: Path) -> Manifest:
 
 
 def changed_files(directory: Path, manifest: Manifest) -> list[str]:
-    """Return the files of an export that are missing or modified."""
+    """Return the files of an export that are missing or modified. Raises FileError for a name outside the export."""
     wrong = []
     for name, digest in manifest.files.items():
         file = directory / name
+        # an `export.json` may come from anybody: its names must not lead out of the directory
         if not Path(os.path.abspath(file)).is_relative_to(os.path.abspath(directory)):
             raise FileError(f"{directory / FILE}: names the file '{name}' outside the export: export again")
         if file.is_symlink() or not file.is_file() or _digest(read_whole(file, MOST_BYTES)) != digest:
@@ -453,6 +460,7 @@ def _digest(content: bytes | str) -> str:
 
 
 def _text(value: Any) -> str:
+    # TypeError, which `read_manifest` reports as a malformed file
     if not isinstance(value, str):
         raise TypeError(f"{value!r} is not a text")
     return value
@@ -462,7 +470,7 @@ def readme(template: str, design: Design, **content: Any) -> str:
     """Return the README of a design in Markdown. It is deterministic: the same content gives the same text.
 
     template  a file of `templates/`; besides `content` it receives `design`, `routine`, `P` (the prefix of all names),
-              `title`, `made_by`, `control` (true for a control, false for an axis), `trips` and `c_rules`
+              `title`, `made_by`, `control` (True for a control, False for an axis), `trips` and `c_rules`
     """
     return (
         _environment()

@@ -1,4 +1,4 @@
-"""Verification of an export: its code runs on this computer and is compared with the simulator bit for bit."""
+"""Verification of an export: its code runs on this computer, and its outputs must equal the simulator's bit for bit."""
 
 import platform
 import re
@@ -22,7 +22,8 @@ from feeddrive.loop.routine import run, target_name
 from feeddrive.version import __version__
 
 MOST = 20_000_000  # samples
-SINGLE = 5_000  # samples in single precision, whose expected outputs are computed in Python, operation by operation
+# samples in single precision: their expected outputs are computed in Python, operation by operation
+SINGLE = 5_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +104,12 @@ def verify_export(
 ) -> Verified:
     """Prove on this machine that an export computes the same bits as the simulator.
 
-    samples  number of samples in the trial; default: what takes some seconds, a million for C in double precision
+    samples  number of samples in the trial; default: that of the target, a million for C in double precision
     flags    C compiler flags in addition to -std=c99 -O2 -ffp-contract=off; `command` names another compiler
 
     The exported code runs in the program of its target. The expected outputs come from the machine file of the export
     and the simulator of this feeddrive; in single precision, from the same operations in Python, each rounded.
-    A file to be compiled or run is rejected beforehand if it differs from that of a fresh export by any byte.
+    A file to be compiled or run is rejected beforehand if any byte differs from a fresh export.
 
     Raises FileError for such a file, for a directory that is not an export or whose code does not compile,
     MissingProgramError or MissingExtraError if the target's program is missing, and ParameterError for a target that
@@ -140,10 +141,10 @@ def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Desig
 
 
 def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
-    """Return the files that differ from a fresh export. Raise FileError for one that would be compiled or run.
+    """Return the files that differ from a fresh export. Raises FileError for one that would be compiled or run.
 
-    The digests in `export.json` could be updated along with a file; a fresh export of the machine file has the original
-    bytes.
+    The comparison is with a fresh export of the machine file, since the digests in `export.json` can be edited along
+    with a file.
     """
     changed, findings, run = set(targets.changed_files(directory, manifest)), list[str](), list[str]()
     wanted = {name: (fresh / name).read_bytes() for name in files_of(fresh) if name != targets.FILE}
@@ -189,9 +190,10 @@ def _proven(
     flags: Sequence[str],
     command: str | None,
 ) -> Verified:
-    """Run the fresh export, whose bytes equal those of the directory, so that no file can change in between."""
+    """Run the fresh export, with the bytes of the given one, so that no file can change between check and run."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
+    # a short trial has some ten broken numbers, too
     tried = trial(design.routine, count, seed, changes=proof.changes, broken=max(2e-4, 10.0 / count))
     if proof.own_build and (flags or command):
         raise ParameterError(
@@ -203,12 +205,13 @@ def _proven(
 
 
 def _design(directory: Path, manifest: Manifest) -> Design:
-    """Return the design described by the manifest."""
+    """Return the design described by the manifest, with the names of the machine file from which it was exported."""
     if manifest.what != CONTROL:
         raise ParameterError(f"{directory}: is the export of an axis; compare its run with one of `simulate`")
     file = directory / MACHINE_FILE
     if not file.is_file():
         raise FileError(f"{file}: is missing; export again")
+    # the name of a design of all axes is the list of their names
     together = "," in manifest.axis
     axis = None if together else manifest.axis
     design = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
@@ -234,6 +237,7 @@ def _compared(
     names = [variable.name for variable in design.routine.outputs]
     outputs = answers.outputs
     bits = np.ascontiguousarray(outputs).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
+    # sign and payload of a NaN differ between processors and mean nothing
     bits &= ~(np.isnan(outputs) & np.isnan(wanted))
     with np.errstate(invalid="ignore"):
         apart = np.where(bits, np.abs(outputs - wanted), 0.0).max(axis=0)
