@@ -224,7 +224,7 @@ class Played:
 
 @contextlib.contextmanager
 def interruption() -> Generator[Callable[[], bool]]:
-    """Replace the handlers of Ctrl-C by a flag, so that no cycle is interrupted; pressing it again has no effect.
+    """Replace the handlers of Ctrl-C and termination by a flag, so that no signal interrupts a cycle.
 
     Yields a function that returns True once a signal has arrived.
     """

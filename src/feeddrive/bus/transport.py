@@ -34,7 +34,7 @@ _REASONS = {
 
 
 class RefusedError(BusError):
-    """The drive refused to read or write an object; `code` is the SDO abort code."""
+    """The error of a refused access to an object; `code` is the SDO abort code."""
 
     def __init__(self, where: str, index: int, subindex: int, code: int, writing: bool) -> None:
         reason = _REASONS.get(code, "see the manual of the drive")

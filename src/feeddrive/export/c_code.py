@@ -890,7 +890,7 @@ def _laws(routine: Routine) -> str:
 
 
 def _titles(routine: Routine) -> Callable[[str], str]:
-    """Return a function that returns the heading above the statements of a block."""
+    """Return a function that gives the heading above the statements of a block, by its dotted name."""
     kinds: dict[str, Block] = dict(routine.blocks)
 
     def title(owner: str) -> str:

@@ -549,7 +549,7 @@ static void stop(void)
 
 
 def linker_script(P: str) -> str:
-    """Return the linker script of the emulated boards; the section `core` holds the step, whose instructions count."""
+    """Return the linker script of the emulated boards; the section `core` holds the code to be counted."""
     return f"""\
 /* The boards mps2-an386 and mps2-an500 of qemu, for the self-test only. */
 ENTRY(reset)

@@ -335,7 +335,7 @@ class LayoutRun:
         return {node: real(rows[i][2]) for node, (kind, i) in self.layout.leaves.items() if kind == "table"}
 
     def reset(self, inputs: Iterable[float]) -> list[Any]:
-        """Reset the state to the inputs; return the outputs of the reset, which only a plant has."""
+        """Reset the state at the position given by the inputs; return the outputs, which only a plant has."""
         return self._advance(self.layout.reset, inputs)
 
     def step(self, inputs: Iterable[float]) -> list[Any]:

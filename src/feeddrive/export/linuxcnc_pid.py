@@ -95,7 +95,7 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
     route  "two" pids in cascade, or "one"
     units  machine units per meter: 1000 for mm, 1/0.0254 for inches
 
-    Raises ParameterError for an unknown route and for a law whose `viscous` exceeds its velocity gain, and
+    Raises ParameterError for an unknown route and for a law whose `viscous` is not below its velocity gain, and
     StructureError if one pid cannot represent the design.
     """
     if route not in ROUTES:

@@ -41,7 +41,7 @@ NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common u
 
 
 class Row(NamedTuple):
-    """A parameter of a manufacturer.
+    """A parameter of a manufacturer's control or drive.
 
     unit      in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
     source    manual and page; empty if no manual was available
@@ -598,7 +598,7 @@ Entry = TypeVar("Entry", Line, LostPart)
 
 
 class Part(NamedTuple):
-    """A section of the README: a manufacturer's file with its lines and missing parts, or the reason for its absence."""
+    """A section of the README: a file with its lines and missing parts, or the reason for its absence."""
 
     title: str
     file: str = ""

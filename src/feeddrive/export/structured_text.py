@@ -201,7 +201,7 @@ def _refused(layout: Layout, holds: str, code: int) -> list[str]:
 
 
 def _unless_broken(lines: list[str]) -> list[str]:
-    """Return the lines inside an IF that no rule has been violated so far."""
+    """Return the lines inside an IF block that runs only if no rule has been violated so far."""
     return ["IF rule = 0 THEN", *(f"{st.INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
 
 

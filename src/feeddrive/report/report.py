@@ -128,7 +128,7 @@ class Section:
 class Verdict:
     """The outcome in sentences, the most important first.
 
-    good  True if the result may be used, False if not; None if the report judges nothing
+    good  True if the result may be used, False if not; None if there is no judgment
     """
 
     sentences: tuple[str, ...]
