@@ -19,7 +19,8 @@ from feeddrive.loop.linearize import Lifted, StateSpace
 
 _BESIDE = np.linspace(-4.0, 4.0, 33)  # offsets, in half-widths of a resonance, at which lines are added
 _PER_DECADE, _LOWEST = 150, 1e-6  # of Nyquist
-_REFINED = 6  # refinement rounds, each of which narrows the search by a factor of ten
+# rounds of refinement, each of which narrows the search tenfold: the limiting frequency has seven digits
+_REFINED = 6
 
 
 def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
@@ -51,10 +52,12 @@ def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[
 
 @dataclass(frozen=True, eq=False)
 class LoopResponse:
-    """The frequency response of a loop in a certificate. `bands` are the steps of r, one radius or one per reading.
+    """The frequency response of a loop in a certificate.
 
-    For a multirate control, Hl is the force at f + l/(NT) in the closed loop in response to a sine of 1 N at f at the
-    plant's input: with discs of radius r the loop is stable if r Σ|Hl| < 1 at all f.  For N = 1 that is
+    `bands` are the steps of the disc radius r over frequency, with one radius or one per reading.
+
+    For a multirate control, Hl is the part of the closed-loop force at f + l/(NT) that responds to a sine of 1 N at f
+    at the plant's input: with discs of radius r the loop is stable if r Σ|Hl| < 1 at all f.  For N = 1 that is
     r |L| < |1 + L|.
     """
 
@@ -91,16 +94,17 @@ class LoopResponse:
         return abs(self.pole)
 
     def images(self, frequency: np.ndarray) -> np.ndarray:
-        """Return Hl, shape (lines, N)."""
+        """Return Hl at frequencies in Hz, shape (lines, N)."""
         A, B, C, D = self.closed.stacked(["cut"], ["force"])
         N, n, T = len(self.samples), A.shape[0], self.control.sample_time
         turn = np.exp(2j * np.pi * T * np.outer(frequency, np.arange(N)))
         z = np.exp(2j * np.pi * T * N * frequency)
         states = np.linalg.solve(z[:, None, None] * np.eye(n) - A, (turn @ B.T)[:, :, None])[:, :, 0]
+        # without its carrier the force has a period of N samples: its Fourier coefficients are the parts at f + l/(NT)
         return np.fft.fft((states @ C.T + turn @ D.T) * np.conj(turn), axis=1) / N
 
     def gains(self, frequency: np.ndarray) -> np.ndarray:
-        """Return -Ci Pi per reading, shape (readings, lines).
+        """Return the loop gain -Ci Pi of each reading, shape (readings, lines).
 
         For a multirate control, return the effective gain for a sine, in one row.
         """
@@ -114,9 +118,10 @@ class LoopResponse:
         return np.array(loop_gains)
 
     def radii(self, frequency: np.ndarray) -> np.ndarray:
-        """Return r of each disc, at a band edge the larger one; shape (discs, lines)."""
+        """Return the radius r of each disc, shape (discs, lines); at a band edge the larger of the two."""
         edges = np.array([band["to_Hz"] for band in self.bands])
         r = np.array([band["r"] for band in self.bands], dtype=float)
+        # a line within rounding of an edge belongs to both bands, and the larger radius of the two counts
         left = np.minimum(np.searchsorted(edges, frequency * (1.0 - 1e-12), side="left"), edges.size - 1)
         right = np.minimum(np.searchsorted(edges, frequency * (1.0 + 1e-12), side="right"), edges.size - 1)
         return np.maximum(r[left], r[right]).T
@@ -162,14 +167,18 @@ class LoopResponse:
         return every[np.append(np.diff(every) > 1e-13 * every[:-1], True)]
 
     def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
-        """Return the factor by which all discs could be wider, and the limiting frequency in Hz."""
+        """Return the factor by which all discs could be widened, and the limiting frequency in Hz.
+
+        also  frequencies in Hz around which more lines are searched
+        """
         f = self.lines()
         if also:
             spread = np.concatenate([x * np.geomspace(0.98, 1.0 / 0.98, 81) for x in also])
             # a peak that the checker found between the lines of an earlier search
             f = np.unique(np.concatenate([f, spread[spread <= f[-1]]]))
         room = self._ratio(f)
-        best = float(np.min(room)), float(f[np.argmin(room)])  # it may lie on an edge of the radius
+        # the minimum may lie at an edge of a band, where the radius jumps and no refinement lowers it
+        best = float(np.min(room)), float(f[np.argmin(room)])
         # each local minimum is refined between its neighbors
         inner = np.flatnonzero((room <= np.append(room[1:], np.inf)) & (room <= np.append(np.inf, room[:-1])))
         for i in inner[np.argsort(room[inner])][:8]:
@@ -205,8 +214,8 @@ def deviations(lines: int, confidence: float) -> float:
 def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
     """Return steps (up to Hz, r) from a number, or from points (Hz, r) interpolated linearly in ln f.
 
-    A step has the larger radius of its ends.  Raises ParameterError for negative radii and frequencies that do not
-    increase.
+    A step has the larger of the radii at its two ends.
+    Raises ParameterError for negative radii and for frequencies that do not increase.
     """
     if isinstance(radius, (int, float)):
         if not (np.isfinite(radius) and radius >= 0.0):
@@ -222,7 +231,7 @@ def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
 
 
 def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
-    """Return (|G - P| + sure √variance) / |P| at each measured line of a reading."""
+    """Return the radius that contains each measured line of a reading: (|G - P| + sure √variance) / |P|."""
     lines = plant.lines[reading]
     model = plant.model.response(lines.frequency, output=plant.model.outputs[reading]).response
     return (np.abs(lines.response - model) + sure * np.sqrt(lines.variance)) / np.abs(model)
@@ -231,10 +240,10 @@ def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
 def measured(
     plant: NominalPlant, sure: float, least: float, beyond: float, nyquist: float
 ) -> list[list[tuple[float, float]]]:
-    """Return steps of r for each reading that contain every line with its confidence.
+    """Return the steps of r for each reading whose discs contain every line with its confidence.
 
-    Between two lines r is the larger of both; below the first line it is the maximum of the first octave; above the
-    last line it is the maximum of the last octave, and at least `beyond`; it is nowhere less than `least`.
+    Between two lines r is the larger of the two.  Below the first line it is the maximum over the first octave, above
+    the last line the maximum over the last octave, but at least `beyond`.  It is never less than `least`.
     """
     steps: list[list[tuple[float, float]]] = []
     for reading, lines in enumerate(plant.lines):
@@ -265,7 +274,7 @@ def _steps(
 
 
 def _up(radius: float) -> float:
-    """Round up to four digits."""
+    """Round up to four significant digits."""
     if radius == 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(radius)) - 3)
@@ -290,7 +299,7 @@ def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate(Result):
-    """The proof of a control for a list of plants; `document` contains all of it as plain values.
+    """A proof that a control is robustly stable for a list of plants; `document` holds it as plain values.
 
     It is created by `certify_loop` or read from a file; both run the checker first.
     """

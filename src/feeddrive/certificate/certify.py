@@ -185,6 +185,7 @@ def certify_loop(
     T = float(loop.sample_time) if isinstance(loop, Loop) else sample_time
     if T is None or not (math.isfinite(T) and 0.0 < T < 10.0):
         raise ParameterError("a control alone needs its sample_time, in s, above 0")
+    # a normal error has no finite bound: at a confidence of 1 every disc would be infinitely wide
     if not 0.0 < confidence < 1.0 - 1e-9:
         raise ParameterError(f"confidence = {Quantity(confidence):6} must lie between 0 and 1; 0.95 is 95 %")
     if not (math.isfinite(beyond) and beyond >= 0.0):
@@ -235,7 +236,8 @@ def certify_loop(
         except check.RefusedError as error:
             if not error.frequency or len(also) == _ROUNDS:
                 raise NotCertifiedError(f"not certified: {error}") from None
-            also.append(error.frequency)  # a peak between the lines of the search
+            # the checker found a peak between the lines of the search, which is then searched there, too
+            also.append(error.frequency)
         else:
             return certificate
 
@@ -273,7 +275,8 @@ def _certified(
 ) -> dict[str, Any]:
     """Return a plant in certificate form; its reserve is also searched near the frequencies `also`, Hz.
 
-    Raises NotCertifiedError.
+    Raises NotCertifiedError if the nominal loop is unstable or a disc too wide, and ParameterError for a radius or
+    responses that do not suit the plant.
     """
     T = controller.model.sample_time
     nyquist = 0.5 / T
@@ -343,6 +346,7 @@ def point_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike
     for point in points:
         name = point.name if isinstance(point, OperatingPoint) else "model"
         count = sum(other == name or other.startswith(f"{name} ") for other in plants)
+        # loops without a name are all called model, and a dictionary would keep only the last of them
         plants[name if count == 0 else f"{name} {count + 1}"] = _plant_like(point)
     return plants
 

@@ -2,8 +2,8 @@
 
     python check.py CERTIFICATE.json        exit code 0: proven; 1: refused, with one line that gives the reason
 
-The file works wherever it is copied.  It trusts no figure that it can compute.  With C = Nc/Dc of the control (from
-readings to force) and P = Np/Dp of a plant:
+The file works on its own wherever it is copied.  It recomputes every figure that it can instead of reading it.  With
+C = Nc/Dc of the control (from readings to force) and P = Np/Dp of a plant:
 
     F = Dc Dp - Σ Nci Npi           characteristic polynomial of the closed loop, of degree n: all states of both
     |F(z)| > Σ ri |Nci Npi|         for every |z| = 1; with one disc for all readings: r |Σ Nci Npi|
@@ -60,7 +60,7 @@ HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
 class RefusedError(Exception):
-    """The reason for refusing a certificate, in one line; `frequency` in Hz if the reason concerns one."""
+    """The refusal of a certificate: its reason in one line, and a `frequency` in Hz if the reason concerns one."""
 
     def __init__(self, reason: str, frequency: float | None = None) -> None:
         super().__init__(reason)
@@ -82,6 +82,7 @@ def exact(text: Any, what: str) -> float:
 
 def plain(value: Any, what: str, least: float = 0.0, most: float = 1e12) -> float:
     """Read a JSON number between two bounds."""
+    # True and False are integers in Python, but not in JSON
     fine = isinstance(value, (int, float)) and not isinstance(value, bool) and least <= value <= most
     need(fine, f"{what} is not a number from {least:g} to {most:g}")
     return float(value)
@@ -204,18 +205,20 @@ def ratio(a: int, b: int) -> float:
 
 
 class Bands:
-    """The radii versus u. The edges are widened by more than the floating-point error of sin²."""
+    """The disc radii as a function of u; band edges are widened by more than the floating-point error of sin²."""
 
     def __init__(self, entries: Any, discs: int, T: float) -> None:
         self.edges, self.radii, low = [], [], 0.0
         for k, band in enumerate(row(entries, None, "radius")):
             need(isinstance(band, dict) and set(band) == {"from_Hz", "to_Hz", "r"}, f"radius.{k} is not a band")
+            # compared exactly: within a gap of any width the radius would be undefined
             need(band["from_Hz"] == low, f"there is a gap in the radius at {low:.6g} Hz")
             low = plain(band["to_Hz"], f"radius.{k}.to_Hz", math.nextafter(low, math.inf), 1e9)
             self.edges.append(low)
             self.radii.append([plain(r, f"radius.{k}.r", 0.0, 1e9) for r in row(band["r"], discs, f"radius.{k}.r")])
         need(0 < len(self.edges) <= 20_000, "there is no radius, or too many")
         need(abs(low * T * 2.0 - 1.0) < 1e-9, f"the radius ends at {low:.6g} Hz and not at half the sample rate")
+        # the last u is 1 exactly: rounding of sin² must leave no gap below half the sample rate
         self.T, self.u = T, [math.sin(math.pi * f * T) ** 2 for f in self.edges[:-1]] + [1.0]
         self.starts = [0.0, *(u * (1.0 - 1e-12) for u in self.u[:-1])]
         self.ends = [*(u * (1.0 + 1e-12) for u in self.u[:-1]), 1.0]
@@ -232,7 +235,7 @@ class Bands:
 
 
 def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
-    """Refuse unless |F| > reserve Σ ri |Ni| for all u in 0..1; return the number of intervals."""
+    """Raise RefusedError unless |F| > reserve Σ ri |Ni| for all u in 0..1; return the number of intervals."""
     n, nodes = len(F) - 1, 0
     waiting = [(0, 0, [squared(p, n) for p in (F, *N)])]
     while waiting:
@@ -244,12 +247,14 @@ def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
         r = [Fraction(x) * reserve for x in bands.most(low, high)]
         # (Σ ri |Ni|)² <= Σ ri² |Ni|²/mi for any mi > 0 of sum 1 (Cauchy and Schwarz); it is sharp for mi as ri |Ni|
         size = [float(x) * ratio(p[0] + p[-1], parts[0][0] + parts[0][-1]) for x, p in zip(r, parts[1:], strict=True)]
+        # any m > 0 gives a valid bound: the floor only avoids the division by 0 of a reading without gain
         m = [Fraction(max(x, 1e-6 * max(size), 1e-200)) for x in size]
         factor = [x * x * sum(m) / y for x, y in zip(r, m, strict=True)]
         q = math.lcm(*(x.denominator for x in factor))
         p = [x.numerator * (q // x.denominator) for x in factor]
         if all(q * b[0] > sum(map(mul, p, b[1:])) for b in zip(*parts, strict=True)):
             continue
+        # a violation at one point ends the search at once; bisection alone would run until NODES
         there = float(reserve) * sum(map(mul, bands.most(low, low), (ratio(b[0], parts[0][0]) for b in parts[1:])))
         need(there < 1.0, f"r|L| is {there:.4g} of |1 + L| at {f:.6g} Hz", f)
         both = [halved(b) for b in parts]
@@ -280,7 +285,7 @@ NEAR = 0.75  # largest spectral radius of |E| + h W for which an interval is tri
 
 
 class Lifted(NamedTuple):
-    """The lifted loop: A (n rows), B (N columns of n), C (N rows of n), D (row a has the samples before a)."""
+    """The lifted loop: A (n rows), B (N columns of n), C (N rows of n), D (row a: gains of the a samples before it)."""
 
     A: Matrix
     B: Matrix
@@ -325,6 +330,7 @@ def _closed(control: System, plant: System) -> list[list[Fraction]]:
 
 def _float(x: int, scale: int) -> float:
     value = x / scale
+    # subnormal numbers have larger relative errors than ROUND
     if x and not 1e-280 < abs(value) < 1e280:
         raise ArithmeticError("a number of the loop over a period is out of range")
     return value
@@ -341,6 +347,7 @@ def inverse(matrix: Sequence[Complexes]) -> list[Complexes]:
     for k in range(n):
         best = max(range(k, n), key=lambda i: abs(rows[i][k]) / scale[i])
         rows[k], rows[best], scale[k], scale[best] = rows[best], rows[k], scale[best], scale[k]
+        # a singular matrix gets a huge inverse, whose residual then fails the bound
         pivot = rows[k][k] or 1e-300
         top = rows[k] = [x / pivot for x in rows[k]]
         for i in range(n):
@@ -356,7 +363,7 @@ def sums(rows: Sequence[Sequence[complex]], vector: Sequence[complex]) -> list[A
 
 
 class Stretch:
-    """The resolvent (ζ - A)⁻¹ for |θ - θ0| <= h, with bounds for every input; `fits` is false if h is too wide."""
+    """The resolvent (ζ - A)⁻¹ for |θ - θ0| <= h, with bounds for every input; `fits` is False if h is too wide."""
 
     def __init__(self, loop: Lifted, center: float, h: float) -> None:
         self.loop, self.center, self.h, self.zeta = loop, center, h, cmath.exp(1j * center)
@@ -370,6 +377,7 @@ class Stretch:
         ]
         self.M = [[e + h * w for e, w in zip(*lines, strict=True)] for lines in zip(self.E, self.W, strict=True)]
         self.p, self.q = [1.0] * len(loop.A), 0.0  # M p <= q p
+        # any p > 0 gives a bound; power iterations bring q close to the spectral radius, the smallest one
         for _ in range(8):
             after = sums(self.M, self.p)
             self.q = max((x / y for x, y in zip(after, self.p, strict=True)), default=0.0) * (1.0 + ROUND)
@@ -453,7 +461,7 @@ def widest(bands: Bands, low: float, high: float) -> float:
 
 
 def separated_with_images(loop: Lifted, bands: Bands, factor: float) -> int:
-    """Refuse unless factor r Σl |Hl| < 1 at all frequencies; return the number of intervals."""
+    """Raise RefusedError unless factor r Σl |Hl| < 1 at all frequencies; return the number of intervals."""
     N, T, nodes, waiting = len(loop.C), bands.T, 0, [(0, 0)]
     per = 1.0 / (2.0 * math.pi * N * T)  # Hz
     while waiting:
@@ -482,7 +490,7 @@ def separated_with_images(loop: Lifted, bands: Bands, factor: float) -> int:
 def proven_over_period(
     samples: Sequence[System], plant: System, bands: Bands, factor: float, f: float
 ) -> tuple[int, int, float]:
-    """Refuse unless the loop is stable and factor r Σl |Hl| < 1 at all frequencies.
+    """Raise RefusedError unless the loop is stable and factor r Σl |Hl| < 1 at all frequencies.
 
     Returns the number of poles, the number of intervals, and r Σl |Hl| at f.
     """
@@ -516,6 +524,7 @@ def parse(content: bytes) -> dict[str, Any]:
 def digest(document: Mapping[str, Any]) -> str:
     """Return the SHA-256 of the document without its digest entry."""
     rest = {name: value for name, value in document.items() if name != "sha256"}
+    # sorted and without spaces: the digest must not depend on the layout of the file
     return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
@@ -535,7 +544,7 @@ def prepared(control: Any) -> Polynomials | list[Any]:
 
 
 def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly, Numerators, Bands, int, int]:
-    """Prove stability and margin of a plant.
+    """Prove stability and margin for a plant.
 
     Returns its det(z - A), its numerators and bands, the number of poles and the number of intervals.
     """
@@ -568,7 +577,7 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
 
 
 def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float) -> int:
-    """Refuse unless |G - P| + sure √variance <= r|P| at every measured line; return the number of lines."""
+    """Raise RefusedError unless |G - P| + sure √variance <= r|P| at every measured line; return their number."""
     rows, discs = row(plant["lines"], None, "lines"), len(bands.radii[0])
     need(not rows or len(rows) == len(Np) or all(Np[i, 0] == Np[0, 0] for i in range(len(Np))), "lines are missing")
     need(len(rows) <= discs, "lines of two readings need a disc each")

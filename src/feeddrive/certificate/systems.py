@@ -49,7 +49,7 @@ class Deployed:
 
 
 def rounded(value: float, arithmetic: str) -> float:
-    """Round to an arithmetic: float64, float32, or fixedN with N binary places.
+    """Round a number to an arithmetic: float64, float32, or fixedN with N binary places.
 
     Raises ParameterError for an unknown name, and for a number outside the range of float32.
     """
@@ -83,9 +83,11 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
             f"{MOST}: set position_every <= {MOST}, or take a longer sample time"
         )
     swings = 0.1 / sample_time  # rad/s of an axis that only provides readings
+    # any axis with two readings will do: only the rows and columns of the control are kept below
     axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
     bare = replace(control, guard=None, force_limit=None)
     memory = bare.start(bare.prepare(sample_time), Setpoint(0.0), 0.0, 0.0).memory
+    # before the linearization, which would treat each cell of a ring as a state
     _check_size(sum(ring.length for _, ring in tree.leaves(memory) if isinstance(ring, Ring)))
     numbers: dict[str, float] = {}
     coarse: dict[str, float] = {}
@@ -105,6 +107,7 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
         else:
             samples = (linearize(loop, *names, velocity=velocity, stored=stored),)
     except ParameterError:
+        # a block refuses a gain that was rounded to 0 by its bound, which would not tell the user the cause
         gone = [name for name, share in coarse.items() if share == 1.0]
         if not gone:
             raise
@@ -305,8 +308,10 @@ def _sampled(
     return replace(sampled, C=C)
 
 
-_SIZES = 1e-40, 1e20  # m/N
-_ZERO = 1e-9  # of the numbers whose difference it is
+# m/N: ten decades beyond the response of any axis, on either side
+_SIZES = 1e-40, 1e20
+# relative to the sum of magnitudes: rounding is far below it, a spring to the ground far above
+_ZERO = 1e-9
 
 
 class Lines(NamedTuple):
