@@ -134,6 +134,7 @@ class Figure:
     def __repr__(self) -> str:
         return f"Figure({self.key!r})"  # identical in every process, because hashes are computed from it
 
+    # by the key alone: functions are equal only to themselves, which pickling does not preserve
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Figure) and other.key == self.key
 
@@ -151,12 +152,12 @@ class Figure:
         return self.better == HIGHER
 
     def read(self, source: Any) -> Any:
-        """Return the value of a loop or a run; None if it does not exist."""
+        """Return the value for a loop or a run; None if it does not exist."""
         assert self.of is not None
         return self.of(source)
 
     def value(self, source: Any) -> Any:
-        """Return the value of a loop or a run; `absent` if it does not exist."""
+        """Return the value for a loop or a run; `absent` if it does not exist."""
         value = self.read(source)
         return self.absent if value is None else value
 
@@ -209,8 +210,9 @@ class Limit:
         return Text(f"{self.figure.title} {sign} {Quantity(self.bound, self.figure.unit)}")
 
     def keeps(self, value: float | None, room: float = 0.0) -> bool:
-        """Return True if a value keeps the limit, with `room` as tolerance, a share of the limit; an absent value keeps
-        it.
+        """Return True if a value keeps the limit within the tolerance `room`, a share of the limit.
+
+        An absent value keeps it.
         """
         if value is None:
             return True
@@ -219,9 +221,7 @@ class Limit:
         return size >= (1.0 - room) * self.bound if self.figure.higher else size <= (1.0 + room) * self.bound
 
     def used(self, value: float | None) -> float:
-        """Return the share of the limit that a value uses up: above 1 the limit is exceeded; 0 if the value is
-        absent.
-        """
+        """Return the share of the limit that a value uses up, above 1 if it exceeds the limit; 0 if it is absent."""
         if value is None:
             return 0.0
         # a stiffness of 0 exceeds every limit; it must not divide by zero on the way
@@ -238,8 +238,9 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """The statistics of a batch for one axis: `rms("force")` is an array over the variants; `port` is `x.` in a
-    machine.
+    """The statistics of a batch for one axis: `rms("force")` is an array over the variants.
+
+    `port` is the prefix of the axis's signals, such as `x.` in a machine.
     """
 
     batch: Batch

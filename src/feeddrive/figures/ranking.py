@@ -77,5 +77,6 @@ def worst(figures: Sequence[Values]) -> dict[str, float | None]:
     for key in figures[0]:
         values = [value for row in figures if (value := row.get(key)) is not None]
         higher = key in known and known[key].higher
+        # a figure that is missing in one row may be the worst there: the other rows do not bound it
         worst_values[key] = None if len(values) < len(figures) else (min if higher else max)(values)
     return worst_values

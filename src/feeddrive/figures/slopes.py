@@ -34,8 +34,8 @@ Band = tuple[float, float]
 class JudgedLoop(Protocol):
     """A closed loop whose figures can be computed, from a model or a measurement.
 
-    A loop that computes one of them only once defines it as a property that returns a cached property, because a type
-    checker does not accept a `cached_property` for the property of a protocol.
+    To compute one of them only once, a class defines it as a property that returns a cached property: a type checker
+    does not accept a `cached_property` for the property of a protocol.
     """
 
     @property
@@ -249,6 +249,7 @@ def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
     spread = _spread(loop)
     late = np.pi * f * limit * loop.sample_time
     # |e^(-jωτ) - 1| = 2 sin(ωτ/2), at most 2, which it reaches at ωτ = π; beyond that every phase may occur
+    # where L is 0 any dead time is admissible, and the slack is rightly infinite
     with np.errstate(divide="ignore"):
         slack = np.log(np.abs((1.0 + L) / L) / (2.0 * np.sin(np.minimum(late, 0.5 * np.pi))))
     slack = _at_vertex(np.log(f), slack)
@@ -264,7 +265,7 @@ def compliance_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
 
 
 def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.0) -> Iterator[Place]:
-    """Yield the lines at which the compliance, with weights if given, is near a limit from below."""
+    """Yield the lines at which the compliance, times `weight`, is near an upper limit."""
     f = loop.frequency
     size = np.abs(loop.compliance)
     slack = _at_vertex(np.log(f), np.log(limit / (weight * size)))
@@ -275,9 +276,9 @@ def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.
 
 
 class _Crossing(NamedTuple):
-    """A gain crossover: its line, frequency and margins, the derivatives of phase and ln f, and its sensitivity to
-    noise.
+    """A gain crossover with the derivatives of its phase and frequency.
 
+    line, margin  index of its line; frequency and margins
     turned        derivatives of the phase with respect to the tunables
     along         derivatives of ln f with respect to the tunables
     tilt, bend    d ln|L|/d ln f and d phase/d ln f
@@ -303,9 +304,7 @@ def _gain_crossings(loop: SlopedLoop) -> Iterator[_Crossing]:
 
 
 def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the gain crossovers with their distance from a phase margin limit in deg; margins count by absolute
-    value.
-    """
+    """Yield the gain crossovers with the distance of |phase margin| from a limit in deg."""
     spread = _spread(loop)
     for k, margin, turned, _along, tilt, bend in _gain_crossings(loop):
         sign = 1.0 if margin.phase_margin_deg >= 0.0 else -1.0
@@ -368,7 +367,8 @@ def force_noise_of(loop: SlopedLoop, noise: tuple[float, float]) -> float:
 
 
 def _spread(loop: SlopedLoop) -> np.ndarray:
-    return np.sqrt(0.5 * loop.gain_variance)  # standard deviation of the component along one direction
+    # a slack depends on one component of the complex error, which has half of its variance
+    return np.sqrt(0.5 * loop.gain_variance)
 
 
 def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
@@ -408,8 +408,9 @@ def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
 
 
 def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[float, float]:
-    """Return d ln|L|/d ln f and dφ/d ln f around a line, fitted over an interval, because two lines would show their
-    noise.
+    """Return d ln|L|/d ln f and dφ/d ln f around a line.
+
+    They are fitted over an interval: the difference of two lines would be mostly noise.
     """
     low, high = (int(end) for end in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
     # at least the two lines of the crossing, where lines are sparse
