@@ -43,8 +43,8 @@ class Case(ABC, Generic[T]):
     kind      name on the dashboard of a cluster
     common    names of the fields that are the same object in all cases of an evaluation: sent once to each worker
     stages    number of progress steps that the case counts as
-    threaded  true if it computes in machine code that releases Python to other threads: it needs no separate process
-    isolated  true if it runs third-party code that may crash its process: even with one worker it gets its own process
+    threaded  True if it computes in machine code that releases the interpreter lock, so that threads are enough
+    isolated  True if it runs third-party code that may crash its process: it gets a separate one even for one worker
     """
 
     kind: ClassVar[str] = "case"
@@ -64,7 +64,7 @@ class Case(ABC, Generic[T]):
 
     @abstractmethod
     def outcome(self, progress: Progress) -> T:
-        """Compute the case. The outcome depends on the fields alone: not on the cases beside it, nor on where it runs.
+        """Compute the case. The outcome must depend on the fields alone, not on other cases or on where it runs.
 
         Raises CancelledError once `progress` is cancelled.
         """
@@ -81,7 +81,7 @@ class Case(ABC, Generic[T]):
     def restored(self, record: Any, progress: Progress) -> T:
         """Return the outcome from its record.
 
-        Raises ValueError, KeyError, TypeError or AttributeError for one that this case did not write.
+        Raises ValueError, KeyError, TypeError or AttributeError for a record that this case did not write.
         """
         raise TypeError(f"{type(self).__name__} keeps no outcomes")
 
@@ -100,7 +100,8 @@ def attached(case: Case[T], common: tuple[Any, ...]) -> Case[T]:
 def computed(case: Case[T], progress: Progress) -> T:
     """Compute the outcome of a case; called in a worker process or on a cluster worker.
 
-    An error of a user-defined block is raised as a FeeddriveError with its line: its frames stay in this process.
+    An error in a user-defined block is raised as a FeeddriveError that names its line, since the traceback is lost
+    between processes.
     """
     try:
         return case.outcome(progress)
@@ -118,10 +119,12 @@ def content_digest(*values: Any) -> str:
 
     Raises TypeError for a value whose content cannot be digested, such as a function.
     """
+    # another version may compute another outcome from the same fields
     content = hashlib.sha256(repr(versions()).encode())
     for value in values:
         for part in _content(value):
             content.update(part)
+            # a separator: without it the pieces "ab", "c" would have the digest of "a", "bc"
             content.update(b"\0")
     return content.hexdigest()
 
@@ -131,6 +134,7 @@ def _content(value: Any) -> Iterator[bytes]:
     if isinstance(value, Block):
         shape = tree.structure(value)
         yield repr(shape).encode()
+        # sorted: the order of a set differs from process to process
         for kind in sorted(_classes(shape), key=lambda kind: kind.__qualname__):
             yield _source(kind)
         for name, leaf in (*tree.leaves(value), *tree.tables(value)):
@@ -160,7 +164,8 @@ def _content(value: Any) -> Iterator[bytes]:
     elif is_dataclass(value) and not isinstance(value, type):
         yield f"{type(value).__module__}.{type(value).__qualname__}".encode()
         if type(value).__repr__ is not object.__repr__ and hasattr(value, "key"):
-            yield repr(value).encode()  # a Figure: its key says what it is
+            # a Figure: its functions cannot be digested, but its key identifies it
+            yield repr(value).encode()
             return
         for field in fields(value):
             yield field.name.encode()
@@ -180,6 +185,7 @@ def _classes(shape: Any) -> set[type[Block]]:
 def _source(kind: type[Block]) -> bytes:
     """Return the source of a class, which changes while a law is being developed; empty if there is none."""
     try:
+        # a class typed into an interpreter or a notebook has no file to read
         return inspect.getsource(kind).encode()
     except (OSError, TypeError):
         return b""

@@ -36,12 +36,17 @@ from feeddrive.language.text import Text
 from feeddrive.version import __version__
 
 C = TypeVar("C", bound=Case[Any])
-_AHEAD = 3  # cases for each thread of the cluster that are handed out, so that none waits for the client
-_LEAST = 8  # handed out while no worker is there: a cluster that grows on demand starts some for them
+# cases handed out for each thread of the cluster: one at work and two that wait, so that it is never idle
+_AHEAD = 3
+# cases handed out before there is any worker: a cluster that grows on demand starts workers for them
+_LEAST = 8
 _LOOK = 0.02  # s between two looks at what is done
-_COUNT = 2.0  # s between two counts of the cluster's threads
-_PATIENCE = 30.0  # s without a worker after which that is said
-_LOSSES = 3  # times that Dask may give a case up, each after several workers that ended with it
+# s between two counts of the threads of the cluster, each of which is a request to the scheduler
+_COUNT = 2.0
+# s without a worker before a remark: a cluster that grows on demand needs a while to start one
+_PATIENCE = 30.0
+# times that a case may be given up: each time Dask itself has already tried it on several workers
+_LOSSES = 3
 
 
 def finished(
@@ -75,7 +80,8 @@ class _Handed(Generic[C]):
 
     def __init__(self, client: Any, address: str, progress: Progress) -> None:
         self._client, self._address, self._progress = client, address, progress
-        self._run = secrets.token_hex(4)  # two clients with the same cases do not share futures
+        # futures are shared by key: two clients with the same cases must not cancel those of the other
+        self._run = secrets.token_hex(4)
         self._common: tuple[Any, ...] | None = None  # what the cases have in common
         self._sent: list[Any] = []  # futures of it, the last one in use
         self._handed: dict[Any, _Place[C]] = {}
@@ -83,6 +89,7 @@ class _Handed(Generic[C]):
 
     def finished(self, cases: Iterator[C]) -> Generator[tuple[C, Any]]:
         """Yield each case with its outcome on completion."""
+        # an extra, which only evaluations on a cluster need
         from distributed import as_completed
 
         done = as_completed(loop=self._client.loop, with_results=True, raise_errors=False)
@@ -102,6 +109,7 @@ class _Handed(Generic[C]):
                         self._explain(place, answer)
                         done.add(self._hand_out(place))
         finally:
+            # also after an error: nobody collects these cases any more, and other users need the workers
             self._client.cancel([*self._sent, *self._handed])
 
     def _hand_out(self, place: _Place[C]) -> Any:
@@ -116,7 +124,9 @@ class _Handed(Generic[C]):
 
     def _sent_common(self, common: tuple[Any, ...], kind: str) -> Any:
         """Submit the shared fields as a separate task, which the scheduler runs again if its worker is killed."""
+        # by identity, as `Case.common` requires: comparing arrays and blocks costs more than sending them again
         same = self._common is not None and all(a is b for a, b in zip(common, self._common, strict=True))
+        # a lost future would fail every case that depends on it
         if not same or self._sent[-1].status not in ("pending", "finished"):
             key = f"{kind}_common-{self._run}-{len(self._sent)}"
             self._sent.append(self._client.submit(pickle.loads, pickle.dumps(common), key=key, pure=False))
@@ -188,8 +198,10 @@ def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
     except ImportError:
         raise MissingExtraError("distributed", "cluster", "work on a cluster") from None
     try:
-        with ThreadPoolExecutor(1) as apart:  # a notebook has an event loop of its own in this thread
+        # in another thread: a notebook already runs an event loop in this one, and asyncio.run would refuse
+        with ThreadPoolExecutor(1) as apart:
             apart.submit(asyncio.run, asyncio.wait_for(_answer(address), timeout)).result()
+        # not the default: a client of the calling program must stay the one that its own code uses
         client = Client(address, timeout=timeout, set_as_default=False, name="feeddrive")
     except (OSError, ValueError, TypeError) as error:  # TimeoutError is an OSError
         reason = str(error).splitlines()[0] if str(error) else Text(f"nothing within {Quantity(timeout, 's'):6 SI}")
@@ -199,7 +211,8 @@ def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
         ) from None
     log = logging.getLogger("distributed.client")
     level = log.level
-    log.setLevel(logging.CRITICAL)  # what it would say beside the progress is said by errors
+    # this module reports the same errors in one sentence; the log would write between the lines of the progress
+    log.setLevel(logging.CRITICAL)
     try:
         if "dashboard" in client.scheduler_info().get("services", {}):
             progress.remark(f"Dashboard of the cluster: {client.dashboard_link}")
@@ -210,7 +223,7 @@ def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
 
 
 async def _answer(address: str) -> None:
-    """Ask the scheduler for its identity: a client would wait forever for a server with another protocol."""
+    """Request the identity of the scheduler: a client would wait forever for a server with another protocol."""
     from distributed import Security, rpc
 
     async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
@@ -223,7 +236,8 @@ def _refuse_other_versions(client: Any, address: str) -> None:
     Workers that join later check the version themselves.  The scheduler needs feeddrive too, since Dask unpickles there
     what it passes on.
     """
-    asked = pkgutil.resolve_name, "feeddrive.version:__version__"  # Python's own: what is of feeddrive may not be there
+    # a function of Python itself, since a worker without feeddrive can call no other
+    asked = pkgutil.resolve_name, "feeddrive.version:__version__"
     try:
         versions = {f"the scheduler at {address}": client.run_on_scheduler(*asked)}
     except ImportError as error:

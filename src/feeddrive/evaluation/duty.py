@@ -42,10 +42,13 @@ _NEAR = 0.5e-6  # m: settled is what stays within, or within ten counts
 
 @dataclass(frozen=True)
 class Duty:
-    """A move (there and back), and a force in N that is released or applied at `begin` s, followed by `rest` s.
+    """The duty of a comparison: a move, and on the axis at rest a force that is released and one that is applied.
 
-    `skip` is the standstill in s at the start that is left out of the figures; `near` in m is the settling band; `cut`
-    is the load of a cut on the axis at rest.
+    move   the set motion
+    force  N, released or applied at `begin` s, followed by `rest` s
+    near   m, the settling band
+    skip   s, initial standstill that the figures do not count
+    cut    load of a cut on the axis at rest; None for none
     """
 
     move: Reference
@@ -58,7 +61,7 @@ class Duty:
 
     @property
     def snap(self) -> StepForce:
-        """The release of a load: `force` pulls the table back until `begin`, as on a rope that is cut."""
+        """The release of a load: `force` pulls the table back until `begin`, as by a rope that is then cut."""
         return StepForce(force=-self.force, start=0.0, end=self.begin)
 
     @property
@@ -73,6 +76,7 @@ class Duty:
     def sliding(self, loop: Loop) -> float:
         """Return half of the largest set speed, in m/s; 10 mm/s for a move without motion."""
         t = np.linspace(0.0, self.move.duration, 4001)
+        # at samples only: a recorded reference refuses times between its rows
         t = np.unique(np.round(t / loop.sample_time)) * loop.sample_time
         largest = float(np.max(np.abs(self.move.at(t).velocity)))
         return 0.5 * largest if largest > 0.0 else 0.01
@@ -103,6 +107,7 @@ class Duty:
 
     def recovered(self, run: Run, peak: Figure, settling: Figure) -> dict[str, float | None]:
         """Return the largest error after the change of the force, and its settling time to within `near`."""
+        # the time kT of the sample at `begin` may be rounded to just below it
         begin = int(np.searchsorted(run.time, self.begin - 1e-9))
         error = np.abs(run["tracking_error"][begin:])
         settled = settling_time(run.sample_time * np.arange(error.size), error, self.near)
@@ -179,8 +184,10 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
     if reference is None:
         v = min(_SPEED_SHARE * min(speeds), _SPEED) if speeds else _SPEED_ALONE
         a = _FORCE_ALONE if limit is None else min(_FORCE_SHARE * limit / mass, _ACCELERATION)
+        # two digits, so that the numbers of a report state the duty completely
         v, a = rounded(v, 2), rounded(a, 2)
         reference = SnapLimitedMove(
+            # v²/a is enough only with unlimited jerk; the rest is for the ramps of the acceleration and a cruise
             distance=rounded(3.0 * v * v / a, 2),
             velocity=v,
             acceleration=a,
@@ -199,5 +206,6 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
 def _dry_friction(loop: Loop) -> float:
     """Return the dry friction of the axis at creep speed, in N."""
     frictions = [friction for friction in (loop.axis.friction_motor, loop.axis.friction_load) if friction is not None]
+    # m/s: so slow that the viscous part of `steady` is negligible
     creep = 1e-4
     return sum(abs(float(friction.steady(creep))) for friction in frictions)

@@ -34,9 +34,11 @@ from feeddrive.language.progress import Progress, follow_parent, one_thread
 from feeddrive.loop.runner import cores
 
 C = TypeVar("C", bound=Case[Any])
-_AHEAD = 2  # cases for each worker that are handed out: one in work and one that waits, so that memory is constant
+# cases handed out for each worker: one at work and one that waits; with more, memory would grow with the cases
+_AHEAD = 2
 _LOOK = 0.1  # s after which a cancel is seen
-_LOSSES = 3  # times that processes may end by themselves without a case in between
+# times in a row that processes may be killed: a lack of memory may pass, a case that always crashes does not
+_LOSSES = 3
 
 
 def by_threads(cases: Iterable[C], workers: int, progress: Progress) -> Generator[tuple[C, Any]]:
@@ -46,7 +48,8 @@ def by_threads(cases: Iterable[C], workers: int, progress: Progress) -> Generato
     try:
         yield from _window(iter(cases), lambda case, _: pool.submit(case.outcome, ended), workers, progress, {})
     finally:
-        ended.cancel()  # a thread that is at work ends at its next step
+        # a thread cannot be killed: the case at work ends at its next step
+        ended.cancel()
         pool.shutdown(cancel_futures=True)
 
 
@@ -69,7 +72,7 @@ def by_processes(
         common, _ = detached(first)
         try:
             with _processes(workers, common) as (pool, news):
-
+                # pool and shared fields are bound as defaults, since the loop makes others after a loss
                 def submit(case: C, number: int, pool: Executor = pool, sent: Any = common) -> Future[Any]:
                     own, rest = detached(case)
                     alike = all(mine is theirs for mine, theirs in zip(own, sent, strict=True))
@@ -79,15 +82,18 @@ def by_processes(
                     with contextlib.suppress(Empty):
                         while True:
                             number, what = news.get_nowait()
+                            # a message may arrive after the outcome of its case
                             if number in handed:
                                 tell(handed[number], what)
 
                 for done in _window(itertools.chain([first], left), submit, workers, progress, handed, hear):
+                    # a finished case shows that the machine can go on: only losses in a row count
                     losses = 0
                     yield done
             return
         except BrokenProcessPool:
             losses += 1
+            # nothing says which case killed the process: all pending ones are computed again
             again = [handed[number] for number in sorted(handed)]
             if losses > _LOSSES:
                 raise WorkerError(
@@ -107,7 +113,7 @@ def _window(
     handed: dict[int, C],
     hear: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[C, Any]]:
-    """Yield cases with their outcomes; as many as keep all workers busy are pending at a time, listed in `handed`."""
+    """Yield cases with their outcomes; only as many as keep all workers busy are pending, listed in `handed`."""
     waiting: dict[Future[Any], int] = {}
     numbers = itertools.count()
 
@@ -126,6 +132,7 @@ def _window(
         for future in done:
             outcome = future.result()
             case = handed.pop(waiting.pop(future))
+            # before the yield, so that no worker is idle while the caller handles the outcome
             hand_out(1)
             yield case, outcome
 
@@ -137,11 +144,13 @@ def _processes(workers: int, common: tuple[Any, ...]) -> Generator[tuple[Executo
     context = multiprocessing.get_context("spawn")
     news: Any = context.Queue()
     with one_thread():
+        # the calling program may have children of its own, which must survive
         before = set(multiprocessing.active_children())
         pool = ProcessPoolExecutor(workers, context, _begin, (common, news))
         try:
             yield pool, news
         except BaseException:
+            # terminated: `shutdown` alone waits for the cases at work
             for child in set(multiprocessing.active_children()) - before:
                 child.terminate()
             raise
@@ -149,8 +158,10 @@ def _processes(workers: int, common: tuple[Any, ...]) -> Generator[tuple[Executo
             pool.shutdown(cancel_futures=True)
 
 
-_common: tuple[Any, ...] = ()  # of a process: what its cases have in common
-_news: Any = None  # of a process: where it tells the stages of its cases
+# shared fields and message queue of a worker process, set once at its start: as arguments they would be sent with
+# each case
+_common: tuple[Any, ...] = ()
+_news: Any = None
 
 
 def _begin(common: tuple[Any, ...], news: Any) -> None:
@@ -277,6 +288,7 @@ class Engine:
                 continue
             outcomes[i] = known
             bar.finished(case)
+        # by identity: arrays in their fields make cases neither comparable nor hashable
         places = {id(cases[i]): i for i in left}
         with closing(self.finished((cases[i] for i in left), bar)) as finished:
             for case, outcome in finished:
@@ -293,12 +305,14 @@ class Engine:
         Raises the errors of `evaluate`.
         """
         bar = progress if isinstance(progress, Bar) else Bar(progress or Progress(), 0)
+        # two cases decide whether a pool is worth starting; the iterable may be too long to count
         some = list(itertools.islice(ahead := iter(cases), 2))
         cases = itertools.chain(some, ahead)
         if not some:
             return
         if self.scheduler is not None:
-            from feeddrive.evaluation import cluster  # its client is an extra
+            # imported late, since Dask is an extra
+            from feeddrive.evaluation import cluster
 
             yield from cluster.finished(cases, self.scheduler, bar.progress)
         elif some[0].threaded:

@@ -107,6 +107,7 @@ class Rule:
 
     def with_noise_of(self, plain: Tuned | Refusal) -> Self:
         """Return the rule for the other laws, with the noise limit taken from the tuned P-PI."""
+        # without a tuned P-PI there is no noise to compare with: the other laws are then tuned without this limit
         if not isinstance(plain, Tuned) or plain.after[0].force_noise is None:
             return self
         return replace(self, noise=self.noise_ratio * plain.after[0].force_noise / NANO)
@@ -114,11 +115,11 @@ class Rule:
 
 @dataclass(frozen=True)
 class Design:
-    """A tuned law as it is stored, by the engine and in the folders of the benchmark; `refused` is the reason if there
-    is none.
+    """A tuned law as it is stored by the engine and in the folders of the benchmark.
 
-    plant, rules        of the benchmark, to which a design in its folders belongs, and version of the rules
-    tunables, started   by dotted name within the control, and their values before the tuning
+    plant, rules        plant of the benchmark, and version of its rules, for a design in its folders
+    tunables, started   values by dotted name within the control, and those before the tuning
+    refused    the reason if no design was found; else empty
     figures    by criterion key, at the nominal position; the design is stale once the recomputed figures differ
     noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
     held       the active constraints, as sentences; `bounds` has their numbers
@@ -171,10 +172,11 @@ class Design:
 
     @classmethod
     def read(cls, record: Any) -> Self:
-        """Return the design of a record, which may lack what earlier versions did not store.
+        """Return the design from its record; fields that earlier versions did not store may be missing.
 
-        Raises ValueError, KeyError, TypeError or AttributeError for anything else.
+        Raises ValueError, KeyError, TypeError or AttributeError for any other content.
         """
+        # for a reader only: the exact numbers are those of `tunables`
         values: dict[str, Any] = {name: value for name, value in record.items() if name != "values"}
         values["tunables"] = {name: float.fromhex(value) for name, value in record["tunables"].items()}
         values["bounds"] = tuple(HeldBack(**bound) for bound in record.get("bounds", ()))
@@ -182,8 +184,9 @@ class Design:
         return cls(**values)
 
     def control(self, candidate: Candidate) -> Control:
-        """Return the control of a candidate with these tunables. Raises ParameterError if its tunables are
-        different.
+        """Return the control of a candidate with these tunables.
+
+        Raises ParameterError if the control has no parameters of these names.
         """
         return tree.vary(candidate.loop.control, dict(self.tunables))
 
@@ -232,6 +235,7 @@ class Tuning(Case["Tuned | Refusal"]):
         """Return the best result of all searches, or a refusal."""
         try:
             return self.repeated(progress)
+        # a cancellation says nothing about the law and must not be stored as its refusal
         except CancelledError:
             raise
         except FeeddriveError as error:
@@ -264,8 +268,9 @@ class Tuning(Case["Tuned | Refusal"]):
         )
 
     def repeated(self, progress: Progress) -> Tuned:
-        """Return the best of several complete tunings, settled if all of them agree. Raises UnstableError if none
-        satisfies the rule.
+        """Return the best of several complete tunings, settled if all of them agree.
+
+        Raises UnstableError if none of them satisfies the rule.
         """
         rule = self.rule
         tunings: list[Tuned] = []

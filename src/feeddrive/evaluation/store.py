@@ -18,7 +18,9 @@ from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.language.errors import FileError
 from feeddrive.language.progress import Progress
 
-_MOST = 4_000_000  # bytes of a file
+# bytes; a larger file is none of these and must not fill the memory
+_MOST = 4_000_000
+# only names that this module writes: the folder may contain files of the user, which `clear` must not touch
 _NAME = re.compile(r"[a-z0-9_]+-[0-9a-f]{16}\.json")
 
 
@@ -61,7 +63,8 @@ class Folder:
         record = case.record(outcome)
         if record is None:
             return
-        with contextlib.suppress(OSError):  # the write says what is wrong with the place
+        # not reported here: the write below fails for the same reason and names it
+        with contextlib.suppress(OSError):
             self.place.mkdir(parents=True, exist_ok=True)
         content = {"case": case.name, "digest": case.digest, "outcome": record}
         write_whole(self._path(case), json.dumps(content, indent=2) + "\n")
@@ -75,6 +78,7 @@ class Folder:
         """Remove all stored cases, and the directory if it is then empty."""
         for path in self._files():
             path.unlink(missing_ok=True)
+        # a folder with other files is not empty and stays
         with contextlib.suppress(OSError):
             self.place.rmdir()
 
@@ -85,4 +89,5 @@ class Folder:
 
     def _path(self, case: Case[Any]) -> Path:
         name = re.sub(r"[^a-z0-9]+", "_", case.name.lower()).strip("_")[:80] or "case"
+        # 64 bits are enough for a name: the file itself contains the whole digest
         return self.place / f"{name}-{case.digest[:16]}.json"
