@@ -13,7 +13,7 @@ One row changes the parameters of a block of a control live, in a steady state w
 The axis follows exactly, at rest or at constant velocity, and the force that a law commands acts in the next sample.
 All outputs of the block are then constant and must remain so after a live change, unless the new parameters require
 another value: a larger share of a disturbance is a different force.  The required value is the output of the new block
-if it is started there, of a compensation with its blended parts fully active.
+if it is started there; a compensation is started with its blended parts fully active.
 """
 
 from __future__ import annotations
@@ -106,9 +106,7 @@ class Steady:
         return np.array(rows, dtype=float)
 
     def after(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the numbers of the state after some samples; rings are left out, they show in values read from
-        them.
-        """
+        """Return the numbers of the state after some samples; rings are omitted, since values read from them show them."""
         self.outputs(count, errors)
         return np.array([float(value) for _, value in tree.leaves(self.state) if not isinstance(value, Ring)])
 
@@ -157,8 +155,9 @@ def without_friction(new: Block, old: Block) -> Block:
 def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str:
     """Return a description of an unnecessary change of a steady output by a live change from one block to another.
 
-    It is empty if the output continues, and if there is no steady state: with a block that settles slowly, with a law
-    that does not hold the force with which it was started, and in motion also if the new block would not.
+    It is empty if the output continues, or if there is no steady state to compare with: for a block that settles
+    slowly, for a law that does not hold the force with which it was started, and in motion also if the new block would
+    need another output.
     """
     change = _changed(old, new, at, errors)
     if not change.settled:
@@ -187,8 +186,12 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
 
 
 class Change(NamedTuple):
-    """The outputs before and after a live change and of the new block started there; whether a state settled; its
-    size.
+    """The outputs around a live change.
+
+    before, after  outputs of the samples before and after the change
+    required       outputs of the new block if it is started there
+    settled        True if the state had settled before the change
+    size           largest magnitude in that state
     """
 
     before: np.ndarray
@@ -239,7 +242,7 @@ def _rounding_of_response(old: Block, new: Block, at: Place, errors: Sequence[fl
 
 
 def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: bool) -> bool:
-    """True if states at equal time intervals lie on straight lines: other gains would show an unfinished transient.
+    """Return True if states at equal intervals lie on straight lines: other gains would show an unfinished transient.
 
     After errors they must be equal to the last bit, as the state of an integrator is, unlike the slow end of an
     observer's transient.
@@ -286,6 +289,7 @@ def battery(*blocks: type[Block]) -> type[Rows]:
 def _bits(values: Sequence[Any] | np.ndarray) -> list[bytes]:
     """Return the bits of numbers; all NaN count as equal."""
     numbers = np.array([float(value) for value in values])
+    # the sign and payload of a NaN differ between processors and compilers
     return [b"nan" if number != number else number.tobytes() for number in numbers]
 
 
@@ -318,7 +322,7 @@ def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[
 
 
 def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], names: list[str]) -> bool:
-    """True if an output depends on the root or logarithm of a number that is 0 for these values."""
+    """Return True if an output depends on the root or logarithm of a number that is 0 for these values."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     try:
         require_slopes(graph, nodes, values, {node: seed for node, seed in seeds.items() if node in values}, {}, ())
@@ -345,14 +349,16 @@ def check_slopes(exercise: Exercise) -> None:
     """
     graph, nodes, leaves = exercise.trace()
     if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
-        return  # counts as a straight line, which differences cannot show; see test_linearize.py
+        # a quantizer has the slope of its straight line, which differences cannot show; see test_linearize.py
+        return
     moved = [name for name, value in leaves.items() if not isinstance(value, np.ndarray)]
     # seed and sample are whole numbers that select noise: their slopes mean nothing
     moved = [name for name in moved if name not in ("x.seed", "x.sample", "x.time")]
     truth = classify(graph, [], [], []).truth
     values = node_values(graph, nodes, leaves)
     if _stands_at_a_root(graph, nodes, values, moved):
-        return  # √0 has no slope: nothing to compare with differences there
+        # √0 has no slope that a difference could confirm
+        return
     base = np.array([float(values[node]) for node in nodes])
     sizes = np.abs([float(value) for value in values.values() if not isinstance(value, np.ndarray | Ring)])
     largest = np.max(sizes[np.isfinite(sizes)], initial=1e-9)
@@ -398,7 +404,8 @@ def _without_denormal(values: Sequence[Any] | np.ndarray) -> list[float]:
     return list(np.where(np.abs(numbers) < 2.3e-308, np.copysign(0.0, numbers), numbers))
 
 
-_BETWEEN = 0.6180339887498949  # of the step of a difference: steps of whole periods of a ripple show no slope
+# a step that is a whole number of periods of a ripple shows no slope: this fraction of it is none
+_BETWEEN = 0.6180339887498949
 _UNHURRIED = (
     HealthCheck.too_slow,
     HealthCheck.data_too_large,
@@ -410,15 +417,17 @@ _UNHURRIED = (
 _PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 # compiling takes long: the simplest example and one more
 compiled_once = settings(max_examples=2, deadline=None, suppress_health_check=_UNHURRIED, phases=_PHASES)
-_LANES = st.sampled_from((8, 1))  # each is compiled anew
+# only two counts, since each is compiled anew
+_LANES = st.sampled_from((8, 1))
 few = settings(compiled_once, max_examples=4)
 drawn = settings(compiled_once, max_examples=6)
 often = settings(compiled_once, max_examples=20)  # nothing is compiled or traced
 
 
 class Rows:
-    """The tests: those with the argument `block` run for all `blocks`, those with `asked` for blocks that run in a
-    step.
+    """The tests of the battery.
+
+    Tests with the argument `block` run for all `blocks`, tests with `asked` only for blocks that run in a step.
     """
 
     blocks: ClassVar[tuple[type[Block], ...]] = ()
@@ -560,7 +569,7 @@ def _values(block: Block) -> list[Any]:
 
 
 def _is_part(block: type[Block], beside: Iterable[type[Block]]) -> bool:
-    """True if another block, the axis or the machine declares a part of this type."""
+    """Return True if another block, the axis or the machine declares a part of this type."""
     owners = (*(member for members in catalogue().values() for member in members.values()), *beside, Axis, Machine)
     hints = (get_type_hints(owner)[name] for owner in owners for name in _part_names(owner))
     return any(block in part_types(hint) for hint in hints)

@@ -10,7 +10,7 @@ are those of the native code:
               double *outputs, const double *const *tables)
 
 An operation that is used once is written inside the expression that uses it; all others have a name.  Of the C library
-only `fabs`, `floor` and `sqrt` are called, which IEEE 754 fixes to the bit, unless the plan asks for "libm".
+only `fabs`, `floor` and `sqrt` are called, which IEEE 754 fixes to the bit, unless the plan uses "libm".
 """
 
 import ctypes
@@ -52,7 +52,8 @@ class _Writer:
         self.names = {*RESERVED, *CALLS.values(), *FUNCTIONS}
         self.uses = Counter(i for index in plan.order for i in arguments(plan.graph.nodes[index]))
         self.uses.update(node for _, node in plan.outputs)
-        self.uses.update(2 * [state.after for state in plan.states])  # what is carried on has a name
+        # counted twice: a state that is carried on is written back and needs a name
+        self.uses.update(2 * [state.after for state in plan.states])
 
     def name(self, wanted: str) -> str:
         """Return a unique C name."""
@@ -85,10 +86,12 @@ class _Writer:
             self.texts[index] = ring
             return
         text = expression(node[0], [self.texts[i] for i in arguments(node)])
-        if node[0] == "get":  # read where it stands in the order, before the ring is written
+        # not inside a later expression: the ring may be written in between
+        if node[0] == "get":
             self.declare(index, f"v{index}", text)
             return
-        hoisted = not self.plan.kinds.moving[index]  # may be used inside the loop: worth a name
+        # inside an expression of the loop it would be computed again in each sample
+        hoisted = not self.plan.kinds.moving[index]
         if self.uses[index] > 1 or len(text) > WIDTH or hoisted:
             self.declare(index, f"v{index}", bare(text))
         else:
@@ -134,7 +137,8 @@ def text(plan: Plan, name: str) -> str:
     for i, (title, node) in enumerate(plan.outputs):
         writer.lines.append(f"outputs[{len(plan.outputs)} * k + {i}] = {writer.texts[node]}; /* {title} */")
     carried = [state for state in plan.states if state.before != state.after]
-    held = {}  # a state that takes over another one's value takes it before that one changes
+    # states change one after another: the old value of one that another state takes over is saved first
+    held = {}
     for before in sorted({s.before for s in carried} & {s.after for s in carried}):
         held[before] = writer.name(f"last_{writer.texts[before]}")
         writer.lines.append(f"const double {held[before]} = {writer.texts[before]};")
@@ -240,7 +244,8 @@ def inputs() -> st.SearchStrategy[Inputs]:
 
     return st.builds(
         Inputs,
-        T=st.sampled_from([5e-5, 1e-4, 2e-4]),  # all filters of the strategies lie below half of 5 kHz
+        # at most 0.2 ms: all filters of the strategies lie below half of 5 kHz
+        T=st.sampled_from([5e-5, 1e-4, 2e-4]),
         position=about(1.0),
         position_motor=about(1.0),
         velocity=about(2.0),

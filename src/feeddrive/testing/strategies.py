@@ -42,10 +42,12 @@ _USUAL: dict[str, tuple[float, float]] = {
 }
 _TRIES = 40
 _EITHER, _SELDOM = st.booleans(), st.integers(0, 3)
-_SHARES = st.floats(0.0, 1.0).map(lambda share: share if share > 1e-6 else 0.0)  # not down to 5e-324
+# not down to 5e-324: so small a share of a range is no magnitude of a drive
+_SHARES = st.floats(0.0, 1.0).map(lambda share: share if share > 1e-6 else 0.0)
 _GOLDEN = 0.6180339887498949  # turns of a share by it fill the range evenly
 _NAME = re.compile(r"[A-Za-z_]\w*")
-_PRESENT = ("none", "all", "some", "some")  # of the fields that may be absent: often those of a group belong together
+# optional fields often belong together: independent draws would seldom give all of a group, or none
+_PRESENT = ("none", "all", "some", "some")
 _Draw = Callable[[st.DrawFn, int], Any]  # a value of a field; the whole number turns its choices, attempt by attempt
 
 
@@ -90,7 +92,10 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
 
 
 def _runs_at(block: Block, sample_time: float | None) -> bool:
-    """True if a block satisfies its rules at a sample time; the remedy in an error would take long to compute."""
+    """Return True if a block satisfies its rules at a sample time.
+
+    It does not raise the error of a violated rule, whose remedy would take long to compute.
+    """
     if sample_time is None:
         return True
     plain = tree.rebuild(block, (np.float64(value) for _, value in tree.leaves(block)))
@@ -211,7 +216,8 @@ def _number(declared: Declaration) -> _Draw:
         if ends and draw(_EITHER):
             return ends[(draw(_EITHER) + turn) % len(ends)]
         drawn = at((draw(_SHARES) + turn * _GOLDEN) % 1.0)
-        return drawn if declared.admits(drawn) else at(0.5)  # an open bound
+        # an end of the range may be an open bound
+        return drawn if declared.admits(drawn) else at(0.5)
 
     return value
 
@@ -227,7 +233,8 @@ def _choices(declared: Declaration, hint: Any, needed: bool) -> _Draw:
         return _one_of((False, True))
     least = 0 if declared.least is None else int(declared.least)
     most = math.inf if declared.most is None else int(declared.most)
-    counts = st.integers(least, int(min(least + 3, most)))  # more states or samples only take longer to compile
+    # more states or samples only take longer to compile
+    counts = st.integers(least, int(min(least + 3, most)))
     return lambda draw, turn: min(draw(counts) + (turn % 8 if needed else 0), most)
 
 
