@@ -19,6 +19,7 @@ _RENAMED = {"Shaped": "InputShaped"}  # until 1.0, as the kinds in catalogue.py
 @cache
 def by_file() -> Mapping[str, str]:
     """Return the module of every block by class name, read from the source texts, so that no block is imported."""
+    # imported late: the lazy `import feeddrive` must not load the language of blocks
     from feeddrive.language.block import snake_case
 
     places = {"Setpoint": f"{__name__}.signals"}  # users give it to references and prefilters
@@ -31,7 +32,8 @@ def by_file() -> Mapping[str, str]:
 
 
 def __getattr__(name: str) -> Any:
-    if name.startswith("__"):  # what importlib and pickle look for
+    # importlib and pickle look for such names and expect AttributeError, not an import of all blocks
+    if name.startswith("__"):
         raise AttributeError(name)
     if name in by_file():
         return getattr(import_module(by_file()[name]), name)

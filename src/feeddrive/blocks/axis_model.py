@@ -25,7 +25,8 @@ POWERS: Mapping[str, tuple[int, int]] = {
     "1/s2": (0, 2),
     "s": (0, -1),
 }
-_SLOW = 0.1  # share of 1/(time from a reading to its force): a loop with this rate is slow enough as a start value
+# share of 1/(time from a reading to its force): a loop with this rate is far from its limit at any dead time
+_SLOW = 0.1
 
 
 class SteadyForce(Protocol):
@@ -60,6 +61,7 @@ class AxisModel:
     sample_time: float
     encoders: int
     velocity_encoder: str
+    # Any, here and below: families.py, which declares plants and laws, imports this module
     plant: Any
     frictions: tuple[SteadyForce, ...]
     reading_noise: float = 0.0

@@ -77,9 +77,7 @@ class Nothing(NamedTuple):
 
 
 class Mechanics(NamedTuple):
-    """The equations of motion M q'' + C q' + K q = Sᵀ f, body positions x = S q, and the bodies of drive and
-    encoders.
-    """
+    """The matrices of M q'' + C q' + K q = Sᵀ f with body positions x = S q, and the bodies of drive and encoders."""
 
     mass: Matrix  # M (n, n), kg, positive definite
     damping: Matrix  # C (n, n), N s/m
@@ -179,7 +177,7 @@ class Motor(Block, ABC):
 
 
 class Sensor(Block, ABC):
-    """An encoder with its errors: it returns what the controller reads when the body is at `position`."""
+    """An encoder with its errors: the reading of the controller for a body at `position`."""
 
     @abstractmethod
     def start(self, position: Number) -> Any:
@@ -198,11 +196,11 @@ class Law(Block, Retuned, ABC):
     """A feedback law: one paper's controller, one file. A command is a force in N at the load.
 
     feeds    which parts of the set motion the law itself feeds forward (`FEEDS`): no other block may feed them too
-    rejects  whether the law itself subtracts the estimate of an observer
+    rejects  True if the law itself subtracts the estimate of an observer
     encoders 2 if the law always needs the motor's and the load's position as two measurements
-    tunables parameters to tune, in the order of hand tuning, without an observer's; empty: all > 0 that have no default
+    tunables parameters to tune, in the order of manual tuning, without an observer's; empty: see `to_tune`
     title    its name in a comparison; empty: its kind
-    steps_live  whether the force steps at a live change in a steady state, as that of the original it reproduces does
+    steps_live  True if the force steps at a live change in a steady state, as in the original that it reproduces
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
@@ -286,7 +284,7 @@ class Feedforward(Block, RetunedUnprepared, ABC):
     """A force computed from the setpoint and its past; it bypasses the filters.
 
     feeds    the parts of the set motion that the block feeds forward (`FEEDS`), so that none is fed twice
-    learned  its name in a comparison when trials teach its parameters; empty if they cannot
+    learned  its name in a comparison if its parameters are learned from trials; empty if they cannot be
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
@@ -395,9 +393,7 @@ class Compensation(Block, Retuned, ABC):
         """Compute one sample: new state, setpoint for law and feedforward, and force in N behind the filters."""
 
     def carries(self, reading: Reading) -> Any:
-        """Return the part of the force acting at the start that it provides, N; the law provides the rest
-        (empty hook).
-        """
+        """Return the part of the acting force that it provides at the start, N; the law provides the rest (hook)."""
         return 0.0
 
     def moved(self, state: Any) -> Any:
@@ -458,8 +454,7 @@ class SharedSpring(NamedTuple):
 
 
 class Coupling(Block, ABC):
-    """A coupling between the axes of a machine: shared structure modes, forces at common substeps, or a contour
-    controller between the controllers of the axes.
+    """A coupling between the axes of a machine: shared modes, forces at common substeps, or a contour controller.
 
     A coupling implements `modes`, `springs`, or `step` with `start` and `prepare`, or several of them; with `controls`
     it implements `listen` and `correct`, which run on the controller once a sample.
@@ -480,7 +475,7 @@ class Coupling(Block, ABC):
         return ()
 
     def follows(self) -> dict[str, str]:
-        """Return, by follower, the axis whose words of a part program move it, too (empty hook)."""
+        """Return by follower the axis whose words of a part program also move it (empty hook)."""
         return {}
 
     def prepare(self, h: Number) -> Any:
@@ -519,7 +514,7 @@ class Coupling(Block, ABC):
 
 
 class Edge(NamedTuple):
-    """The edges of a tool, which are helical and alike on all its teeth."""
+    """The edges of a tool, which are helical and identical on all teeth."""
 
     teeth: int
     slices: int  # number of pieces of an edge, each in contact or not
@@ -546,8 +541,7 @@ class Cutter(Block, ABC):
 
     @abstractmethod
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
-        """Return the force in N on the tool along the feed, along the normal (spindle axis x feed) and along the
-        spindle axis.
+        """Return the force in N on the tool along feed, normal (spindle axis x feed) and spindle axis.
 
         `angle` is the rotation of the spindle in rad since the tip of the first tooth entered the chip of a slot.
         `chip_load` is the feed per tooth in m.

@@ -6,8 +6,10 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 
-LONGEST = 1e7  # s, nearly four months; a longer time indicates a wrong unit
-_ROUNDING = 1e-6  # share of a row spacing by which kT may miss a row; rounding reaches it only after 1e9 samples
+# s, nearly four months: a motion that long has a parameter in a wrong unit
+LONGEST = 1e7
+# share of a row spacing by which kT may miss a row: rounding exceeds it only after 1e9 samples
+_ROUNDING = 1e-6
 
 
 def check_single(block: Block) -> None:

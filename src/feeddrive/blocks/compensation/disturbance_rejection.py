@@ -13,8 +13,10 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import StructureError
 
-_COUNT = 3.4641016151377544  # √12: a count of this length has a standard deviation of 1
-_LEAST = 1e-30  # least share, so that there is no division by 0
+# √12: rounding to counts of this length has a standard deviation of 1
+_COUNT = 3.4641016151377544
+# only against 0/0: no share between 0 and this has a meaning
+_LEAST = 1e-30
 
 
 class DisturbanceRejection(Compensation):
@@ -41,8 +43,10 @@ class DisturbanceRejection(Compensation):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return four forms: the inverse of the rigid axis with a Butterworth filter or with two equal poles (DOB), a
-        Kalman filter, and the observer of GPI control.
+        """Return four forms with different observers.
+
+        They are the inverse of the rigid axis with a Butterworth filter or with two equal poles (DOB), a Kalman filter,
+        and the observer of GPI control.
 
         The Kalman filter starts with the random walk of the force that gives it the bandwidth of the others.
         """

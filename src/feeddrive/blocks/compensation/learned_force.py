@@ -14,8 +14,8 @@ class LearnedForce(Compensation):
         force(k) = row k of the table, afterwards its last row, which should be 0
 
     When to use: for one motion that repeats exactly, sample by sample; `learn_signal` returns this block.  When not:
-    for any other motion, since the force fits only the motion for which it was learned; take DisturbanceCompensator
-    then.
+    for any other motion, since the force fits only the motion for which it was learned; use a
+    DisturbanceCompensator then.
     Source: Arimoto, Kawamura & Miyazaki 1984 (learning control).
     """
 
@@ -33,6 +33,7 @@ class LearnedForce(Compensation):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
+        # beyond the table `gather` is clamped to its last row, so that no end has to be detected
         return self.State(state.sample + 1.0), setpoint, ops.gather(self.force, state.sample)
 
     def retune(self, state: State, old: Self, old_prepared: object, prepared: object) -> State:

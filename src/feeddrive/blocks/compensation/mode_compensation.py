@@ -70,7 +70,7 @@ class ModeCompensation(Compensation):
     )
 
     class Prepared(NamedTuple):
-        """The observer's, and for each mode Φ - 1 and Γ over a sample and over the lead, and 1/m_s, 2ζω, ω²."""
+        """The observer's numbers; for each mode Φ - 1 and Γ over a sample and over the lead, and 1/m_s, 2ζω, ω²."""
 
         observer: Any
         sample: tuple[Matrix, ...]
@@ -78,9 +78,7 @@ class ModeCompensation(Compensation):
         mode: tuple[Row, ...]
 
     class State(NamedTuple):
-        """State of the observer; x_s (m) and v_s (m/s) of each mode; velocity of the moved setpoint (m/s) if there is
-        friction.
-        """
+        """The observer's state, x_s (m) and v_s (m/s) of each mode, and with friction the set velocity (m/s)."""
 
         observer: Any
         modes: tuple[tuple[Number, Number], ...]
@@ -149,7 +147,8 @@ class ModeCompensation(Compensation):
         for mode, before, sample, lead, numbers in zip(
             self.modes, state.modes, prepared.sample, prepared.lead, prepared.mode, strict=True
         ):
-            if mode.place == "base":  # the force that has acted since the last sample
+            # the reaction of the drive is known without an observer: the force that has acted since the last sample
+            if mode.place == "base":
                 force = -reading.applied
                 now = held = _moved(sample, before, force)
             else:
@@ -190,4 +189,5 @@ def _moved(hold: Matrix, before: tuple[Number, Number], force: Number) -> tuple[
     """Return position and velocity of a mode after a hold interval with constant force."""
     (a, b, c), (d, e, f) = hold
     x, v = before
+    # Φ - 1 is added to the state: Φ itself would lose the digits of the small change in a sample
     return x + (a * x + b * v + c * force), v + (d * x + e * v + f * force)

@@ -17,13 +17,13 @@ class PitchCompensation(Compensation):
         x_r += shift,   v_r += (shift(k) - shift(k-1)) / T
 
     Tables are interpolated linearly between entries at table_start, table_start + spacing, ... and held beyond their
-    ends.  An entry is what must be added: nominal less reached position.  Backlash is the difference of the two tables;
-    after a reversal it comes in over `reversal_distance` of the set path, so that nothing jumps.  Before the first
-    motion the mean of both counts.
+    ends.  An entry is the correction to add: nominal minus reached position.  Backlash is the difference of the two
+    tables; after a reversal it is blended in over `reversal_distance` of the set path, so that nothing jumps.  Before
+    the first motion the mean of both tables is used.
 
     When to use: an encoder on the motor, an error that repeats, known from a laser, a step gauge or a run
-    (`learned_pitch`).  When not: for what the encoder of the law sees anyway; for backlash inside the position loop of
-    a load encoder.
+    (`learned_pitch`).  When not: for errors that the encoder of the law measures anyway; for backlash inside the
+    position loop of a load encoder.
     Source: the screw error compensation of controls, ISO 230-2 for the errors; the blend over a distance is this
     library's.
     """

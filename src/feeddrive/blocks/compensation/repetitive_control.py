@@ -28,8 +28,8 @@ class RepetitiveControl(Compensation):
     another motion.
 
     When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  When
-    not: for a contour that does not repeat; with a period that is known to 1 % only, which spoils it.
-    An export keeps each cell of the memory as a number of its own, so that N - l - n must be at most 256 there.
+    not: for a contour that does not repeat; with a period that is known to 1 % only, which spoils the result.
+    An export stores each cell of the memory as a separate number, so that N - l - n must be at most 256 there.
     Source: Inoue et al. 1981; Tomizuka, Tsao & Chew 1989 (plug-in form, zero-phase q).
     """
 
@@ -49,9 +49,7 @@ class RepetitiveControl(Compensation):
         taps: tuple[Number, ...]
 
     class State(NamedTuple):
-        """Past shifts (m, newest first); shift and learned error of the last 2n + 1 samples (m, newest first), and
-        filtered, for the rest of a period; samples until learning starts.
-        """
+        """Past shifts, filter window and past filter outputs (m, newest first); samples until learning starts."""
 
         shifts: tuple[Any, ...]
         window: tuple[Any, ...]
@@ -89,6 +87,7 @@ class RepetitiveControl(Compensation):
     ) -> tuple[State, Setpoint, Number]:
         n, kept = self.passes, self.period_samples - self.lead_samples - self.passes
         shift = ops.clip(state.past.ago(float(kept - 1)), -self.most_shift, self.most_shift)
+        # while the force is limited an error is not that of the shift, and learning it would wind up
         free = ops.equal(reading.applied, reading.requested)
         learns = ops.both(free, state.wait <= 0.0) if self.waits else free
         error = ops.where(learns, setpoint.position - reading.position_load, 0.0)
@@ -96,6 +95,7 @@ class RepetitiveControl(Compensation):
         window = (behind + self.learning_gain * error, *state.window[:-1])
         filtered = prepared.taps[0] * window[n]
         for i in range(1, n + 1):
+            # q has no phase: both neighbors have one tap, and share its product
             filtered = filtered + prepared.taps[i] * (window[n - i] + window[n + i])
         moved = setpoint._replace(
             position=setpoint.position + shift, velocity=setpoint.velocity + (shift - state.shifts[0]) / T

@@ -14,7 +14,8 @@ from feeddrive.language.block import Number, Rule, parameter, part
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 
-_SURE = 1.0 - 1e-9  # largest growth of a proposed remedy: beyond it rounding decides about stability
+# largest growth of a proposed remedy: closer to 1 rounding decides about stability
+_SURE = 1.0 - 1e-9
 
 
 class ActiveDisturbanceRejection(Law):
@@ -135,12 +136,14 @@ class ActiveDisturbanceRejection(Law):
         return matrix.growth(self._sample(T))
 
     def _sample(self, T: Number) -> list[list[Any]]:
-        """Return the transition matrix of law, observer, dead time and a free mass over one sample, transposed, which
-        leaves its eigenvalues unchanged.
+        """Return the transposed transition matrix of law, observer, dead time and a free mass over one sample.
+
+        Transposing it leaves the eigenvalues unchanged.
         """
         prepared = self.prepare(T)
         rest = Setpoint(0.0)
         start = self.start(prepared, rest, Reading(0.0, 0.0))
+        # an observer of a user need not model a dead time
         late = int(getattr(self.observer, "delay_samples", 0))
         first = [0.0] * (3 + late) + [value for _, value in tree.leaves(start)]
 

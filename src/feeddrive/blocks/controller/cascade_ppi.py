@@ -31,7 +31,7 @@ class CascadePPI(Law):
     With two encoders the position loop uses the load's encoder and the velocity loop the motor's.
     With `position_every` above 1 the position loop is slower, and an `Interpolator` is between the loops.  With
     `model_mass` the integral compares v with the velocity of a `ReferenceModel` instead of the command: closing the
-    position loop then includes the lag of the model, so look at Ms again; at the force limit the model is faster than
+    position loop then includes the lag of the model, so check Ms again; at the force limit the model is faster than
     the axis.
 
     With `viscous` the law compensates the viscous friction of the guideway by the measured velocity; the paper's closed

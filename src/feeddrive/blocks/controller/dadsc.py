@@ -72,6 +72,7 @@ class DADSC(Law):
 
     def prepare(self, T: Number) -> Prepared:
         """Compute g1 = m Q ω_d and g2 = adaptation_ratio · g1/Q."""
+        # m ω_d first, so that g1/Q needs no division
         g2 = self.mass * self.adaptation_rate
         return self.Prepared(g2 * (1.0 + self.reaching_rate * T), self.adaptation_ratio * g2)
 
@@ -90,6 +91,7 @@ class DADSC(Law):
         e_x = setpoint.position - reading.position_load
         e_v = setpoint.backward_velocity(T) - v
         s = self.tracking_rate * e_x + e_v
+        # the estimate enters the force with a minus sign: what the limit cut off is added to it
         held = state.estimate + (reading.requested - reading.applied)
         estimate = held - prepared.g1 * s + prepared.g2 * state.sliding
         acceleration = setpoint.shifted(0.5 * T).acceleration
@@ -134,9 +136,8 @@ class DADSC(Law):
                 for name, rate in zip(self.tunables, rates, strict=True)
             ),
         )
-        excess = (
-            Text(f"{Quantity((1.0 / share - 1.0), 'share'):3}") if share > 0.0 else "far"
-        )  # share 0: a rate of 1e300 1/s
+        # the share is 0 for absurd rates, such as 1e300 1/s
+        excess = Text(f"{Quantity((1.0 / share - 1.0), 'share'):3}") if share > 0.0 else "far"
         return Text(
             f"dadsc: {bounds}: {excess} too fast for the sample time {Quantity(T, 's'):6 SI}, since the loop is then "
             "unstable without any dead time. Stay below these bounds, in the same ratios, or sample faster; with d "

@@ -12,7 +12,8 @@ from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Row
 from feeddrive.language.text import Text
 
-_HORIZON = 7.5  # horizon per sample from a reading to the end of its force: the best at Ms = 2 on a rigid axis
+# horizon per sample from a reading to the end of its force: the best at Ms = 2 on a rigid axis
+_HORIZON = 7.5
 
 
 class GeneralizedPredictive(Law):
@@ -117,6 +118,7 @@ class GeneralizedPredictive(Law):
         # τ of position to snap, all that a setpoint holds
         for i in range(5):
             preview.append(matrix.dot(weights, (1.0,) * len(weights)))
+            # (jT)ⁱ/i! from the previous power, which costs one product a sample of the horizon
             weights = [weight * (T * (float(j) / (i + 1.0))) for j, weight in enumerate(weights, first)]
         return self.Prepared(T, R, tuple(S), C[1:], tuple(preview))
 
@@ -154,6 +156,7 @@ class GeneralizedPredictive(Law):
         preview = matrix.dot(prepared.preview, setpoint)
         wanted = preview + matrix.dot(prepared.C, state.previews)
         found = matrix.dot(prepared.R, (here, *state.positions))
+        # S begins with 1, so that nothing is divided
         change = wanted - found - matrix.dot(prepared.S[1:], changes)
         after = self.State((here, state.positions[0]), (change, *changes[:-1]), (preview, state.previews[0]))
         return after, reading.applied + change

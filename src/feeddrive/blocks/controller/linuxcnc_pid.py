@@ -13,8 +13,7 @@ from feeddrive.language.block import Number, choice, parameter, part
 
 
 class LinuxcncPid(Law):
-    """A control made of LinuxCNC's own components `pid`, `ddt`, `sum2` and `biquad`, connected as the export connects
-    them.
+    """A control made of LinuxCNC's components `pid`, `ddt`, `sum2` and `biquad`, connected as in the export.
 
         command  = units x_set,   feedback = units x_load
         motor    = (units x_motor - units x_motor,₋₁)/T                                      ddt
@@ -157,6 +156,7 @@ class LinuxcncPid(Law):
         acceleration = self.acceleration_gain if self.acceleration_gain is not None else 0.0
         velocity = self.velocity_gain if self.velocity_gain is not None else 0.0
         return (
+            # in the order of sum2, in0 gain0 + in1 gain1 + offset, for equal bits
             (self.units * setpoint.acceleration) * acceleration
             + (self.units * setpoint.velocity) * velocity
             + last.bias

@@ -13,7 +13,8 @@ from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Matrix, Row
 
-DOUBLINGS = 14  # 2¹⁴ samples: exact to rounding where a motion decays by e in less than a thousand of them
+# 2¹⁴ samples: exact to rounding where a motion decays by e in less than a thousand of them
+DOUBLINGS = 14
 
 
 def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
@@ -65,8 +66,10 @@ def _symmetric(a: Sequence[Row], b: Sequence[Row]) -> Matrix:
     return tuple(tuple(upper[min(i, j)][max(i, j)] for j in range(n)) for i in range(n))
 
 
-_GIVE = 0.03  # offset_rate over the rate of the loop: slow enough to cost less than a tenth of the error
-_STRAY = 1e-3  # velocity noise of two masses over omega_o² T, so that the filter does not rely on the spring alone
+# offset_rate over the rate of the loop: slow enough to cost less than a tenth of the error
+_GIVE = 0.03
+# velocity noise of two masses over omega_o² T, so that the filter does not rely on the spring alone
+_STRAY = 1e-3
 
 
 class LQG(Law):
@@ -75,8 +78,8 @@ class LQG(Law):
         predict   z⁻ = Φ z + Γ F(k-1-d),   z = (x, v, F̂),  F̂ walks at random         exact hold of `model`
         correct   z  = z⁻ + L (y - C z⁻)
         force     = F* - F̂ - K (x̂ - x*) - Σ Kᵢ (F(k-i) + F̂ - F*(k-i)),   i = 1 .. d = delay_samples
-        K         of the least Σ (m omega_c²)² e_load² + (F + F̂)²,   Kᵢ = K Φⁱ⁻¹ Γ and K <- K Φᵈ for the dead time
-        L         of the least error variance, in units of the reading's noise 1: F̂ moves by m omega_o³ T in a sample,
+        K         minimizes Σ (m omega_c²)² e_load² + (F + F̂)²,   Kᵢ = K Φⁱ⁻¹ Γ and K <- K Φᵈ for the dead time
+        L         minimizes the error variance, with the reading's noise as unit: F̂ moves by m omega_o³ T in a sample,
                   the drive's force has a noise of recovery m omega_o²; with two masses both velocities one of
                   0.001 omega_o² T
 
@@ -148,9 +151,7 @@ class LQG(Law):
         pending: Row
 
     class State(NamedTuple):
-        """Estimated positions (m), velocities (m/s) and disturbance (N), offset of the motor's encoder (m), commands
-        that have not acted yet and their parts for the set motion (N, newest first).
-        """
+        """Estimated positions, velocities, disturbance; encoder offset; pending and planned forces (m, m/s, N)."""
 
         motion: tuple[Number, ...]
         disturbance: Number
@@ -197,7 +198,8 @@ class LQG(Law):
         moves = [tuple(1.0 if j == bodies + i else 0.0 for j in range(n + 2)) for i in range(bodies)]
         still = [(0.0,) * (n + 2)] * 2
         pulled = matrix.solve(mechanics.mass, right)
-        if bodies == 1:  # the mass divided by itself
+        # the mass divided by itself: a literal 1 costs no operation, a quotient does
+        if bodies == 1:
             pulled = [(*pulled[0][:n], 1.0, 1.0)]
         # a force scaled by the total mass acts on the lighter mass: the norm is at least 2
         return matrix.expm1([*moves, *pulled, *still], at_least=2)[:n]
@@ -269,6 +271,7 @@ class LQG(Law):
         readings = (reading.position(self.encoder),)
         if bodies is not None:
             readings = (reading.position_motor - state.offset, reading.position_load)
+        # not strict: the positions are the first entries of the state, the velocities follow
         missed = [y - x for y, x in zip(readings, moved, strict=False)]
         *motion, disturbance = (
             x + matrix.dot(row, missed) for x, row in zip((*moved, state.disturbance), prepared.gain, strict=True)
@@ -288,8 +291,9 @@ class LQG(Law):
         return self.State(tuple(motion), disturbance, offset, commands[:late], plans), force
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Convert the state so that the force is continuous: another friction is not counted as a disturbance, and
-        another spring takes the deflection that it now needs.
+        """Convert the state so that the force is continuous.
+
+        A change of friction is not counted as a disturbance, and another spring gets the deflection that it now needs.
         """
         speed = state.motion[-1]
         more = (self._dragged() - old._dragged()) * speed

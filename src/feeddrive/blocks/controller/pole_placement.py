@@ -25,7 +25,8 @@ from feeddrive.language.errors import StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-AXIAL_SHARE = 0.975  # share of the axial mode's natural frequency: moving a mode wastes force, damping it does not
+# share of the axial mode's natural frequency: moving a mode wastes force, damping it does not
+AXIAL_SHARE = 0.975
 
 
 class PolePlacement(Law):
@@ -190,7 +191,8 @@ class PolePlacement(Law):
         """Compute the gains; for the exact lag of c/k also its coefficients with a first-order hold."""
         if self.commands != "exact":
             return self.Prepared(self.gains())
-        samples = ops.maximum(lag(two_bodies(self.kind, self.model)) / T, 1e-15)  # no division by 0 without damping
+        # without damping the lag is 0, and the floor keeps its inverse finite
+        samples = ops.maximum(lag(two_bodies(self.kind, self.model)) / T, 1e-15)
         kept = ops.exp(-1.0 / samples)
         # first-order hold: the lag answers a ramp between two samples exactly
         mean = samples * (1.0 - kept)
@@ -204,6 +206,7 @@ class PolePlacement(Law):
             lead = self.Lead((zero, zero), (zero, zero))
         elif self.commands == "series":
             lead = self.Series(zero)
+        # two incremental encoders have no common zero
         offset = reading.position_motor - reading.position_load
         held = reading.applied / prepared.gains.Ki
         return self.State(reading.position_motor, reading.position_load, offset, held, zero, lead)

@@ -32,5 +32,6 @@ class StockBiquad(Block):
         return self.State(zero, zero)
 
     def step(self, state: State, value: Number) -> tuple[State, Number]:
+        # products and sums in the order of the component, for equal bits
         output = value * self.n0 + state.s1
         return self.State(value * self.n1 - output * self.d1 + state.s2, value * self.n2 - output * self.d2), output

@@ -18,13 +18,13 @@ class StockPid(Block):
         v, (v - v₋₁)/T, ... limited to ±maxcmdD, ±maxcmdDD, ±maxcmdDDD give d1, d2, d3
         output = (bias + Pgain e + Igain I + Dgain D) + (FF0 command + FF1 d1 + FF2 d2 + FF3 d3), limited to ±maxoutput
 
-    A limit of 0 is no limit.  What surprises: `error_previous_target` is on unless it is switched off; the limit on e
-    comes before the dead band; D is computed without these two and is not the derivative of e; while a limit acts the
-    integral stops but is not reduced; a NaN in `feedback` stays in the integral until `enable` falls. Without `enable`
-    the output is 0 and the integral is cleared; the differences are still updated.  In the sample in which
+    A limit of 0 is no limit.  Surprising behavior: `error_previous_target` is on unless it is switched off; the limit
+    on e comes before the dead band; D is computed without these two and is not the derivative of e; while a limit acts
+    the integral stops but is not reduced; a NaN in `feedback` stays in the integral until `enable` falls. Without
+    `enable` the output is 0 and the integral is cleared; the differences are still updated.  In the sample in which
     `index_enable` falls, v and w keep their last values, and the error uses the new command.
 
-    Source: LinuxCNC manual page pid(9), and tests of the component itself where the page says nothing or is wrong.
+    Source: LinuxCNC manual page pid(9), and tests of the component itself where the page is silent or wrong.
     """
 
     Pgain: Number = parameter("", "output per error", default=1)
@@ -105,6 +105,7 @@ class StockPid(Block):
         inside = ops.clip(error, -self.deadband, self.deadband)
         error = ops.where(self.deadband > 0.0, error - inside, error)
 
+        # the side of the last limit: an error of the other sign is still integrated
         errorI = ops.where(error * state.limited <= 0.0, state.errorI + error * T, state.errorI)
         errorI = limited(errorI, self.maxerrorI)
 

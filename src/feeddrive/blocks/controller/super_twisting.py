@@ -15,7 +15,8 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
 _QUIET = 3.0  # standard deviations of the noise in s that stay inside the zone
-_USUAL = 5e4  # m/s³: a disturbance that changes by 5 g in a millisecond
+# m/s³: a disturbance that changes by 5 g in a millisecond
+_USUAL = 5e4
 
 
 class SuperTwisting(Law):
@@ -37,9 +38,9 @@ class SuperTwisting(Law):
     and damping ½; outside its gains fall, so that it is never faster than that.  It solves
     s ∈ z + h k1 √|z| sgn z + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone has no end, and the law is that PID.
 
-    What is added: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the middle of the
-    sample over which the force acts; the force cut off by the limit in the last sample goes into w (back-calculation
-    through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
+    Additions to the papers: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the
+    middle of the sample over which the force acts; the force cut off by the limit in the last sample goes into w
+    (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     Tune λ and 1/h like two frequencies; zone_time = 3.75 (d + 1) T at d samples of dead time gives Ms = 2 on a rigid
     axis.  Then take L from the disturbance, and so large that noise stays inside the zone, h² k2 >= 3 σ(s).
@@ -82,7 +83,8 @@ class SuperTwisting(Law):
         zone_time = 0.6 / axis.rate
         # √2: the velocity is a difference of two readings
         noise = 1.4142135623730951 * axis.reading_noise / axis.sample_time
-        fastest = 0.25 * zone_time  # the tuning may make the zone narrower
+        # the tuning may make the zone narrower
+        fastest = 0.25 * zone_time
         # h² k2 >= 3 σ(s), with k2 = 1.1 L
         rate = max(_USUAL, _QUIET * noise / (1.1 * fastest * fastest))
         law = begun(cls, axis, zone_time=zone_time, disturbance_rate=rate)

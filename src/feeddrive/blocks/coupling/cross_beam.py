@@ -15,7 +15,7 @@ class CrossBeam(Coupling):
     stiffness. The remaining difference between their tables is the skew, in m; divided by their distance it is an
     angle.
     When not to use it: for a slide on the beam whose mass changes the share of the two drives, which is constant here;
-    for a beam guided so softly that its rotation is a degree of freedom of its own: then add a structure mode.
+    for a beam guided so softly that its rotation is a separate degree of freedom: then add a structure mode.
     """
 
     axis: str = choice("axis whose word of a part program moves both drives", default="y")

@@ -80,7 +80,8 @@ class CrossCoupled(Coupling):
         tangent, moves, squared = self._direction(state.direction, setpoints)
         error = tuple(setpoint.position - positions[name] for name, setpoint in setpoints.items())
         along = _dot(tangent, error)
-        known = _dot(tangent, tangent)  # 1, or 0 before the first motion
+        # 1, or 0 before the first motion, when there is no path and nothing may be corrected
+        known = _dot(tangent, tangent)
         normal = tuple(known * e - along * t for e, t in zip(error, tangent, strict=True))
         if self.estimate == "second_order":
             gained = tuple(setpoint.acceleration for setpoint in setpoints.values())

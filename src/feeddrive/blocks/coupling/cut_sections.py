@@ -22,11 +22,11 @@ class Settings(NamedTuple):
 class CutSections(Block):
     """Depth of cut, engagement, spindle speed and feed direction, constant within each section of time.
 
-    A row that is absent leaves what the cut and its cutter say.  Section i holds for start[i] <= t < start[i+1], the
+    An absent row leaves the values of the cut and its cutter.  Section i holds for start[i] <= t < start[i+1], the
     last one to the end, the first one also before; a section is not shorter than a substep.  An axial_depth of 0 m is
     a section out of the work.
     `entry` and `exit` are those of the chip: 0 .. π in a slot, 0 .. arccos(1 - 2 width / diameter) in up milling.
-    Raises ParameterError, with the section, for what no tool can cut.
+    Raises ParameterError, naming the section, for conditions that no tool can cut.
     """
 
     start: Any = table("s", "when each section begins; the first one holds before it, too", least=0)
@@ -40,7 +40,8 @@ class CutSections(Block):
         """Raise ParameterError unless the sections are in order and each can be cut."""
         rows = self.rows()
         if not rows:
-            return  # a trace
+            # in a trace the rows are symbols: their numbers were checked when the block was made
+            return
         start = rows.pop("start")
         for name, row in rows.items():
             if len(row) != len(start):

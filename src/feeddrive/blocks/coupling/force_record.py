@@ -4,7 +4,7 @@ from feeddrive.language.block import Block, Number, choice, table
 
 
 class ForceRecord(Block):
-    """A component F(k) = row of a force that was measured, and the axis on whose table it acts."""
+    """One component of a measured force, F(k) = row, and the axis on whose table it acts."""
 
     axis: str = choice("axis on whose table the component acts", default="x")
     row: Number = table("N", "force samples, positive towards larger positions")

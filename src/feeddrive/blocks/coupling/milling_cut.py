@@ -14,7 +14,8 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Track
 from feeddrive.language.text import Text
 
-_SLOWEST = 1e-6  # 1/s; a slower spindle counts as stopped
+# 1/s: only against a division by 0, since no spindle takes days for a turn
+_SLOWEST = 1e-6
 
 
 class MillingCut(Coupling):
@@ -29,15 +30,15 @@ class MillingCut(Coupling):
     F_feed, F_normal and F_axial are the coefficients of the cutter on this chip, integrated over each engaged slice;
     t is the direction of the feed, n = z x t.  Vibration changes the chip and the chip excites vibration
     (regeneration); where it lifts a tooth out of the work the chip of a later tooth is that of several steps, so that
-    at least three surfaces count.  A motion that repeats itself with τ has the chip of the feed, and its force to the
-    last digits.
+    at least three surfaces count.  A motion that repeats with the period τ has the chip of the feed, and its force to
+    the last digits.
 
     r is taken at the predicted middle of a substep, r(t - mτ) by cubic Hermite from the positions and velocities at the
-    ends of the substeps and predicted in the same way.  The force is the mean over the substep of a straight tooth that
-    enters, of a helical one where its slice turns by less than the spindle in a substep.
+    ends of the substeps and predicted in the same way.  The force of a straight tooth that enters is the mean over the
+    substep, and so is that of a helical one if its slice turns by less than the spindle in a substep.
 
-    Without `direction` the feed has the direction of the motion over the last turn of the spindle, which vibration of
-    the size of the feed turns: give a direction, or sections with it, where the tool may chatter. At the start the tool
+    Without `direction` the feed has the direction of the motion over the last turn of the spindle, which a vibration as
+    large as the feed distorts: give a direction, or sections with it, where the tool may chatter. At the start the tool
     has been at rest outside the workpiece: the chip is 0 and grows over the first tooth periods.  A table moves the
     workpiece: where `moves` says "table", r is minus the position of the axis, and the force on the axis is the
     opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or direction
@@ -83,6 +84,7 @@ class MillingCut(Coupling):
             )
         flute = self.cutter.edge().flute_length
         for i, depth in enumerate(self._depths()):
+            # in a trace the length is a symbol, on which an `if` is refused
             if isinstance(flute, float) and depth > flute:
                 raise ParameterError(
                     f"milling_cut.sections.axial_depth[{i}] = {Quantity(depth, 'm'):6 SI} is more than "
@@ -122,6 +124,7 @@ class MillingCut(Coupling):
         rows = {} if self.sections is None else self.sections.rows()
         if self.sections is not None and "spindle_speed" in rows:
             pairs = zip(rows["spindle_speed"], self.sections.cutting(), strict=True)
+            # a program without a cut has no speed of its own, and the rules need one
             return sorted(speed for speed, cuts in pairs if cuts) or [self.spindle_speed]
         return [self.spindle_speed]
 
@@ -196,12 +199,14 @@ class MillingCut(Coupling):
             x, y = self._moved(place, path, self._ago(self.cutter.teeth, path, turns, rate, h), h)
             length = ops.sqrt(x * x + y * y)
             safe = ops.where(length > 0.0, length, 1.0)
+            # at standstill any direction will do, since there is no chip
             along, across = ops.where(length > 0.0, x / safe, 1.0), y / safe
         else:
             along, across = ops.cos(now.direction), ops.sin(now.direction)
         rubbing = None
         if self.process_damping is not None:
-            before = path.rates_ago(0.0)  # extrapolated linearly from there to the middle of the substep
+            # velocities are known up to the start of the substep: extrapolated linearly to its middle
+            before = path.rates_ago(0.0)
             x, y = (v + 0.5 * (v - old) for v, old in zip(velocity, before, strict=False))
             # 1e-9 1/s: a stopped spindle must not divide by 0
             speed = ops.pi * now.edge.diameter * ops.maximum(rate, 1e-9)
@@ -225,11 +230,13 @@ class MillingCut(Coupling):
 
     def _ago(self, teeth: int, path: Track, turns: Any, rate: Any, h: Any) -> Any:
         """Return the substeps since the spindle was this many teeth behind, by Newton's method if its speed changes."""
+        # the track has no turns: at constant speed the pitch has a fixed time, and nothing is searched
         if len(path.values) == 2:
             return float(teeth) / (self.cutter.teeth * rate * h)
         turned = float(teeth) / float(self.cutter.teeth)
         ago = turned / (ops.maximum(rate, _SLOWEST) * h)
-        for _ in range(2):  # the turns are piecewise linear between changes of the speed
+        # two steps are enough: the turns are piecewise linear between changes of the speed
+        for _ in range(2):
             then = path.rates_ago(ago)[2]
             then = ops.where(then > _SLOWEST, then, ops.maximum(rate, _SLOWEST))
             ago = ago + (path.ago(ago, h, 0.5)[2] - (turns - turned)) / (then * h)

@@ -12,7 +12,8 @@ from feeddrive.language.block import Number, Rule
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-LEAST_CHIP = 1e-12  # m; smaller values are rounding errors of positions, not a chip
+# m; smaller values are rounding errors of positions, not a chip
+LEAST_CHIP = 1e-12
 LEAST_ANGLE = 1e-6  # rad; least angle over which a straight edge enters and leaves the cut
 
 
@@ -67,7 +68,8 @@ def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) 
     feed = chip_load * float(teeth) / (2.0 * ops.pi)
     sine, cosine = ops.sin(angle), ops.cos(angle)
     delta = chip_load * cosine / radius
-    for _ in range(4):  # Newton; the relative error of the first guess is chip_load / radius
+    # four Newton steps: the relative error of the first guess is chip_load / radius, and each step squares it
+    for _ in range(4):
         left = radius * ops.sin(delta) - (chip_load - feed * delta) * cosine
         delta = delta - left / (radius * ops.cos(delta) + feed * cosine)
     # 1 - cos δ = 2 sin²(δ/2), which keeps the digits of a small δ
@@ -140,7 +142,8 @@ def cut(
     back = ops.sin(width), ops.cos(width)
     begin = (tip - 0.5 * (edge.entry + edge.exit)) / (2.0 * ops.pi) + 0.5
     step = width / (2.0 * ops.pi)
-    short = slices * width <= ops.pi - arms.half  # the edge does not reach around the unengaged part
+    # a longer edge may leave and reenter the engaged part, and its two ends do not show that
+    short = slices * width <= ops.pi - arms.half
     begin_of_work = 0.5 - 0.5 * arms.half / ops.pi  # in turns from the middle of the unengaged part
     total = [ops.zero(sine)] * 9
     for tooth in range(edge.teeth):
@@ -149,6 +152,7 @@ def cut(
         before = arms.end(s, c, place)
         tip_end, sums = before, [ops.zero(sine)] * len(total)
         for slice_ in range(1, edge.slices + 1):
+            # a rotation: a sine and a cosine for each slice of each tooth would take most of the time of a substep
             s, c = s * back[1] - c * back[0], c * back[1] + s * back[0]
             after = arms.end(s, c, place - float(slice_) * step)
             sums = [a + b for a, b in zip(sums, _slice(after, before, moved), strict=True)]
@@ -157,6 +161,7 @@ def cut(
         past = place - begin_of_work
         works = past - ops.floor(past) < arms.half / ops.pi + slices * step
         whole = ops.both(short, _in_contact(before, tip_end, moved))
+        # in contact everywhere, the edge cuts the surface of the last tooth alone
         at_once = _slice(before, tip_end, moved[:1])
         sums = [ops.where(whole, a, b) for a, b in zip(at_once, sums, strict=True)]
         total = [a + ops.where(works, b, 0.0) for a, b in zip(total, sums, strict=True)]

@@ -10,13 +10,14 @@ from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 
-_SMALL = 1e-9  # rad; sin d / d is 1 to the last bit even far above it
+# rad: sin d / d is 1 to the last bit even far above it
+_SMALL = 1e-9
 
 
 class HelicalCutter(Cutter):
     """Forces on an end mill with helical edges, linear in the chip (the model of Kline), in closed form.
 
-    The edge of tooth j at height z stands at v = φ - lag z / axial_depth, φ = angle + 2πj/teeth.  Its chip is
+    The edge of tooth j at height z is at v = φ - lag z / axial_depth, φ = angle + 2πj/teeth.  Its chip is
     h = chip_load · sin v between entry and exit, and the force on a piece dz of it is specific_energy · h dz against
     its motion, with radial_ratio times this force towards the axis and axial_ratio times it along the axis.  Over the
     engaged part (v0, vm):
@@ -34,7 +35,7 @@ class HelicalCutter(Cutter):
 
     The mean over a turn conserves energy: mean torque · ω = specific_energy · volume removed per second.
     `slices` counts in a `MillingCut` only, where the chip follows from the motion of the tool.
-    When not: for run-out and unequal pitch; for a worn or rubbing edge, which has a force without a chip: take
+    When not: for run-out and unequal pitch; for a worn or rubbing edge, which has a force without a chip: use
     `MechanisticCutter`.
     Source: Beltrán-Carbajal et al. 2013, eq. (4) and the symbols around it, reconstructed after Kline's model; the
     ratios are not in the paper.
@@ -54,6 +55,7 @@ class HelicalCutter(Cutter):
     def check(self) -> None:
         """Raise ParameterError if the cut is wider than the tool."""
         width, diameter = self.radial_depth, self.diameter
+        # in a trace both are symbols, on which an `if` is refused
         if isinstance(width, float) and isinstance(diameter, float) and width > diameter:
             raise ParameterError(
                 f"helical_cutter.radial_depth = {Quantity(width, 'm'):6 SI} is {Quantity(width - diameter, 'm'):3 SI} "

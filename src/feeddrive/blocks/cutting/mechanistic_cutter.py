@@ -11,14 +11,16 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 
-_CUTTING = 1e6, 1e11  # N/m2: from foam to the hardest alloys; excludes 600 N/mm2 written as 600 N/m2
-_EDGE = 100.0, 1e6  # N/m: excludes 27.7 N/mm written as 27.7 N/m
+# N/m2: from foam to the hardest alloys; excludes 600 N/mm2 written as 600 N/m2
+_CUTTING = 1e6, 1e11
+# N/m: excludes 27.7 N/mm written as 27.7 N/m
+_EDGE = 100.0, 1e6
 
 
 class MechanisticCutter(Cutter):
     """Forces on an end mill with helical edges by six coefficients: per area of the chip and per length of the edge.
 
-    The edge of tooth j at height z stands at v = φ + 2πj/teeth - 2 z tan(helix_angle) / diameter, φ = angle.  On a
+    The edge of tooth j at height z is at v = φ + 2πj/teeth - 2 z tan(helix_angle) / diameter, φ = angle.  On a
     piece dz of it that is between entry and exit and has a chip h > 0
 
         F_t = (Ktc h + Kte) dz against its motion,   F_r = (Krc h + Kre) dz towards the axis,   F_a = (Kac h + Kae) dz
@@ -27,7 +29,7 @@ class MechanisticCutter(Cutter):
 
     F_a points along the spindle, out of the work on the tool.  Without a chip the edge has no force either.  Sums over
     the engaged part of each edge are closed forms; with run-out the least m is chosen for each of `slices` pieces of an
-    edge, which leaves some 0.1 % with five of them.
+    edge, which leaves an error of about 0.1 % with five of them.
         mean torque · ω = Ktc · (volume per second) + Kte · (cutting speed) · teeth · axial_depth · (exit - entry) / 2π
 
     Entry and exit are 0 and π in a slot; with a radial_depth up milling cuts from 0 to arccos(1 - 2 radial_depth /
@@ -35,7 +37,7 @@ class MechanisticCutter(Cutter):
     `entry` and `exit` give them directly instead.
     When to use: for forces with a worn or rubbing edge, for run-out, for a `MillingCut` that may lose contact.
     When not: for unequal pitch, and within c²/2R of entry and exit, where the path of a tooth is no circle any more.
-    Raises ParameterError for coefficients that no material has, which are mostly in another unit.
+    Raises ParameterError for coefficients that no material has, which usually have the wrong unit.
     Source: Budak, Altintas & Armarego 1996; run-out Kline & DeVor 1983.
     """
 
@@ -151,8 +153,10 @@ class MechanisticCutter(Cutter):
         return self._static(angle, chip_load).torque
 
     def _static(self, angle: Number, chip_load: Number) -> Cut:
+        # with run-out a tooth may miss the surface of the last one and cut that of any tooth within a turn
         surfaces = 1 if self.runout_offset is None else self.teeth
         steps = [(float(m) * chip_load, 0.0) for m in range(1, surfaces + 1)]
+        # no sweep: the forces at this angle, not their mean over a substep
         return cut(self.edge(), angle, 0.0, steps)
 
 

@@ -11,7 +11,8 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter
 from feeddrive.language.errors import StructureError
 
-_SPEEDS = tuple(1e-4 * ops.exp(8.006367567650246 * i / 59.0) for i in range(60))  # m/s: from creeping to a fast feed
+# m/s, e^8.006... = 3000: from creeping to a fast feed, as many points in each decade
+_SPEEDS = tuple(1e-4 * ops.exp(8.006367567650246 * i / 59.0) for i in range(60))
 # above the rounding of steady(v) - viscous v, and far below the friction of any axis
 _NO_FRICTION = 1e-9  # N
 

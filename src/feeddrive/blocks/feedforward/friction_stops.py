@@ -1,6 +1,4 @@
-"""Learned friction feedforward: parallel stops on the set position, and bell functions of the speed for the
-residual.
-"""
+"""Learned friction feedforward: parallel stops on the set position, and a residual over the speed."""
 
 from typing import Any, NamedTuple, Self
 
@@ -14,7 +12,8 @@ from feeddrive.language.errors import ParameterError, StructureError
 
 # dry friction is not 0 at any speed: a slow one shows whether there is some
 _CREEP = 1e-4  # m/s
-_WIDTHS = 3.0  # of a bell, beyond which nothing was learned
+# widths of a bell, beyond which there was no data: the sum of the bells says nothing there
+_WIDTHS = 3.0
 
 
 class FrictionStops(Feedforward):
@@ -23,9 +22,9 @@ class FrictionStops(Feedforward):
         e_i(k) = clip(e_i(k-1) + x(k) - x(k-1), ±δ_i),    x = x_set(t + T/2)
         force  = c Σ k_i e_i + c r(v),    c = clip(travel/(2 δ_max) - 1, 0, 1)
 
-    A stop loses its initial state once the axis has moved by 2 δ.  travel is the largest set position since the start
-    less the smallest: in the first 2 δ_max, while the state of the friction is unknown, nothing is fed forward, and
-    after 4 δ_max all of it. Viscous friction is not included: give it to `Inertia`.
+    A stop loses its initial state once the axis has moved by 2 δ.  travel is the largest minus the smallest set
+    position since the start: over the first 2 δ_max, while the state of the friction is unknown, nothing is fed
+    forward, and after 4 δ_max all of it. Viscous friction is not included: give it to `Inertia`.
 
     The residual r, a Stribeck curve for instance, is a sum of bells over the set speed, not a polynomial, which at
     twice the range of its data reaches thousands of newtons.
@@ -55,6 +54,7 @@ class FrictionStops(Feedforward):
         """
         if abs(axis.dry_friction(_CREEP)) + abs(axis.dry_friction(-_CREEP)) == 0.0:
             raise StructureError("the axis has no dry friction to be fed forward: leave the stops out")
+        # without stiffness the widths have no effect, and learning replaces both
         return cls(width=(1e-6, 1e-5), stiffness=(0.0, 0.0))
 
     width: Any = table("m", "δ: travel from the middle of a stop to its end", above=0)
@@ -65,7 +65,7 @@ class FrictionStops(Feedforward):
     residual_limit: Number | None = parameter("N", "largest residual ever seen", least=0, default=None)
 
     class State(NamedTuple):
-        """The last middle of a sample and the ends of the travel (m), and e of each stop (m)."""
+        """The set position in the middle of the last sample, the ends of the travel, and e of each stop (m)."""
 
         position: Number
         lowest: Number

@@ -37,6 +37,7 @@ class InverseDynamics(Feedforward):
         middle = setpoint.shifted(0.5 * T)
         a1, v1 = middle.acceleration, middle.velocity
         if self.order == "full":
+            # the series, not the exact lag: it has no state, and is stable for any coupling mass
             lead = series(bodies, middle)
             a1, v1 = a1 + lead.acceleration, v1 + lead.velocity
         screw = (m11 + m12) * a1 + (c11 + c12) * v1

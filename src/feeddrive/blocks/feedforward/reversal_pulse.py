@@ -23,7 +23,7 @@ class ReversalPulse(Feedforward):
     decay_time: Number = parameter("s", "time after which it has fallen to 1/e", above=0)
 
     class State(NamedTuple):
-        """The last direction of motion (-1, 0 at first, 1) and the force now, N."""
+        """The last direction of motion (-1 or 1; 0 before the first motion) and the present force, N."""
 
         direction: Number
         level: Number
@@ -36,6 +36,7 @@ class ReversalPulse(Feedforward):
         direction = ops.sign(setpoint.shifted(0.5 * T).velocity)
         reversed_now = direction * state.direction < 0.0
         level = ops.where(reversed_now, direction * self.force, state.level * ops.exp(-(T / self.decay_time)))
+        # standstill keeps the direction: two moves in one direction with a dwell between them are no reversal
         direction = ops.where(ops.equal(direction, 0.0), state.direction, direction)
         return self.State(direction, level), level
 

@@ -12,7 +12,7 @@ from feeddrive.language.text import Text
 
 
 class Section(NamedTuple):
-    """H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²); a1 is absent where it equals b1, as in a notch."""
+    """H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²); a1 is None where it equals b1, as in a notch."""
 
     b0: Number
     b1: Number
@@ -30,9 +30,7 @@ class Delayed(NamedTuple):
 
 
 class Polynomial(NamedTuple):
-    """The polynomial 1 + 2 damping s/ω + (s/ω)², times 1 + 2 z⁻¹ + z⁻², after s -> (2/T)(z - 1)/(z + 1): three
-    coefficients of z⁻¹.
-    """
+    """A polynomial c0 + c1 z⁻¹ + c2 z⁻²: (1 + 2 damping s/ω + (s/ω)²)(1 + z⁻¹)² after s -> (2/T)(z - 1)/(z + 1)."""
 
     c0: Number
     c1: Number

@@ -20,13 +20,13 @@ class LowPass(Filter):
     frequency: Number = parameter("Hz", "corner frequency", above=0)
 
     class Prepared(NamedTuple):
-        """b and a of the equation."""
+        """The coefficients b and a of the equation."""
 
         b: Number
         a: Number
 
     class State(NamedTuple):
-        """b x₋₁ - a y₋₁, and y₋₁, from which a live change starts."""
+        """The delayed sum b x₋₁ - a y₋₁, and the last output y₋₁, from which a live change starts."""
 
         delayed: Number
         output: Number

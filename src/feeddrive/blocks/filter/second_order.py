@@ -19,6 +19,7 @@ class SecondOrder(SecondOrderSection):
     damping_pole: Number = parameter("", "damping ratio of the denominator", above=0, default=0.7)
 
     def prepare(self, T: Number) -> Section:
+        # `tustin` scales each polynomial by its w²: this ratio restores the unit gain at 0 Hz
         ratio = prewarped(self.frequency_pole, T) / prewarped(self.frequency_zero, T)
         zeros = tustin(self.frequency_zero, self.damping_zero, T)
         return section(zeros, tustin(self.frequency_pole, self.damping_pole, T), ratio * ratio)

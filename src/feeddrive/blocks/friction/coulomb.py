@@ -30,6 +30,7 @@ class Coulomb(Friction):
     ) -> tuple[Any, Number, Any]:
         """Compute F = clip(-v_free / mobility, ±coulomb)."""
         stopping = -free_velocity / mobility
+        # <=: a force at exactly the level still brings the velocity to 0
         return state, ops.clip(stopping, -self.coulomb, self.coulomb), ops.absolute(stopping) <= self.coulomb
 
     def steady(self, velocity: Number) -> Number:

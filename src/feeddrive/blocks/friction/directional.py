@@ -27,6 +27,7 @@ class Directional(Friction):
 
     def linear(self) -> Number:
         """Return the smaller viscous coefficient, N s/m."""
+        # the smaller one, so that the rest in `contact` always opposes the motion
         return ops.minimum(self.viscous_positive, self.viscous_negative)
 
     def contact(

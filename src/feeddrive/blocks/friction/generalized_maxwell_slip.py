@@ -24,7 +24,8 @@ class GeneralizedMaxwellSlip(Friction):
         slipping   A = a F_i + (1 - a) sgn(v) α_i s,  a = e^-(attraction h/s);  A + k_i h v if v turns in the substep
 
     With breakaway = coulomb it is a sum of stops (Masing, Prandtl-Ishlinskii), whatever the attraction: after a
-    reversal the force runs along the curve of the first loading at twice its scale.  Steady, it is the Stribeck curve.
+    reversal the force runs along the curve of the first loading at twice its scale.  In steady sliding it is the
+    Stribeck curve.
 
     When to use: quadrant errors of some micrometers, where the motion of the table after a reversal depends on its
     history.  When not: if presliding does not matter (`Stribeck` costs a tenth); there is no exact standstill.  A mass
@@ -87,6 +88,7 @@ class GeneralizedMaxwellSlip(Friction):
         )
         total: Any = 0.0
         for i, force in enumerate(forces):
+            # no sum with a literal 0.0, which would be an operation of the traced step
             total = force if i == 0 else total + force
         return self.State(forces, slips), -total, False
 
@@ -108,6 +110,7 @@ class GeneralizedMaxwellSlip(Friction):
         whole: Any = 0.0
         for j in range(ops.length(self.share)):
             whole = whole + ops.gather(self.share, float(j))
+        # normalized here: fitted or tuned shares need not add up to 1
         return ops.gather(self.share, float(i)) / whole * level
 
     def steady(self, velocity: Number) -> Number:
@@ -128,8 +131,9 @@ def _end(lines: list[tuple[Any, ...]], free: Number, mobility: Number) -> Any:
             found = found + value
         return found
 
-    last = free - mobility * total([high for _, _, _, high, _, _ in lines])  # above all corners
-    first = free - mobility * total([low for _, _, low, _, _, _ in lines])  # below them
+    # the force lies between the sums of all lower and of all upper bounds: these two velocities bracket the root
+    last = free - mobility * total([high for _, _, _, high, _, _ in lines])
+    first = free - mobility * total([low for _, _, low, _, _, _ in lines])
     below, above = ops.minimum(first, last), ops.maximum(first, last)
     under, over = _miss(lines, below, free, mobility), _miss(lines, above, free, mobility)
     for base, slope, low, high, _, _ in lines:

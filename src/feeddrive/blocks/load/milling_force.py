@@ -79,5 +79,6 @@ class MillingForce(Load):
             return self.chip_load, float(np.cos(self.direction)), float(np.sin(self.direction))
         x, y = (np.asarray(reference.at(t).velocity) for reference in self.references)
         feed = np.hypot(x, y)
+        # without feed there is no chip, so that the direction does not matter; it only must not divide by 0
         moving = np.where(feed > 0.0, feed, 1.0)
         return feed / (self.cutter.teeth * self.spindle_speed / 60.0), x / moving, y / moving

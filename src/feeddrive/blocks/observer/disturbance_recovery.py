@@ -22,9 +22,9 @@ class DisturbanceRecovery(Observer):
     Inverting (6), with F_m(k) - F_m(k-1) added since a real motor has applied the last sample's force, gives the same:
     gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or that of `delay_samples` before.
 
-        exact        as it stands
+        exact        without a filter
         one_pole     F(k) = α F(k-1) + (1 - α) F̂d(k),   α = e^(-2π frequency T), in place of the law's Q/(Q + g1 T/m)
-        two_poles    the same twice, one behind the other
+        two_poles    two such poles in series
         butterworth  second order, by Tustin with prewarping
 
     It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  `lag` is the delay
@@ -33,7 +33,7 @@ class DisturbanceRecovery(Observer):
     is T/2 shorter under a law that cancels the force: F_m(k-1) then is newer than the mean over the two samples that
     the double difference sees.
     When to use: under any law, to see a cutting force or to reject it.  When not: with a mode of the axis inside the
-    filter's band; and with a coarse encoder take `KalmanRecovery`.
+    filter's band; and with a coarse encoder use `KalmanRecovery`.
     Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.
     """
 
@@ -93,6 +93,7 @@ class DisturbanceRecovery(Observer):
         position = reading.position(self.encoder)
         commands = (reading.applied, *state.pending)
         velocity = (position - state.position) / T
+        # the oldest command: that which acted while the axis moved between the last two readings
         force = self.mass * ((velocity - state.velocity) / T) + self.viscous * velocity - commands[-1]
         kept: tuple[Any, ...] = ()
         for i in range(self._poles()):
@@ -112,7 +113,7 @@ class DisturbanceRecovery(Observer):
         return state._replace(filter=(biquad.retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """Return the delay in s for a held disturbance at constant motor force; others come up to T earlier.
+        """Return the delay in s for a held disturbance at constant motor force; for others it is up to T shorter.
 
         It is 1.5 T for the double difference, plus α/(1 - α) T for each pole, or the slope of the section's phase at 0
         Hz.

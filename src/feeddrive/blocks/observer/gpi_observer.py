@@ -37,8 +37,8 @@ class GpiObserver(Observer):
     When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  When not: to reject disturbances
     near omega_o or above it. Their estimate has the wrong amplitude and phase, and subtracting it increases the error:
     4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Nor with a mode of the axis near it.
-    `hold = "zero_order"` keeps the reading instead, for comparison: it allows a fifteenth of the sample time.
-    Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is ours.
+    `hold = "zero_order"` keeps the reading instead, for comparison: it admits only a fifteenth of the sample time.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is this library's.
     Raises ParameterError for an omega_o too fast for the sample time.
     """
 
@@ -110,7 +110,8 @@ class GpiObserver(Observer):
             if i + 1 < order:
                 rate[i][i + 1] = turn
         rate[1][order] = turn  # of u / omega_o²
-        rate[0][order + 1] = -1.0  # of the change of y in a sample, since z_0 is relative to y
+        # z_0 is relative to y, so that a change of y in a sample is subtracted from it
+        rate[0][order + 1] = -1.0
         return tuple(map(tuple, rate))
 
     def _sampled(self, change: Matrix, share: Number) -> Prepared:
@@ -121,7 +122,8 @@ class GpiObserver(Observer):
         Gu = tuple(row[order] * per_force for row in change[:order])
         Gy = tuple(row[order + 1] if matrix.is_one(share) else row[order + 1] / share for row in change[:order])
         if self.hold == "zero_order":
-            Gy = (-1.0, *(0.0,) * (order - 1))  # y jumps at kT, and no state has responded yet
+            # y jumps at kT, and no state has responded yet
+            Gy = (-1.0, *(0.0,) * (order - 1))
         return self.Prepared(F[:order], Gu, Gy)
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
@@ -132,6 +134,7 @@ class GpiObserver(Observer):
         if self.taylor_states:
             balance = -reading.applied if self.start_disturbance is None else self.start_disturbance
             z[2] = balance / (self.mass * self.omega_o * self.omega_o)
+        # a brake held the part of the given disturbance that the force did not balance
         brake = () if self.start_disturbance is None else (-self.start_disturbance - reading.applied,)
         return self.State(tuple(z), position, (reading.applied,) * self.delay_samples, brake)
 
@@ -173,6 +176,7 @@ class GpiObserver(Observer):
             halved, squarings = matrix.expm1_doubled(self._rate(T))
             holds: Any = True
             for s, change in enumerate(halved):
+                # T/2ˢ: the doubling of the exponential has computed these samples anyway
                 share = ops.power_of_two(ops.minimum(float(s), squarings) - squarings)
                 holds = ops.both(holds, matrix.decays(self._rejecting(self._sampled(change, share), share * T)))
             yield Rule(

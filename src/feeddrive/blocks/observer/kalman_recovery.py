@@ -8,8 +8,10 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.matrix import Matrix, Row
 
-LARGEST_RATIO = 1e5  # of ρ: the gain is nearly that without noise; above it the Riccati equation loses digits
-DOUBLINGS = 24  # of the Riccati equation: 2²⁴ samples of the filter, more than the slowest one needs to settle
+# of ρ: the gain is nearly that without noise; above it the Riccati equation loses digits
+LARGEST_RATIO = 1e5
+# of the Riccati equation: 2²⁴ samples of the filter, more than the slowest one needs to settle
+DOUBLINGS = 24
 
 
 class KalmanRecovery(Observer):
@@ -20,11 +22,11 @@ class KalmanRecovery(Observer):
         L = P Cᵀ/(C P Cᵀ + R),   P = Φ (P⁻¹ + Cᵀ R⁻¹ C)⁻¹ Φᵀ + diag(0, 0, force_step²),   R = resolution²/12
 
     The gain comes from the Riccati equation by doubling, with lengths in steps of the resolution and times in steps of
-    the filter's own speed, so that coarse and fine encoders are solved alike.  What matters is one ratio,
-    ρ = force_step T² √12/(m resolution): the filter's bandwidth is about ∛ρ/T rad/s.
+    the filter's own speed, so that coarse and fine encoders are solved alike.  In these units the gain depends on one
+    ratio, ρ = force_step T² √12/(m resolution): the filter's bandwidth is about ∛ρ/T rad/s.
 
-    When to use: in place of `DisturbanceRecovery` where the encoder's steps decide.  When not: for forces that move
-    faster than `force_step` in a sample says, and without a known resolution.
+    When to use: in place of `DisturbanceRecovery` where quantization by the encoder dominates.  When not: for forces
+    that change faster than `force_step` per sample, and without a known resolution.
     Source: Altintas & Okwudire 2009, section 3, has the exact recovery; the filter is Kalman 1960, the doubling
     Anderson & Moore 1979, section 6.7.
     """
@@ -57,7 +59,8 @@ class KalmanRecovery(Observer):
 
     def prepare(self, T: Number) -> Prepared:
         """Compute hold and gain from a normalized problem: position noise 1, and a force that walks by w = ∛ρ."""
-        noise = 0.2886751345948129 * self.resolution  # 1/√12
+        # 1/√12: the standard deviation of a rounding to counts
+        noise = 0.2886751345948129 * self.resolution
         ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)
         # cube root, in operations that a trace records
         w = ops.exp(ops.log(ratio) / 3.0)
@@ -134,5 +137,6 @@ def _inverse(a: Matrix) -> Matrix:
         up, down, left, right = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
         return a[up][left] * a[down][right] - a[up][right] * a[down][left]
 
+    # a trace cannot choose pivots; the determinant is at least 1, see `riccati`
     determinant = matrix.dot(a[0], tuple(cofactor(0, j) for j in range(3)))
     return tuple(tuple(cofactor(j, i) / determinant for j in range(3)) for i in range(3))

@@ -12,9 +12,10 @@ class Modal(Plant):
         mass q'' + viscous q' = f_motor + f_load
         x_motor = q + Σ motorᵢ ηᵢ,    x_load = q + Σ loadᵢ ηᵢ,    with ηᵢ of `Mode`
 
-    As a measured frequency response is fitted: x/f = 1/(mass s² + viscous s) + Σ shapesᵢ / massᵢ (s² + 2ζᵢωᵢs + ωᵢ²).
+    A measured frequency response is fitted in this form:
+    x/f = 1/(mass s² + viscous s) + Σ shapesᵢ / massᵢ (s² + 2ζᵢωᵢs + ωᵢ²).
     When not to use it: for dry friction on both bodies with few modes.  The two contacts are then nearly one, which the
-    fixed sweeps of the axis do not separate; take a chain of masses.
+    fixed sweeps of the axis do not separate; use a chain of masses.
     """
 
     mass: Number = parameter("kg", "all that moves when the axis moves as one", above=0)

@@ -9,7 +9,7 @@ class Rigid(Plant):
 
         mass · x'' + viscous · x' = force
 
-    For a linear motor, or below about a third of the first mode of a screw drive.  Rotating parts count with
+    Use it for a linear motor, or below about a third of the first mode of a screw drive.  Rotating parts count with
     J (2π/lead)².  Source: Altintas & Okwudire 2009, eq. (1).
     """
 

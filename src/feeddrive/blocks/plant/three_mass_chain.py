@@ -16,7 +16,7 @@ class ThreeMassChain(Plant):
 
     Everything is in units of table motion.  The force acts on the motor x0; the motor encoder and the friction of
     bearings and nut sit on the screw x1, and so do forces such as cogging; the load is the table x2.
-    A truth plant against which designs on a two-mass model are tried.
+    It serves as the true plant on which designs for a two-mass model are tested.
     Source: Gordon & Erkorkmaz 2013, eq. (1), with a coupling before the screw.
     """
 

@@ -18,7 +18,8 @@ from feeddrive.language.errors import StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-LEAST_CONTROL = 1e-6  # 1 for a table that only its screw moves; below this limit the gains lose all their digits
+# relative to a table that only its screw moves; below it the gains lose all their digits
+LEAST_CONTROL = 1e-6
 
 
 class TwoBodies(NamedTuple):
@@ -35,11 +36,12 @@ class TwoBodies(NamedTuple):
     @property
     def led(self) -> Number:
         """The mass m22 + m12 in kg that the spring accelerates when both bodies have the same acceleration."""
+        # a diagonal mass matrix must not pay for m12: in a trace each sum is an operation
         return self.m22 if matrix.is_zero(self.m12) else self.m22 + self.m12
 
     @property
     def dragged(self) -> Number:
-        """The friction b2 = c22 + c12 in N s/m of the guideway, on the spring when both bodies move alike."""
+        """The guideway friction b2 = c22 + c12 in N s/m, which loads the spring when both bodies move alike."""
         return self.c22 + self.c12
 
     @property
@@ -160,6 +162,7 @@ def polynomial(real: Number, *pairs: tuple[Number, Number]) -> list[Any]:
         product: list[Any] = [0.0] * (len(coefficients) + 2)
         for i, a in enumerate(coefficients):
             for j, b in enumerate(quadratic):
+                # literal ones and zeros cost no operation
                 term = b if matrix.is_one(a) else a if matrix.is_one(b) else a * b
                 product[i + j] = term if matrix.is_zero(product[i + j]) else product[i + j] + term
         coefficients = product

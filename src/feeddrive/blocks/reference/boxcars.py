@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from feeddrive.blocks.reference.profile import Profile
 from feeddrive.language.errors import StructureError
 
-_HUGE = 1e150  # its square is still a number
-_TINY = 1e-290  # products with smaller numbers lose digits (subnormal)
+# its square is still finite
+_HUGE = 1e150
+# products with smaller numbers are subnormal and lose digits
+_TINY = 1e-290
 
 
 def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Profile:
@@ -35,11 +37,13 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
     goals = [*reversed(limits[:-1]), distance]
     lengths: list[float] = []
     while goals:
+        # the floor only keeps the quotients finite until the refusal below
         shares = [goal / max(height, _TINY) for goal in goals]
         if height < _TINY or distance < _TINY or min(shares) < 1.0 / _HUGE:
             raise StructureError(f"{kind}: distance and limits are too far apart to compute with: check their units")
         longest = min(_longest(min(share, _HUGE), place, span) for place, share in enumerate(shares))
-        length = max(span, longest)  # if a lower goal was just met, rounding may leave `longest` below the sum
+        # if a lower goal was just met, rounding may leave `longest` below the sum
+        length = max(span, longest)
         lengths.append(length)
         height, span = height * length, span + length
         goals = goals[1:]

@@ -20,7 +20,7 @@ class Chirp(Reference):
 
     w rises from 0 in the first and falls to 0 in the last `blend_time` by the seventh-degree polynomial; the motion
     starts and ends at rest at the center.  The sweep may run up or down.
-    When not: to measure an axis with dry friction about standstill, where a multisine with bias velocity says more.
+    When not: to measure an axis with dry friction about standstill; a multisine with a bias velocity reveals more.
     Raises ParameterError if both blends are longer than the sweep.
     """
 
@@ -63,6 +63,7 @@ class Chirp(Reference):
             still = np.zeros_like(t)
             return t * (first + 0.5 * slope * t), first + slope * t, np.full_like(t, slope), still, still
         rate = first * np.exp(growth * t)
+        # expm1: with nearly equal frequencies eᵍᵗ - 1 would lose its digits
         return first * np.expm1(growth * t) / growth, rate, growth * rate, growth**2 * rate, growth**3 * rate
 
     def at(self, t: np.ndarray) -> Setpoint:

@@ -13,8 +13,8 @@ from feeddrive.language.errors import StructureError
 class InputShaped(Reference):
     """x(t) = Σ Aᵢ r(t - tᵢ): the reference r convolved with pulses of sum 1, exact in all derivatives at any time.
 
-    A mode of the given frequency and damping that the shaped motion excites does not ring after its end ("zv"), hardly
-    so if its frequency is a little off ("zvd", half a period longer), or rings only by `tolerance` over a wider band
+    A mode of the given frequency and damping does not ring after the end of the shaped motion ("zv"), hardly rings even
+    if its frequency is a little off ("zvd", half a period longer), or rings by `tolerance` at most over a wider band
     ("ei"). The motion keeps the limits of r, ends where r ends, and takes one or two half periods of the mode longer.
     When not: on axes that draw a path together, unless all of them have the same shaper.
     Raises StructureError for a Recorded reference, unless that interpolates: pulses rarely fall on its rows.

@@ -12,7 +12,7 @@ class JerkLimitedMove(LimitedMove):
     The jerk jumps, so the snap is a row of impulses; it is reported as 0.  A law that feeds snap forward should follow
     a SnapLimitedMove.  If the distance is too short for a limit it is lowered, velocity first, then acceleration; this
     is the shortest move within these limits.
-    Raises StructureError for a move that takes for ever.
+    Raises StructureError for a move that takes forever.
     Source: Lambrechts, Boerlage & Steinbuch 2005, with one boxcar less.
     """
 

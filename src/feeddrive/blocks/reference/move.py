@@ -58,7 +58,8 @@ class Move(Reference, ABC):
         for way, last in self.ways():
             moving = np.flatnonzero((times >= way.begins) & (times < way.ends()))
             if moving.size:
-                run = slice(moving[0], moving[-1] + 1)  # ascending times form one slice, which is faster than an index
+                # ascending times form one slice, which is faster than an index array
+                run = slice(moving[0], moving[-1] + 1)
                 chosen = run if run.stop - run.start == moving.size else moving
                 travel = self.leg(way.inside(times[chosen]))  # type: ignore[arg-type]
                 for row, values in zip(out, way.placed(travel), strict=True):

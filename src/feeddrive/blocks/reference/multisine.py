@@ -16,7 +16,8 @@ from feeddrive.language.quantity import Quantity, span
 
 # each line costs a sine in every sample
 _MOST_LINES = 20000
-_FINE = 32  # grid points per period of the highest line, on which the peak is taken
+# points per period of the highest line: between them the sum exceeds the peak by at most the factor 1/cos(π/32)
+_FINE = 32
 
 
 class Multisine(Reference):
@@ -92,7 +93,7 @@ class Multisine(Reference):
         return np.unique(np.rint(wanted))
 
     def frequencies(self) -> np.ndarray:
-        """Return the line frequencies in Hz; on a logarithmic spread low ones may coincide and are then fewer."""
+        """Return the line frequencies in Hz, fewer than `lines` if low ones coincide on a logarithmic spread."""
         return self.numbers / self.period
 
     @cached_property
@@ -101,6 +102,7 @@ class Multisine(Reference):
         k = self.numbers
         weights = k ** -float(("position", "velocity", "acceleration").index(self.flat))
         phases = self._first_phases(weights)
+        # a power of two, for which the transform is fastest
         count = int(2 ** np.ceil(np.log2(_FINE * k[-1])))
         spectrum = np.zeros((2, count // 2 + 1), dtype=np.complex128)
         places = k.astype(np.int64)

@@ -16,8 +16,10 @@ from feeddrive.language.quantity import Quantity
 
 _NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
 _UNITS = ("m/s", "m/s2", "m/s3", "m/s4")  # without that of the position
-_ROUNDING = 1e-9  # relative to a limit or distance; far above the rounding errors of pieces of unequal length
-_TINY = 1e-300  # absolute tolerance for numbers too small for a relative one
+# relative to a limit or distance: far above the rounding errors of pieces of unequal length
+_ROUNDING = 1e-9
+# absolute: a number this small has no relative tolerance
+_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,8 @@ class Profile:
             integral = np.zeros(starts.size + 1)
             for i in range(starts.size):
                 integral[i + 1] = integral[i] + _advance(states[:, i], spans[i])
-            integral[-1] = 0.5 * height * span  # a rise is point-symmetric
+            # set, not accumulated: a rise is point-symmetric, and a rounded sum would break the mirror image
+            integral[-1] = 0.5 * height * span
             rise = np.vstack([integral[:-1], states])
             hold = np.zeros((states.shape[0] + 1, 1))
             hold[0], hold[1] = integral[-1], height
@@ -92,15 +95,18 @@ class Profile:
 
     def at(self, t: np.ndarray) -> Derivatives:
         """Return position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
+        # a sort costs more than the check, and times are nearly always ascending
         order = None if t.size < 2 or bool(np.all(t[1:] >= t[:-1])) else np.argsort(t, kind="stable")
         rising = t if order is None else t[order]
-        bounds = [*np.searchsorted(rising, self.starts).tolist(), t.size]  # by piece: no gathering of coefficients
+        # slices of ascending times: gathering the coefficients for each time would cost more
+        bounds = [*np.searchsorted(rising, self.starts).tolist(), t.size]
         out = np.empty((5, t.size))
         for piece, (low, high) in zip(self.pieces, pairwise(bounds), strict=True):
             if low < high:
                 for row, values in zip(out, piece.at(rising[low:high]), strict=True):  # type: ignore[arg-type]
                     row[low:high] = values
         if order is not None:
+            # a copy: the assignment would overwrite columns before they are read
             out[:, order] = out.copy()
         return out[0], out[1], out[2], out[3], out[4]
 

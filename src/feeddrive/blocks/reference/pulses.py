@@ -27,6 +27,7 @@ def pulses(shaper: str, frequency: float, damping: float, tolerance: float) -> t
     decay = math.exp(-math.pi * damping / root)
     shares = {"zv": (1.0, 1.0), "zvd": (1.0, 2.0, 1.0), "ei": (1.0 + tolerance, 2.0 - 2.0 * tolerance, 1.0 + tolerance)}
     scaled = [share * decay**i for i, share in enumerate(shares[shaper])]
+    # exact, since the amplitudes must add up to 1 for the motion to end at its goal
     total = math.fsum(scaled)
     half = 0.5 / (frequency * root)
     return [pulse / total for pulse in scaled], [i * half for i in range(len(scaled))]

@@ -76,7 +76,8 @@ class Recorded(Reference):
         held = np.clip(place, 0.0, float(last))
         above = np.ceil(held).astype(np.int64)
         below = np.maximum(above - 1, 0)
-        share = above - held  # 0 on a row, which is then used unchanged
+        # 0 on a row: its value is then used without the rounding of an interpolation
+        share = above - held
         rows: list[np.ndarray] = []
         for order, row in enumerate(self._rows):
             value = row[above]

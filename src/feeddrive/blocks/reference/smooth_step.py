@@ -47,6 +47,7 @@ def window(t: np.ndarray, duration: float, blend_time: float) -> Derivatives:
     steps = seventh_degree(np.clip(left, 0.0, 1.0))
     inside = (left >= 0.0) & (left < 1.0)
     rate = np.where(t < 0.5 * duration, 1.0, -1.0) / blend_time
+    # masked: the fourth derivative of the polynomial is not 0 where it ends
     one, two, three, four = (np.where(inside, step * rate**k, 0.0) for k, step in enumerate(steps[1:], 1))
     return steps[0], one, two, three, four
 

@@ -12,8 +12,8 @@ class SnapLimitedMove(LimitedMove):
     Position, velocity, acceleration and jerk are continuous, the snap is ± s or 0.  If the distance is too short for a
     limit it is lowered, velocity first, then acceleration, then jerk; see `boxcars.py`.  The move is the shortest of
     this family, which is not the time-optimal move: with the snap as the only limit it takes 7 % longer. Without a
-    limit of snap: JerkLimitedMove.
-    Raises StructureError for a move that takes for ever.
+    snap limit, use a JerkLimitedMove.
+    Raises StructureError for a move that takes forever.
     Source: Lambrechts, Boerlage & Steinbuch 2005 (fourth-order profiles).
     """
 

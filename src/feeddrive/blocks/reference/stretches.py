@@ -22,6 +22,7 @@ class Way(NamedTuple):
 
     def inside(self, t: Number) -> Number:
         """Return the time since the start of the leg, clipped to its length, s."""
+        # clipped, since a trace evaluates every stretch at every time
         return ops.clip(t - self.begins, 0.0, self.lasts)
 
     def placed(self, travel: Derivatives) -> Setpoint:

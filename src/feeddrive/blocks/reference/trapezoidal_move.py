@@ -5,13 +5,13 @@ from feeddrive.language.block import Number, parameter
 
 
 class TrapezoidalMove(LimitedMove):
-    """A trapezoid of velocity, or a triangle if the distance is too short: what LinuxCNC's planner commands today.
+    """A trapezoid of velocity, or a triangle if the distance is too short, as LinuxCNC's planner commands it today.
 
         velocity = rectangle(height v, length distance/v) * boxcar(v/a)
 
-    The acceleration jumps, so jerk and snap are impulses; they are reported as 0.  It shows what a jerk-free planner
-    costs; to move a real axis with a flexible structure, take a SnapLimitedMove.
-    Raises StructureError for a move that takes for ever.
+    The acceleration jumps, so jerk and snap are impulses; they are reported as 0.  It shows the cost of a planner
+    without a jerk limit; to move a real axis with a flexible structure, use a SnapLimitedMove.
+    Raises StructureError for a move that takes forever.
     """
 
     velocity: Number = parameter("m/s", "limit of the velocity", above=0)

@@ -13,7 +13,7 @@ from feeddrive.language.errors import ParameterError
 
 
 class Encoder(Sensor):
-    """An encoder that shows the position to the nearest count, after the given faults in this order.
+    """An encoder that rounds the position to the nearest count, after the following errors in this order.
 
         jitter          r = x + v · jitter · T · n₁(k)         the sample is taken a little early or late
         lead error      r = r - e(r)                           a rotary encoder on a rigid axis sees the screw
@@ -27,7 +27,7 @@ class Encoder(Sensor):
     n₀ and n₁ are white, independent, N(0, 1), and come from the run's seed.  Lead error and eccentricity are those at
     the position where the sample was taken.
 
-    An absent fault costs no computation.
+    An absent error costs no computation.
     """
 
     resolution: Number | None = parameter(
@@ -46,7 +46,7 @@ class Encoder(Sensor):
     interpolation: Interpolation | None = part("interpolation error of a sine encoder", default=None)
 
     class Counter(NamedTuple):
-        """The count that the last sample should have shown, and all that was lost so far, in m."""
+        """The reading that the last sample should have shown, and the sum of all lost counts, in m."""
 
         wanted: Number
         lost: Number
@@ -58,6 +58,7 @@ class Encoder(Sensor):
 
     def start(self, position: Number) -> Any:
         """Return the state without lost counts."""
+        # a zero of the kind of the position: a state has the same types before and after a step, in a trace too
         return Nothing() if self.largest_rate is None else self.Counter(self._counted(position), ops.zero(position))
 
     def still(self, position: Number) -> Number:
@@ -75,6 +76,7 @@ class Encoder(Sensor):
             wanted = reading
             most = self.largest_rate * self.resolution * T
             change = wanted - state.wanted
+            # a counter adds differences: what it missed once offsets all later readings
             lost = state.lost + (ops.clip(change, -most, most) - change)
             state, reading = self.Counter(wanted, lost), wanted + lost
         return state, self._shifted(reading)
