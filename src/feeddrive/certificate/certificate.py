@@ -156,7 +156,7 @@ class LoopResponse:
         nyquist = 0.5 / T
         last = self.samples[-1], self.closed.samples[-1]
         poles = np.concatenate([system.poles() for system in (self.plant, *last)])
-        # what decays by ten within a sample makes no narrow peak, and 0 has no logarithm
+        # a pole that decays tenfold within a sample causes no narrow peak, and 0 has no logarithm
         poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
         s = np.log(poles) / T
         near = (np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)

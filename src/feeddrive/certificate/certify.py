@@ -129,7 +129,7 @@ def _remedy(plant: NominalPlant, place: float) -> str:
     if modes.size:
         near = np.angle(modes) / (2.0 * np.pi * T)
         nearest = float(near[np.argmin(np.abs(np.log(near / place)))])
-        # a notch helps only where the mode itself is what the disc does not allow
+        # a notch helps only if the disc is too wide at the mode itself
         if 0.9 < nearest / place < 1.1:
             return Text(f"put a notch at {Quantity(nearest, 'Hz')}, lower the gains, or state a smaller disc")
     return "lower the gains, or state a smaller disc"

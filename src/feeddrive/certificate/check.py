@@ -640,7 +640,7 @@ def checked(path: str) -> tuple[list[str], bool]:
         sentences = [f"REFUSED: {path} cannot be read: {error.strerror}"]
     except RefusedError as error:
         sentences = [f"REFUSED: {path}: {error}"]
-    # whatever a damaged file holds is a refusal, not a crash
+    # a damaged file must be refused, not crash the checker
     except BROKEN as error:
         sentences = [f"REFUSED: {path}: it is not built as a certificate is: {type(error).__name__} {error}"]
     shown = (" ".join(line.split()) for line in sentences)

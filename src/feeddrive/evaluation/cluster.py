@@ -233,8 +233,8 @@ async def _answer(address: str) -> None:
 def _refuse_other_versions(client: Any, address: str) -> None:
     """Raise ParameterError if the scheduler or a worker has another version of feeddrive, or none.
 
-    Workers that join later check the version themselves.  The scheduler needs feeddrive too, since Dask unpickles there
-    what it passes on.
+    Workers that join later check the version themselves.  The scheduler needs feeddrive too, since Dask also unpickles
+    there the messages that it passes on.
     """
     # a function of Python itself, since a worker without feeddrive can call no other
     asked = pkgutil.resolve_name, "feeddrive.version:__version__"

@@ -93,7 +93,7 @@ def by_processes(
             return
         except BrokenProcessPool:
             losses += 1
-            # nothing says which case killed the process: all pending ones are computed again
+            # it is unknown which case killed the process: all pending ones are computed again
             again = [handed[number] for number in sorted(handed)]
             if losses > _LOSSES:
                 raise WorkerError(
@@ -144,7 +144,7 @@ def _processes(workers: int, common: tuple[Any, ...]) -> Generator[tuple[Executo
     context = multiprocessing.get_context("spawn")
     news: Any = context.Queue()
     with one_thread():
-        # the calling program may have children of its own, which must survive
+        # the calling program may have other child processes, which must survive
         before = set(multiprocessing.active_children())
         pool = ProcessPoolExecutor(workers, context, _begin, (common, news))
         try:

@@ -325,7 +325,7 @@ def tuned_all(
     outcomes = tuned(candidate for candidate in candidates if candidate.name == PLAIN)
     if PLAIN in outcomes:
         rule = rule.with_noise_of(outcomes[PLAIN])
-    # those with the most tunables take longest: they go first
+    # longest first: a law with many tunables that starts last would keep one worker busy alone at the end
     longest = sorted(candidates, key=lambda candidate: -len(law_tunables(candidate.loop.control)))
     outcomes |= tuned(candidate for candidate in longest if candidate.name != PLAIN)
     return {candidate.name: outcomes[candidate.name] for candidate in candidates}, rule

@@ -36,7 +36,7 @@ class Goal:
     """The declaration of a figure as the goal of a tuning.
 
     name      the goal on the command line
-    what      the quantity that increases or decreases: `dynamic stiffness`
+    what      the quantity in words, such as `dynamic stiffness`
     of        the quantity that is minimized, as a function of a loop and a band (Hz)
     slope     its logarithm with derivatives, as a function of a loop with derivatives and a band
     banded    True if the band matters

@@ -184,7 +184,7 @@ def _nearest_delay(loop: JudgedLoop) -> float | None:
 
 
 def _nearest_gain(loop: JudgedLoop) -> float | None:
-    # a margin < 0 dB says how far the gain may fall; the limit on Ms covers that side
+    # a margin < 0 dB is that of a falling gain, which the limit on Ms covers
     rising = (crossover for crossover in loop.margins.phase_crossovers if crossover.gain_margin_dB >= 0.0)
     nearest = min(rising, key=lambda crossover: crossover.gain_margin_dB, default=None)
     return None if nearest is None else nearest.frequency

@@ -37,7 +37,7 @@ LINEAR = tuple(figure for figure in of_loops.OF_LOOPS if figure.judges_laws)
 def ranks(criterion: Figure, figures: Sequence[Values]) -> list[int | None]:
     """Return the rank of each law, 1 for the best; ties share a rank, and a law without the figure has none.
 
-    An infinite figure (a law that never settles, a force that is never held) counts and ranks last.
+    An infinite figure (a law that never settles, a force that is never held) is ranked last.
     """
     values = [row.get(criterion.key) for row in figures]
     known = [value for value in values if value is not None]

@@ -165,7 +165,7 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
     last, required = change.before[-1], change.required
     rounding = _rounding_of_response(old, new, at, errors, change)
     near = _SHARE * np.maximum(np.abs(last), np.abs(required[0])) + _SMALL * _usual(last.size) + rounding
-    # a hundredth of what counts as a bump: a slow drift must not be taken for one
+    # a hundredth of a bump: a slow drift must not count as one
     steady = np.all(np.abs(change.before - last) <= 0.01 * near)
     # a law that does not hold its first force has still a transient: it shows the change of gains, not of state
     if isinstance(old, families.Law) and not errors:
@@ -384,13 +384,13 @@ def check_slopes(exercise: Exercise) -> None:
             continue
         slope = slopes[i]
         right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
-        # rounding of the largest number inside, or what cancellation makes of it, over the step
+        # rounding of the largest number inside, or its effect after cancellation, over the step
         blur = max(16 * 2.3e-16 * largest, 4.0 * rounding[i]) / h
         # a step twice as wide must show the same slope, or the function is too curved for a difference
         central, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
         near = (near_above[i] - near_below[i]) / (2.0 * _BETWEEN * h)
         bent = np.maximum(np.maximum(np.abs(right - left), np.abs(central - wide)), np.abs(central - near))
-        # a tangent that differs a step away stands beside a kink, where a central difference averages two slopes
+        # a tangent that differs a step away indicates a kink, where a central difference averages two slopes
         jumps = np.abs(slope - beside[i]) > 1e-3 * np.abs(slope)
         # a kink, a jump, or too curved for this step
         uneven = jumps | (bent > 1e-4 * np.maximum(np.abs(right), np.abs(left)) + blur)
@@ -413,9 +413,9 @@ _UNHURRIED = (
     HealthCheck.large_base_example,
     HealthCheck.differing_executors,
 )
-# no search for a smaller example: it takes minutes, and the numbers are ordinary ones already
+# no shrinking: it takes minutes, and the drawn numbers are of ordinary size already
 _PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
-# compiling takes long: the simplest example and one more
+# compilation dominates the time: the simplest example and one more
 compiled_once = settings(max_examples=2, deadline=None, suppress_health_check=_UNHURRIED, phases=_PHASES)
 # only two counts, since each is compiled anew
 _LANES = st.sampled_from((8, 1))
@@ -519,7 +519,7 @@ class Rows:
             prepared = () if issubclass(retuned, UNPREPARED) else (block.prepare(exercise.x.T),) * 2
             after = block.retune(state, block, *prepared)
         assert tree.structure(after) == tree.structure(state)
-        # a zero may change its sign, which nothing in a step asks for
+        # a zero may change its sign, which no step depends on
         values = [
             [float(value) + 0.0 for _, value in tree.leaves(compared) if not isinstance(value, Ring)]
             for compared in (state, after)

@@ -178,7 +178,7 @@ def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine: the C text was NOT compiled and NOT compared")
     text, library = folder / "loop.c", folder / "loop.so"
     text.write_text(source, encoding="utf-8")
-    # gcc knows no FP_CONTRACT pragma and would fuse a*b + c by default: the option says the same
+    # gcc knows no FP_CONTRACT pragma and would fuse a*b + c by default: the option forbids it
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas"]
     done = subprocess.run(
         [

@@ -16,7 +16,7 @@ class MachineMode(Block):
         fixture   F_cut - mass x_set''               axis + x: the workpiece swings on the table
 
     Either the stiffness or the modal mass is given: a compliance test at the tool yields the stiffness.
-    Source: Altintas & Okwudire 2009, end of section 3, says that modes are compensated, but not where in the machine
+    Source: Altintas & Okwudire 2009, end of section 3, states that modes are compensated, but not where in the machine
     they are.  The three places are interpretations by this library; the experiment uses `tool`.
     """
 

@@ -23,9 +23,9 @@ class RepetitiveControl(Compensation):
 
         |S with it / S| = |(1 - q z^-N)/(1 - q z^-N (1 - learning_gain T_r z^l))|
 
-    is 6e-4 at a harmonic of the period and up to 2.7 between two of them.  Learning starts after two periods, and holds
-    while the force is limited; a trip or an enable clears the memory. The end of a motion does not: enable again for
-    another motion.
+    is 6e-4 at a harmonic of the period and up to 2.7 between two of them.  Learning starts after two periods, and
+    pauses while the force is limited; a trip or an enable clears the memory. The end of a motion does not: enable again
+    for another motion.
 
     When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  When
     not: for a contour that does not repeat; with a period that is known to 1 % only, which spoils the result.

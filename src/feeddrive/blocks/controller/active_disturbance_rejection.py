@@ -27,7 +27,7 @@ class ActiveDisturbanceRejection(Law):
     v̂ and the disturbance come from the observer, which sees the force after the limit, so that nothing winds up.  With
     the right disturbance the error obeys e'' + α1 e' + α0 e = 0.  Without it (share = 0) a constant disturbance ξ, in
     m/s², leaves the error ξ / omega_c²: 23 mm for a hanging axis at 12 rad/s.
-    The set acceleration acts over the whole sample and is taken at its middle.
+    The set acceleration acts over the whole sample and is evaluated at its middle.
 
     When to use: a stiff axis with friction and cutting forces for which there is no model.  When not: with a structural
     mode below about three times the observer's frequency; with disturbances near that frequency, which the observer

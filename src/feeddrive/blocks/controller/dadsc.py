@@ -30,7 +30,7 @@ class DADSC(Law):
     poles of the ideal loop, the denominator of the corrected (8), are then 1/(1 + λT), 1/(1 + KT), 1/(1 + ω_d T): real
     for all positive frequencies.  The law is thus a PID with k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
 
-    Additions to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the
+    Additions to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is evaluated in the
     middle of the sample over which the force acts; the force cut off by the limit in the last sample goes into F̂d
     (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
@@ -91,7 +91,7 @@ class DADSC(Law):
         e_x = setpoint.position - reading.position_load
         e_v = setpoint.backward_velocity(T) - v
         s = self.tracking_rate * e_x + e_v
-        # the estimate enters the force with a minus sign: what the limit cut off is added to it
+        # the estimate enters the force with a minus sign: the force that the limit cut off is added to it
         held = state.estimate + (reading.requested - reading.applied)
         estimate = held - prepared.g1 * s + prepared.g2 * state.sliding
         acceleration = setpoint.shifted(0.5 * T).acceleration
@@ -99,7 +99,7 @@ class DADSC(Law):
         return self.State(position, s, estimate), force
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the integral in (5), F̂d + g2 s(k), which is a force; the term -g2 s(k) takes the new g2."""
+        """Keep the integral in (5), F̂d + g2 s(k), which is a force; the term -g2 s(k) gets the new g2."""
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
@@ -149,7 +149,7 @@ def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> A
     """Return True if the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
     In q = z⁻¹ and D = 1 - q its equation is D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
-    l = λT, k = KT, w = ω_d T; friction is left out, since the law compensates it.  With q = (1 - y)/(1 + y) the inside
+    l = λT, k = KT, w = ω_d T; friction is omitted, since the law compensates it.  With q = (1 - y)/(1 + y) the inside
     of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops lose no
     digits.
     """

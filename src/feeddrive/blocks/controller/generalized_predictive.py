@@ -71,7 +71,7 @@ class GeneralizedPredictive(Law):
         )
 
     class Prepared(NamedTuple):
-        """The sample time, R and S (from q⁰ on; S begins with 1), the coefficients of C behind its 1, and τ."""
+        """The sample time, R and S (from q⁰ on; S begins with 1), the coefficients of C after its leading 1, and τ."""
 
         T: Number  # s
         R: Row  # N/m
@@ -164,7 +164,7 @@ class GeneralizedPredictive(Law):
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the previews to the new weights, keeping position and velocity of the set path.
 
-        Both are taken from the last two previews.
+        Both are computed from the last two previews.
         """
         before, now = old_prepared.preview, prepared.preview
         ratio = now[0] / before[0]

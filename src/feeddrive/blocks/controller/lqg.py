@@ -26,7 +26,7 @@ def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
 
         N = 1 + P Y,   P <- P + A N⁻¹ P Aᵀ,   Y <- Y + Aᵀ Y N⁻¹ A,   A <- A N⁻¹ A
 
-    P and Y are symmetric, and only one half of each symmetric product is computed. Elimination in N takes no pivots:
+    P and Y are symmetric, and only one half of each symmetric product is computed. Elimination in N needs no pivots:
     its eigenvalues are real and at least 1.
 
     Source: Anderson & Moore 1979, section 6.7.
@@ -84,7 +84,7 @@ class LQG(Law):
                   0.001 omega_o² T
 
     m is the whole mass.  x* and F* are the set motion: of one mass (x_r, v_r) and m a_r + b v_r in the middle of the
-    sample; of two masses the motor is ahead of the load by what the spring needs for that motion (`series` in
+    sample; of two masses the motor is ahead of the load by the deflection of the spring for that motion (`series` in
     blocks/plant/two_bodies.py) and for F̂, which acts on the load.  F(k-i) is `applied`, so that nothing winds up.
     Without `recovery` the poles are those of a pair at omega_c with a damping of 0.707 and of a Butterworth filter of
     third order at omega_o.
@@ -97,7 +97,7 @@ class LQG(Law):
     Tune omega_c, omega_o and recovery, like two frequencies and a ratio; more recovery is more robust and noisier.
     When to use: two encoders and an identified spring, where it halves the error of a P-PI cascade of the same Ms.
     When not: with a spring that is not known; without recovery on a lightly damped plant.  Its margins are not
-    guaranteed, whatever its optimality: check each plant that it is to hold.
+    guaranteed, whatever its optimality: check each plant that it must control.
     Source: Kalman 1960; Åström & Wittenmark 1997 (sampled, delay as states); Doyle & Stein 1979 (recovery); the offset
     is this library's.
     """

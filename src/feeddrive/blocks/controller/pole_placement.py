@@ -42,11 +42,11 @@ class PolePlacement(Law):
     damping of the axial mode to about five times the mechanical one.  More does not help, since torsional modes and
     delay then limit the loop.
 
-    `commands` says how the set position of the screw follows from that of the table (`lead` in
+    `commands` selects how the set position of the screw follows from that of the table (`lead` in
     blocks/plant/two_bodies.py).  "series" is the series in c/k, "exact" the discrete lag of c/k by first-order hold.
     "rigid" sets both alike; it needs no model of the spring and loses most of the accuracy.
 
-    If the limit cut the force off, the term of that sample is taken out of the integral one sample later.
+    If the limit cut the force off, the term of that sample is removed from the integral one sample later.
     When to use: ball screws and belts whose first mode lies within three times the wanted crossover, with an encoder on
     the motor and one on the table.  When not: with one encoder, or if the axial mode moves by more than a fifth along
     the travel.  Source: Gordon & Erkorkmaz 2013, eq. (1) to (2) and section 2; the integral by backward Euler.

@@ -38,7 +38,7 @@ class SuperTwisting(Law):
     and damping ½; outside its gains fall, so that it is never faster than that.  It solves
     s ∈ z + h k1 √|z| sgn z + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone has no end, and the law is that PID.
 
-    Additions to the papers: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the
+    Additions to the papers: x' is the backward difference, and x_r' is differenced likewise; x_r'' is evaluated in the
     middle of the sample over which the force acts; the force cut off by the limit in the last sample goes into w
     (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 

@@ -15,7 +15,7 @@ class CrossCoupled(Coupling):
 
         e      = set positions - readings,   t = v / |v| of the set path,   e_t = t e
         normal = (e - t e_t) + curvature e_t² / 2,   curvature = (a - t (t a)) / |v|²
-        velocity added to what the laws command = contour_gain · normal
+        velocity added to the commands of the laws = contour_gain · normal
 
     `normal` is the vector from the tool back to the path, to second order in e, or with `estimate = "linear"` without
     the curvature.  Equal axes follow exactly as with the position gain Kv + contour_gain across the path and Kv along

@@ -25,7 +25,7 @@ class DisturbanceCompensator(Feedforward):
         φ = [a, v, 1(v > 0), -1(v < 0), sgn(v) e^-(v / stribeck_velocity)², j, s]
 
     `coulomb_negative` is positive if friction opposes the motion towards smaller positions.  Within the dead band
-    the axis rests and the three columns of friction are 0.  A parameter that is left out has no column.  The block
+    the axis rests and the three columns of friction are 0.  An omitted parameter has no column.  The block
     feeds forward, and `iterate` tunes, only the given parameters, 0 included.
     In the drive's unit the parameters are those over its force constant: a = mass / k in A s²/m, b = viscous / k.
 
@@ -41,7 +41,7 @@ class DisturbanceCompensator(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True for a law of one rigid mass without feedforward of its own."""
+        """Return True for a law of one rigid mass that feeds nothing forward itself."""
         return not law.feeds and law.encoders == 1
 
     @classmethod
@@ -49,7 +49,7 @@ class DisturbanceCompensator(Feedforward):
         """Return start values: the axis's mass and viscous friction, and friction columns fitted to its steady curve.
 
         The least-squares fit uses speeds from 0.1 mm/s to 0.3 m/s, evenly spaced on a logarithmic scale and equal in
-        both directions; of the Stribeck velocities tried, the one with the smallest residual is taken. Raises
+        both directions; of the Stribeck velocities tried, the one with the smallest residual is used. Raises
         StructureError for a curve without dry friction.
         """
         forces = [tuple(sign * axis.dry_friction(sign * speed) for speed in _SPEEDS) for sign in (1.0, -1.0)]

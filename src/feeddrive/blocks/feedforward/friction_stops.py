@@ -12,7 +12,7 @@ from feeddrive.language.errors import ParameterError, StructureError
 
 # dry friction is not 0 at any speed: a slow one shows whether there is some
 _CREEP = 1e-4  # m/s
-# widths of a bell, beyond which there was no data: the sum of the bells says nothing there
+# widths of a bell, beyond which there was no data to learn from
 _WIDTHS = 3.0
 
 
@@ -35,7 +35,7 @@ class FrictionStops(Feedforward):
     When not: with friction that drifts with temperature or load (widths wrong by 30 % cost seven times the error of
     right ones), or with set points coarser than the smallest width.
     Source: the sum of stops as the limit of the Maxwell slip model: Al-Bender, Lampaert & Swevers 2004; Lampaert et al.
-    2003 (feedforward of it).
+    2003 (its feedforward).
     """
 
     feeds = ("friction",)

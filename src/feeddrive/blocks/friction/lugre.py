@@ -15,7 +15,7 @@ class Lugre(Friction):
         z' = v - bristle_stiffness |v| z / level(v),      level(v) = coulomb + (breakaway - coulomb) e^-(v/v_s)²
         F  = -bristle_stiffness z - bristle_damping z' - viscous v
 
-    Over a substep h both z and v are taken at its end (backward Euler, stable for any stiffness), the level at the
+    Over a substep h both z and v are evaluated at its end (backward Euler, stable for any stiffness), the level at the
     velocity in its middle.  With w = |v| the two equations then are one quadratic in w, which is solved in closed form:
 
         a = h bristle_stiffness / level,   A = mobility (bristle_stiffness + bristle_damping / h)

@@ -15,8 +15,8 @@ class Stribeck(Friction):
         F ∈ -level(v) · Sgn(v) - viscous · v
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
-    The level is taken at the velocity in the middle of the substep, found by one step with the breakaway level, so that
-    an axis at rest is held exactly up to the breakaway level.  The force is then clip(-v_free / mobility, ±level).
+    The level is evaluated at the velocity in the middle of the substep, found by one step with the breakaway level, so
+    that an axis at rest is held exactly up to the breakaway level.  The force is then clip(-v_free / mobility, ±level).
     Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """
 

@@ -11,7 +11,7 @@ class MillingAxis(Plant):
         (carriage_mass + inertia / a²) q'' + (c_b + c_t / a²) q' = torque / a + other forces
 
     The force of the loop is torque / a, in N at the carriage.  Dry friction (μ sign q'), gravity and cutting forces are
-    blocks of their own.  `ScrewRigid` is the same axis from the motor's data sheet, with a gear.
+    separate blocks.  `ScrewRigid` is the same axis from the motor's data sheet, with a gear.
     Source: the milling machine in the papers on GPI control by Beltrán-Carbajal and co-workers, rotary equation over a.
     """
 

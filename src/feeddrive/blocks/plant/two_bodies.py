@@ -84,8 +84,8 @@ def two_bodies(where: str, plant: Plant) -> TwoBodies:
 def two_mass_model(plant: Plant) -> Plant:
     """Return the model of screw and table in a plant, on which a law can place poles.
 
-    A chain of motor, screw and table is reduced to two masses: motor and screw become one body, which holds below the
-    mode of the coupling. Raises StructureError, with the reason, for a plant that has no such model.
+    A chain of motor, screw and table is reduced to two masses: motor and screw become one body, which is valid below
+    the mode of the coupling. Raises StructureError, with the reason, for a plant that has no such model.
     """
     if isinstance(plant, ThreeMassChain):
         return TwoMass(

@@ -10,8 +10,8 @@ from feeddrive.language.block import Number, parameter
 class LinearMove(Move):
     """x = distance · t / travel_time: the velocity jumps at both ends.
 
-    All higher derivatives are 0 in the leg, and the impulses at its ends are left out.
-    When to use: to show what a corner without a velocity profile costs; to cut with a constant chip load.
+    All higher derivatives are 0 in the leg, and the impulses at its ends are omitted.
+    When to use: to show the cost of a corner without a velocity profile; to cut with a constant chip load.
     When not: to move an axis; use a JerkLimitedMove.
     Source: Beltrán-Carbajal et al. 2013, eqs. (19)-(22), with the constant feed of its simulation.
     """

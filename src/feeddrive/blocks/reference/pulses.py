@@ -19,8 +19,8 @@ def pulses(shaper: str, frequency: float, damping: float, tolerance: float) -> t
 
         zv   a = 1, 1        zvd   a = 1, 2, 1        ei   a = 1 + V, 2 - 2V, 1 + V        V = tolerance
 
-    With damping the EI pulses are scaled in the same way as the others, instead of by the usual numerical fit: at its
-    last pulse 4VK² / Σ aᵢKⁱ <= V is left of what the unshaped motion leaves at its own end.
+    With damping the EI pulses are scaled in the same way as the others, instead of by the usual numerical fit: after
+    the last pulse the fraction 4VK² / Σ aᵢKⁱ <= V remains of the vibration that the unshaped motion leaves.
     Source: Singer & Seering 1990 (ZV, ZVD); Singhose, Seering & Singer 1994 (EI).
     """
     root = math.sqrt(1.0 - damping * damping)

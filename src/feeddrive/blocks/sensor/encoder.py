@@ -76,7 +76,7 @@ class Encoder(Sensor):
             wanted = reading
             most = self.largest_rate * self.resolution * T
             change = wanted - state.wanted
-            # a counter adds differences: what it missed once offsets all later readings
+            # a counter adds differences: a count missed once offsets all later readings
             lost = state.lost + (ops.clip(change, -most, most) - change)
             state, reading = self.Counter(wanted, lost), wanted + lost
         return state, self._shifted(reading)
