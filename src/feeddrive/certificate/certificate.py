@@ -24,7 +24,7 @@ _REFINED = 6
 
 
 def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
-    """Return the control of a certificate, sampled at T."""
+    """Return the control of a certificate, with the sample time T in s."""
     rates = entry.get("samples", [entry])
     systems = tuple(
         matrices({"states": entry["states"], **sample}, entry["readings"], ["force"], T) for sample in rates

@@ -163,7 +163,7 @@ class Design:
         )
 
     def record(self) -> dict[str, Any]:
-        """Return the design for a JSON file, with the tunables exact and as six digits for a reader."""
+        """Return the design for a JSON file, with the tunables exact, and rounded to six digits for a reader."""
         exact = {name: float(value).hex() for name, value in self.tunables.items()}
         return asdict(self) | {
             "tunables": exact,

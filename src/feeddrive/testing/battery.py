@@ -153,7 +153,7 @@ def without_friction(new: Block, old: Block) -> Block:
 
 
 def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str:
-    """Return a description of an unnecessary change of a steady output by a live change from one block to another.
+    """Return a description of the bump, an unnecessary change of a steady output, after a live change of a block.
 
     It is empty if the output continues, or if there is no steady state to compare with: for a block that settles
     slowly, for a law that does not hold the force with which it was started, and in motion also if the new block would

@@ -9,7 +9,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class Screw(Motor):
-    """Current to torque to force at the table.
+    """A rotary motor on a screw: current to torque to force at the table.
 
         force = torque_constant · gear · (2π / lead) · current
         speed = rated_speed · lead / gear

@@ -105,7 +105,7 @@ class DisturbanceRejection(Compensation):
         return self.State(self.observer.start(prepared.observer, reading), () if self.blend_time is None else (zero,))
 
     def carries(self, reading: Reading) -> Number:
-        """Return the share of the acting force, with which the observer starts; 0 if the share is blended in."""
+        """Return the part of the acting force that the estimate provides at the start, N; 0 if it is blended in."""
         return self.share * reading.applied if self.blend_time is None else 0.0
 
     def step(

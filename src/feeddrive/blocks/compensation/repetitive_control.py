@@ -49,7 +49,7 @@ class RepetitiveControl(Compensation):
         taps: tuple[Number, ...]
 
     class State(NamedTuple):
-        """Past shifts, filter window and past filter outputs (m, newest first); samples until learning starts."""
+        """The past shifts, filter window and past filter outputs (m, newest first); samples until learning starts."""
 
         shifts: tuple[Any, ...]
         window: tuple[Any, ...]

@@ -102,7 +102,7 @@ class CascadePPI(Law):
         T: Number
 
     class State(NamedTuple):
-        """Past positions, newest first (m), the integral (N), and the memory of the options, empty without them."""
+        """The past positions, newest first (m), the integral (N), and the memory of the options, empty without them."""
 
         positions: tuple[Number, ...]
         integral: Number

@@ -60,7 +60,7 @@ class DADSC(Law):
         g2: Number
 
     class State(NamedTuple):
-        """Last position of the velocity's encoder (m), s(k-1) (m/s) and F̂d (N)."""
+        """The last position of the velocity's encoder (m), s(k-1) (m/s) and F̂d (N)."""
 
         position: Number
         sliding: Number

@@ -80,7 +80,7 @@ class GeneralizedPredictive(Law):
         preview: Row  # N/m, N s/m, ..
 
     class State(NamedTuple):
-        """Past readings (m), changes of the force (N) and previews Σ g_j w (N), newest first."""
+        """The past readings (m), changes of the force (N) and previews Σ g_j w (N), newest first."""
 
         positions: tuple[Number, Number]
         changes: tuple[Number, ...]

@@ -151,7 +151,7 @@ class LQG(Law):
         pending: Row
 
     class State(NamedTuple):
-        """Estimated positions, velocities, disturbance; encoder offset; pending and planned forces (m, m/s, N)."""
+        """The estimated positions, velocities, disturbance; encoder offset; pending and planned forces (m, m/s, N)."""
 
         motion: tuple[Number, ...]
         disturbance: Number

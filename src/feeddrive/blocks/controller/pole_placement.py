@@ -100,18 +100,18 @@ class PolePlacement(Law):
         new: Number = 0.0
 
     class Lead(NamedTuple):
-        """State of the exact lag: the relaxed leads of the last sample, and the leads (m, m/s)."""
+        """The state of the exact lag: the relaxed leads of the last sample, and the leads (m, m/s)."""
 
         relaxed: tuple[Number, Number]
         lead: tuple[Number, Number]
 
     class Series(NamedTuple):
-        """State of the series: the lead of the last sample (m), for a live change."""
+        """The state of the series: the lead of the last sample (m), for a live change."""
 
         position: Number
 
     class State(NamedTuple):
-        """Last readings (m), their difference at the start (m), Σ T e and its last term (m s), the screw's lead."""
+        """The last readings (m), their difference at the start (m), Σ T e and its last term (m s), the screw's lead."""
 
         position_motor: Number
         position_load: Number

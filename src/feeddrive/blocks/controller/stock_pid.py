@@ -48,7 +48,7 @@ class StockPid(Block):
     )
 
     class State(NamedTuple):
-        """Command, feedback and their derivatives one sample before; the integral; -1, 0 or 1 for the limit."""
+        """The command, feedback and their derivatives one sample before; the integral; -1, 0 or 1 for the limit."""
 
         command: Number
         feedback: Number

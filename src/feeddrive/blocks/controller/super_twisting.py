@@ -98,7 +98,7 @@ class SuperTwisting(Law):
         k2: Number  # m/s³
 
     class State(NamedTuple):
-        """Last position of the velocity's encoder (m), and w (m/s²)."""
+        """The last position of the velocity's encoder (m), and w (m/s²)."""
 
         position: Number
         twist: Number

@@ -9,7 +9,7 @@ from feeddrive.language.block import Number, parameter, table
 
 
 class ForceMap(Force):
-    """A measured force along the travel, constant or swinging in time, on the load's body.
+    """A measured force along the travel, constant or oscillating in time, on the load's body.
 
         F = row(x_load) · (mean + swing · sin(2π frequency t + phase))
 

@@ -10,7 +10,7 @@ from feeddrive.language.block import Number, Rule, parameter
 
 
 class Lugre(Friction):
-    """Friction with a bristle deflection z.
+    """LuGre friction with the bristle deflection z as its state.
 
         z' = v - bristle_stiffness |v| z / level(v),      level(v) = coulomb + (breakaway - coulomb) e^-(v/v_s)²
         F  = -bristle_stiffness z - bristle_damping z' - viscous v

@@ -58,7 +58,7 @@ class DisturbanceRecovery(Observer):
         section: tuple[Section, ...]
 
     class State(NamedTuple):
-        """Last position (m) and velocity (m/s), commands that have not acted yet (N, newest first), the filter."""
+        """The last position (m) and velocity (m/s), commands that have not acted yet (N, newest first), the filter."""
 
         position: Number
         velocity: Number

@@ -50,7 +50,7 @@ class KalmanRecovery(Observer):
         gain: Row
 
     class State(NamedTuple):
-        """Estimated position (m), velocity (m/s) and disturbance (N), and commands that have not acted yet (N)."""
+        """The estimated position (m), velocity (m/s) and disturbance (N), and commands that have not acted yet (N)."""
 
         position: Number
         velocity: Number

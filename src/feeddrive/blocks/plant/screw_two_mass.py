@@ -7,7 +7,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class ScrewTwoMass(Plant):
-    """The turning parts, the table, and the screw between them as a spring.
+    """The rotating parts and the table as two masses, with the screw between them as a spring.
 
         r = 2π / lead,   m1 = (inertia_screw + gear² inertia_motor) r²,   b1 = viscous_bearings r²
         m1        x1'' + b1           x1' = force - F          F = stiffness (x1 - x2) + damping (x1' - x2')

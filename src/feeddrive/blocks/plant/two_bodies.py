@@ -59,7 +59,7 @@ class TwoBodies(NamedTuple):
 
 
 def two_bodies(where: str, plant: Plant) -> TwoBodies:
-    """Return the matrices of a plant.
+    """Return the matrices of a plant with two bodies.
 
     Raises StructureError, with a remedy, for a plant that is not of this form.
     """

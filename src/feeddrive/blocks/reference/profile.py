@@ -24,7 +24,7 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """A distance covered by a velocity that is a rectangle convolved with boxcars, shortest boxcar first.
+    """A rest-to-rest motion whose velocity is a rectangle convolved with boxcars, shortest boxcar first.
 
     `lengths` = (L₁, .., Lₙ) in s, the last being that of the rectangle; the velocity is a rectangle of length Lₙ and
     area `distance`, convolved with boxcars of unit area and lengths L₁ .. Lₙ₋₁.  Its highest derivative is piecewise
