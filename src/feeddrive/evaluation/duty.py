@@ -184,7 +184,6 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
     if reference is None:
         v = min(_SPEED_SHARE * min(speeds), _SPEED) if speeds else _SPEED_ALONE
         a = _FORCE_ALONE if limit is None else min(_FORCE_SHARE * limit / mass, _ACCELERATION)
-        # two digits, so that the numbers of a report state the duty completely
         v, a = rounded(v, 2), rounded(a, 2)
         reference = SnapLimitedMove(
             # v²/a is enough only with unlimited jerk; the rest is for the ramps of the acceleration and a cruise

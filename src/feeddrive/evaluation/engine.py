@@ -37,7 +37,7 @@ C = TypeVar("C", bound=Case[Any])
 # cases handed out for each worker: one at work and one that waits; with more, memory would grow with the cases
 _AHEAD = 2
 _LOOK = 0.1  # s after which a cancel is seen
-# times in a row that processes may be killed: a lack of memory may pass, a case that always crashes does not
+# times in a row, without a finished case in between, that processes may be killed
 _LOSSES = 3
 
 

@@ -18,7 +18,7 @@ from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.language.errors import FileError
 from feeddrive.language.progress import Progress
 
-# bytes; a larger file is none of these and must not fill the memory
+# bytes; a larger file is none of these and is not read
 _MOST = 4_000_000
 # only names that this module writes: the folder may contain files of the user, which `clear` must not touch
 _NAME = re.compile(r"[a-z0-9_]+-[0-9a-f]{16}\.json")

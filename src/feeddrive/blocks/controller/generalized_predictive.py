@@ -118,7 +118,7 @@ class GeneralizedPredictive(Law):
         # τ of position to snap, all that a setpoint holds
         for i in range(5):
             preview.append(matrix.dot(weights, (1.0,) * len(weights)))
-            # (jT)ⁱ/i! from the previous power, which costs one product a sample of the horizon
+            # (jT)ⁱ/i! from the previous power: laws have neither powers nor factorials
             weights = [weight * (T * (float(j) / (i + 1.0))) for j, weight in enumerate(weights, first)]
         return self.Prepared(T, R, tuple(S), C[1:], tuple(preview))
 

@@ -152,7 +152,7 @@ def cut(
         before = arms.end(s, c, place)
         tip_end, sums = before, [ops.zero(sine)] * len(total)
         for slice_ in range(1, edge.slices + 1):
-            # a rotation: a sine and a cosine for each slice of each tooth would dominate the time of a substep
+            # a rotation, which is cheaper than a sine and a cosine for each slice of each tooth
             s, c = s * back[1] - c * back[0], c * back[1] + s * back[0]
             after = arms.end(s, c, place - float(slice_) * step)
             sums = [a + b for a, b in zip(sums, _slice(after, before, moved), strict=True)]
