@@ -42,6 +42,7 @@ _INFLUENCE = 0.05  # share of the variance below which a factor is not named
 
 def value_cell(figure: Figure, value: float) -> Quantity | str:
     """Return a value of a figure as a table cell."""
+    # A margin without a crossover is infinite: a valid value, not a missing one.
     return "∞" if np.isposinf(value) else Quantity(value, figure.unit, form="3")
 
 
@@ -57,6 +58,7 @@ def short(names: Sequence[str]) -> dict[str, str]:
     for name in names:
         parts = name.split(".")
         ends = [".".join(parts[i:]) for i in range(len(parts) - 1, -1, -1)]
+        # The leading dots compare whole segments: `mass_load` does not end in the segment `load`.
         shortest[name] = next(end for end in ends if sum(f".{other}".endswith(f".{end}") for other in names) == 1)
     return shortest
 
@@ -114,7 +116,10 @@ def sentences(
     ]
     about = measured[0] if hardest is None else hardest.bound.figure.key
     figure = next(candidate for candidate in study.measure if candidate.key == about)
+    # Sobol indices are per factor and rank correlations per column: a joint distribution is one factor with several
+    # columns.
     names = short([*study.columns, *(varied.name for varied in study.vary if varied.name not in study.columns)])
+    # Sobol indices need the sampler saltelli and an output that varies; rank correlations are the fallback.
     texts += _decides(figure, sobol, names) or _goes_with(figure, correlations, names)
     return texts
 
@@ -142,6 +147,7 @@ def _decides(figure: Figure, sobol: Sequence[statistics.SobolIndices], names: Ma
         ]
         rest = "".join(f", {name} {share}" for name, share in others)
         texts.append(Text(f"{first[0]} alone decides {first[1]} of the variance of {name_of(figure)}{rest}."))
+    # First-order indices add up to 1 if the effects are additive; the rest of the variance is interaction.
     together = 1.0 - float(np.sum(indices.first))
     if together >= _INFLUENCE:
         texts.append(Text(f"{Quantity(together, 'share'):.0f} of it is decided by several together."))
@@ -155,7 +161,7 @@ def share_text(value: float, interval: np.ndarray) -> str:
 
 
 def correlation(value: float) -> str:
-    """Return a correlation coefficient as a text with its sign."""
+    """Return a correlation coefficient as text with its sign."""
     return f"{Quantity(value):+.2f}"
 
 
@@ -167,6 +173,7 @@ def _goes_with(
     figure: Figure, correlations: Sequence[statistics.RankCorrelation], names: Mapping[str, str]
 ) -> list[str]:
     """Return sentences on the variance of a figure by rank correlations, for a study without Sobol indices."""
+    # The square is a share of the rank variance, so the threshold of the Sobol indices applies.
     own = [rank for rank in correlations if rank.output == figure.key and rank.value**2 >= _INFLUENCE][:_NAMED]
     if not own:
         return []
@@ -199,9 +206,10 @@ def _scale(unit: str) -> float:
 
 
 def yields_chart(yields: statistics.Yield) -> Chart:
-    """Return the share of machines that keep each bound, and all bounds, as error bars with 95 % intervals."""
+    """Return a chart of the share of machines that keep each bound, and all bounds, with 95 % intervals."""
     rows = [(bound_text(bound.bound), bound.kept) for bound in yields.bounds]
     rows.append(("all of them" if rows else "with figures", yields.inside))
+    # Row k is drawn at the ordinate -k, so that the first bound is at the top.
     lines, dots = list[Curve](), list[Curve]()
     for row, (_, share) in enumerate(rows):
         number = chart.NEUTRAL if row == len(rows) - 1 else 0
@@ -211,6 +219,7 @@ def yields_chart(yields: statistics.Yield) -> Chart:
         dots.append(
             Curve(np.array([100.0 * share.value]), np.array([-float(row)]), number=number, look=chart.MARKERS, size=1.3)
         )
+    # Yields are often close to 100 %: an axis from 0 would hide their differences.
     low = min((share.interval or (share.value,))[0] for _, share in rows)
     left = 100.0 * max(0.0, low - 0.08 * (1.0 - low) - 0.002)
     right = 100.0 + 100.0 * (0.03 * (1.0 - low) + 5e-4)
@@ -223,7 +232,7 @@ def yields_chart(yields: statistics.Yield) -> Chart:
 def histograms_chart(sample: statistics.Judged, banded: bool = False) -> Chart:
     """Return a histogram of each figure over the machines, with its bound.
 
-    banded  True to leave dynamic stiffness lines without a bound to the chart of their band
+    banded  True to omit dynamic stiffness lines without a bound, which have a band chart instead
     """
     figures = _figures(sample.study, banded)[:_PANELS]
     bounds = {bound.figure: bound for bound in sample.study.specification}
@@ -249,6 +258,7 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
     ends = [factor * end for end in (() if bound is None else (bound.least, bound.most)) if end is not None]
     if ends and panel.abscissa is not None and panel.abscissa.low is not None and panel.abscissa.high is not None:
         low, high = panel.abscissa.low, panel.abscissa.high
+        # A bound far from all values must still be visible.
         room = 0.03 * (max(high, *ends) - min(low, *ends))
         wider = replace(
             panel.abscissa, low=min(low, *(e - room for e in ends)), high=max(high, *(e + room for e in ends))
@@ -261,7 +271,7 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
 def decides_chart(
     study: Study, indices: Sequence[statistics.SobolIndices], correlations: Sequence[statistics.RankCorrelation]
 ) -> Chart:
-    """Return bars of the Sobol indices, or rank correlations, of the specified figures, with intervals."""
+    """Return a bar chart of the Sobol indices, or rank correlations, of the figures with a bound, with intervals."""
     outputs = _outputs(study)
     sobol = {row.output: row for row in indices if row.output in outputs}
     ranks = {name: [rank for rank in correlations if rank.output == name] for name in outputs}
@@ -313,6 +323,7 @@ def _correlations(correlations: Sequence[statistics.RankCorrelation]) -> Panel:
         if rank.interval is not None
     ]
     panel = _rows([rank.column for rank in some], [rank.column for rank in correlations], boxes, lines)
+    # Correlations have either sign, unlike shares of a variance: mark the zero.
     return replace(panel, levels=(Level(0.0, upright=True),))
 
 
@@ -323,14 +334,14 @@ def _rows(some: Sequence[str], names: Sequence[str], boxes: Sequence[Box], lines
 
 
 def stiffness_band_chart(band: statistics.Band) -> Chart:
-    """Return the quantiles of the dynamic stiffness over frequency."""
+    """Return a chart of the quantiles of the dynamic stiffness over frequency."""
     panel = replace(_quantiles(band, "dynamic stiffness"), scale=chart.LOG)
     ends = float(band.x[0]), float(band.x[-1])
     return Chart(f"frequency ({unit_name('Hz')})", (panel,), chart.FREQUENCY, *ends, height=3.2)
 
 
 def error_band_chart(band: statistics.Band) -> Chart:
-    """Return the quantiles of the following error over time."""
+    """Return a chart of the quantiles of the following error over time."""
     return Chart("time (s)", (replace(_quantiles(band, "largest following error"), low=0.0),), height=3.0)
 
 
@@ -364,6 +375,7 @@ def front_chart(front: statistics.Front, sample: statistics.Judged) -> Chart:
 
 def _ends(curves: Sequence[Curve], axis: Literal["x", "y"], part: float) -> tuple[float, float]:
     values = np.concatenate([getattr(curve, axis) for curve in curves])
+    # Without any finite value a chart still needs a finite range.
     return style.padded(float(np.min(values)), float(np.max(values)), part) if values.size else (0.0, 1.0)
 
 
@@ -371,6 +383,7 @@ def _place(
     figures: Mapping[str, np.ndarray], first: Figure, other: Figure, chosen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     x, y = (_scale(figure.unit) * figures[figure.key][chosen] for figure in (first, other))
+    # Infinite margins are valid figures, but have no place on a linear axis.
     seen = np.isfinite(x) & np.isfinite(y)
     return x[seen], y[seen]
 
@@ -382,10 +395,10 @@ class Answers(Result):
     sample        rows of randomly drawn machines, for distributions
     worst         the worst variants by figure
     bad           numbers and reasons of the first variants without figures
-    sobol         an entry per figure, for the sampler saltelli
-    correlations  rank correlations with the varied numbers
-    stiffness     over frequency, if at least three figures stiffness_F_Hz_N_per_m are measured
-    error         following error over time, of machines that were simulated again
+    sobol         Sobol indices, one entry per output; empty unless the sampler is saltelli
+    correlations  rank correlations of the outputs with the varied numbers
+    stiffness     quantile band over frequency, if at least three figures stiffness_F_Hz_N_per_m are measured
+    error         quantile band of the following error over time, from machines that were simulated again
     """
 
     study: Study
@@ -451,11 +464,14 @@ def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | N
     )
     saltelli = statistics.SaltelliRows(study)
     seen = 0
+    # One pass for all collectors, so that each chunk is read and verified only once.
     for part in statistics.parts(rows, study):
         progress.step("answers", seen, study.count)
         for collector in (counted, worst, front, sampled, saltelli):
             collector.add(part)
         seen += part.variant.size
+    # An incomplete store holds the chunks that happened to be finished, which are no sample of a grid or a Saltelli
+    # design.
     if seen != study.count:
         raise ParameterError(f"{study.file.name} has {study.count:,} variants, and here are rows of {seen:,}")
     sample = sampled.result()

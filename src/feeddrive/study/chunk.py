@@ -42,7 +42,9 @@ if TYPE_CHECKING:
 STUDY = b"feeddrive.study"  # metadata key for the digest of the study
 _KEY = b"feeddrive.sha256"
 _BLANK = b"0" * 64
-_VALUE = b"\x18\x40"  # Thrift's compact protocol: the next field is a binary, of 64 bytes
+# Parquet footers are written in Thrift's compact protocol: 0x18 announces a binary as the next field, 0x40 its length
+# of 64 bytes.
+_VALUE = b"\x18\x40"
 
 
 class DamagedChunkError(Exception):
@@ -58,7 +60,9 @@ def chunk_bytes(rows: Any, study: str) -> bytes:
     signed = rows.replace_schema_metadata({STUDY: study.encode()})
     with parquet.ParquetWriter(sink, signed.schema, compression="zstd", write_page_checksum=True) as writer:
         writer.write_table(signed)
+        # A digest of the right length keeps every offset of the file when it replaces the zeros.
         writer.add_key_value_metadata({_KEY: _BLANK})
+    # The last occurrence is meant: the footer ends the file, and rows may hold the same bytes.
     head, mark, tail = sink.getvalue().to_pybytes().rpartition(_KEY + _VALUE + _BLANK)
     assert mark, "pyarrow writes keys and values side by side"
     return head + _KEY + _VALUE + _digest(head, tail) + tail
@@ -81,8 +85,10 @@ def chunk_rows(content: bytes, *, sealed: bool) -> tuple[Any, str]:
     try:
         rows = parquet.read_table(arrow.BufferReader(content), page_checksum_verification=True)
         study = (rows.schema.metadata or {}).get(STUDY, b"").decode()
-        _ = rows.column_names, rows.validate(full=True)  # accessing the names decodes and so checks them
-    except Exception as error:  # pyarrow raises any error of its C++ library, and Unicode errors
+        # Accessing the names decodes them from UTF-8, which checks them.
+        _ = rows.column_names, rows.validate(full=True)
+    except Exception as error:
+        # pyarrow raises any error of its C++ library, and Unicode errors.
         raise DamagedChunkError(next(iter(str(error).splitlines()), type(error).__name__)) from None
     return rows.replace_schema_metadata(None), study
 
@@ -100,7 +106,7 @@ VARIANT, REASON = "variant", "reason"  # columns of every table of rows
 def run_chunk(study: Study, number: int, *, threads: int = 1, progress: Progress | None = None) -> pyarrow.Table:
     """Return the rows of one chunk: variant number, varied values, figures in SI, and the reason if there are none.
 
-    `progress` is asked between groups of variants whether to continue.
+    A cancel through `progress` takes effect between groups of variants.
     """
     within = study.range(number)
     drawn = variants(study, within.start, len(within))
@@ -147,6 +153,7 @@ class Rows:
 
     def refuse(self, place: int, reason: object) -> None:
         """Mark the variant at an index as failed: keep its first reason, and drop its figures."""
+        # Some exceptions have no text: their type is the only reason left.
         self.reasons[place] = self.reasons[place] or plain(str(reason)) or type(reason).__name__
         for values in self.figures.values():
             values[place] = np.nan
@@ -160,26 +167,32 @@ class Rows:
         try:
             yield
         except (CancelledError, MemoryError):
+            # Neither is a property of the variant: a row with such a reason would differ from that of another machine.
             raise
         except FeeddriveError as error:
             self.refuse(place, error)
         except Exception as error:
+            # The text of a foreign exception, such as a KeyError, is often unclear without its type.
             self.refuse(place, f"{type(error).__name__}: {error}")
 
     def table(self, drawn: Variants) -> pyarrow.Table:
         """Return the rows as a pyarrow table, in the order of their variants."""
-        import pyarrow as arrow  # deferred: 50 ms
+        # Deferred: the import takes 50 ms.
+        import pyarrow as arrow
 
         columns: dict[str, Any] = {VARIANT: arrow.array(drawn.numbers)}
         columns |= {name: arrow.array(values) for name, values in drawn.values.items()}
+        # `from_pandas` turns NaN into null, which other readers of Parquet count as missing.
         columns |= {name: arrow.array(values, from_pandas=True) for name, values in self.figures.items()}
         columns[REASON] = arrow.array(self.reasons, arrow.string())
         return arrow.table(columns)
 
 
 def batches(group: VariantGroup, rows: Rows) -> Iterator[tuple[VariantGroup, System]]:
-    """Yield the parts of a group that share one graph, each with its system; refuse variants that cannot be built."""
+    """Yield the parts of a group that share one graph, with their systems; skip variants that cannot be built."""
     for alike in _alike(group):
+        # Building all variants at once checks all of their values; only a failure is worth a search for the variants at
+        # fault.
         part = group.chosen(alike)
         try:
             yield part, varied(part)
@@ -191,7 +204,7 @@ def batches(group: VariantGroup, rows: Rows) -> Iterator[tuple[VariantGroup, Sys
 
 
 def varied(group: VariantGroup) -> System:
-    """Return the system of all variants of a group, with array-valued numbers. Raise as `tree.vary`."""
+    """Return the system of all variants of a group, with array-valued numbers. Raises the errors of `tree.vary`."""
     return tree.vary(group.system, group.changes)
 
 
@@ -207,6 +220,7 @@ def _alike(group: VariantGroup) -> list[np.ndarray]:
         dead_time: Any = group.changes.get(path, loop.axis.actuator.dead_time)
         samples = samples_of(dead_time, loop.sample_time)
         delays += [ops.floor(samples), samples > ops.floor(samples)]
+    # A dead time that does not vary is a single number.
     columns = [np.broadcast_to(delay, len(group.rows)).tolist() for delay in delays]
     for place, kind in enumerate(zip(*columns, strict=True)):
         groups.setdefault(kind, []).append(place)
@@ -214,7 +228,7 @@ def _alike(group: VariantGroup) -> list[np.ndarray]:
 
 
 def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
-    """Return the variants that can be built; bisect a set that cannot, and refuse the variants at fault."""
+    """Return the indices of the variants that can be built; find the others by bisection and record their reasons."""
     try:
         if some.size == 1:
             group.one(int(some[0]))
@@ -229,7 +243,7 @@ def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
 
 
 def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, threads: int, progress: Progress) -> None:
-    """Compute the figures of the variants of one graph: of the batch, then of each variant's linear model and run."""
+    """Compute the figures of variants with one graph: from the batch, then from each variant's linear model and run."""
     wanted = {need: [figure for figure in study.measure if figure.needs == need] for need in NEEDS}
     if wanted["statistics"]:
         _gather(group, system, wanted["statistics"], rows, threads, progress)
@@ -238,6 +252,7 @@ def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, thread
     speed = group.speed if wanted["model"] else 0.0
     for place, row in enumerate(group.rows.tolist()):
         progress.check()
+        # A variant that diverged in the batch has its reason: a model or a run would only confirm it.
         if rows.reasons[row] is None:
             with rows.refusing(row):
                 linear = LinearLoop(group.loop(place), speed) if wanted["model"] else None
@@ -252,6 +267,7 @@ def _gather(
     group: VariantGroup, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress
 ) -> None:
     """Compute the statistics of a batch; bisect a batch that cannot be run to find the variant at fault."""
+    # Several figures may use one signal, which is gathered only once.
     signals = dict.fromkeys(f"{group.port}{signal}" for figure in wanted for signal in figure.signals)
     try:
         batch = simulate_batch(
@@ -265,11 +281,13 @@ def _gather(
             progress=progress,
         )
     except CancelledError:
+        # CancelledError is a FeeddriveError as well, and must not become the reason of a variant.
         raise
     except FeeddriveError as error:
         if len(group.rows) == 1:
             rows.refuse(int(group.rows[0]), error)
             return
+        # A batch fails as a whole: bisection finds one variant among n with 2 log2 n runs instead of n.
         for part in np.array_split(np.arange(len(group.rows)), 2):
             half = group.chosen(part)
             _gather(half, varied(half), wanted, rows, threads, progress)
@@ -277,6 +295,7 @@ def _gather(
     statistics = Statistics(batch, group.port)
     for figure in wanted:
         rows.figures[figure.key][group.rows] = figure.read(statistics)
+    # A diverged variant does not stop the batch: `left` is its sample, or -1 for a variant within bounds.
     for place in np.flatnonzero(batch.left >= 0):
         sample = int(batch.left[place])
         rows.refuse(

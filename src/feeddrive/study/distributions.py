@@ -21,10 +21,13 @@ import numpy as np
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import number
 
+# Part of the definition of the points: another block length gives other variants for the same seed.
 BLOCK = 1024  # variants that share one Philox counter
 BITS = 30  # of a Sobol sequence, which has 2^30 points
 _CELL = 2.0 ** -(BITS + 1)  # shift to the center of a cell, so that no point is 0
-_LEAST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53  # bounds of the numbers in (0, 1)
+# Generator.random returns multiples of 2^-53 in [0, 1): half of the smallest replaces 0; the other is the largest
+# double below 1.
+_LEAST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53
 
 
 def uniform(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
@@ -34,16 +37,20 @@ def uniform(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> n
     at = first
     while at < first + count:
         block, offset = divmod(at, BLOCK)
+        # The highest word of the counter numbers the block, so blocks never overlap. A block is always drawn whole: a
+        # row then has the same numbers in every split.
         drawn = np.random.Generator(np.random.Philox(counter=[0, 0, 0, block], key=key)).random((BLOCK, dimensions))
         size = min(BLOCK - offset, first + count - at)
         numbers[at - first : at - first + size] = drawn[offset : offset + size]
         at += size
-    return np.maximum(numbers, _LEAST)  # never 0, whose quantile may be infinite
+    # Never 0, whose quantile may be infinite.
+    return np.maximum(numbers, _LEAST)
 
 
 def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.ndarray:
-    """Return points of the scrambled Sobol sequence, shape (count, dimensions)."""
-    from scipy.stats import qmc  # deferred: not needed by commands that only read
+    """Return points first .. first + count - 1 of the scrambled Sobol sequence, shape (count, dimensions)."""
+    # Deferred: commands that only read a study do not need it.
+    from scipy.stats import qmc
 
     if not dimensions:
         return np.empty((count, 0))
@@ -58,11 +65,13 @@ def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.
 
 def latin_hypercube(seed: tuple[int, ...], first: int, count: int, dimensions: int, total: int) -> np.ndarray:
     """Return points of a Latin hypercube of `total` points: one in each stratum of each coordinate."""
+    # Different suffixes of the seed make the position within a stratum independent of the permutation.
     inside = uniform((*seed, 1), first, count, dimensions)
     number = np.arange(first, first + count, dtype=np.uint64)
     points = np.empty((count, dimensions))
     for j in range(dimensions):
         strata = permuted(number, total, (*seed, 2, j))
+        # The quotient of the last stratum may round to 1.
         points[:, j] = np.minimum((strata + inside[:, j]) / total, _LARGEST)
     return points
 
@@ -92,6 +101,7 @@ def permuted(number: np.ndarray, total: int, seed: tuple[int, ...]) -> np.ndarra
 
 def _mixed(x: np.ndarray) -> np.ndarray:
     """Apply the finalizer of SplitMix64 (Steele, Lea & Flood 2014): every output bit depends on every bit of x."""
+    # The products are meant to wrap modulo 2^64, which numpy does silently for arrays.
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
@@ -100,8 +110,8 @@ def _mixed(x: np.ndarray) -> np.ndarray:
 def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, ...], total: int) -> np.ndarray:
     """Return the points of a Sobol sensitivity analysis, shape (count, dimensions): `total` rows A, B, AB_1 .. AB_k.
 
-    A and B are the halves of one Sobol sequence; AB_j is A with the coordinates of factor j taken from B, groups[j] in
-    number.  Source: Saltelli et al. 2010, as in scipy.stats.sobol_indices.
+    A and B are the halves of one Sobol sequence; AB_j is A with the groups[j] coordinates of factor j
+    replaced by those of B.  Source: Saltelli et al. 2010, as in scipy.stats.sobol_indices.
     """
     dimensions = sum(groups)
     ends = np.cumsum((0, *groups))
@@ -110,6 +120,8 @@ def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, .
     while at < first + count:
         part, row = divmod(at, total)
         size = min(total - row, first + count - at)
+        # Row r of each matrix is made from row r of one sequence of 2 d coordinates, drawn again for every matrix:
+        # memory stays constant.
         both = sobol(seed, row, size, 2 * dimensions)
         points = both[:, :dimensions].copy() if part != 1 else both[:, dimensions:]
         if part > 1:
@@ -130,14 +142,14 @@ def grid(first: int, count: int, steps: tuple[int, ...]) -> np.ndarray:
 
 
 class Distribution(Protocol):
-    """The distribution of a number, or of a choice among several given values."""
+    """The distribution of a number, or of a choice among several values."""
 
     def at(self, u: np.ndarray) -> np.ndarray:
         """Return the quantiles at u in (0, 1), same shape."""
         ...
 
     def range(self) -> tuple[float, float]:
-        """Return the least and the largest possible value, infinite for an open end."""
+        """Return the least and the largest possible value; infinite for an open end."""
         ...
 
 
@@ -182,7 +194,7 @@ class LogUniform:
 
 @dataclass(frozen=True)
 class Normal:
-    """The normal distribution of a mean and a standard deviation, truncated to least..most."""
+    """The normal distribution with a mean and a standard deviation, truncated to least..most."""
 
     mean: float
     deviation: float
@@ -197,6 +209,7 @@ class Normal:
     def at(self, u: np.ndarray) -> np.ndarray:
         """Return the quantiles at u."""
         z = truncated(u, (self.least - self.mean) / self.deviation, (self.most - self.mean) / self.deviation)
+        # Rounding may exceed an end by a last bit, which a parameter with that bound would refuse.
         return np.clip(self.mean + self.deviation * z, self.least, self.most)
 
     def range(self) -> tuple[float, float]:
@@ -288,12 +301,14 @@ class Discrete:
         """Return the indices of the values at u."""
         weights = np.array(self.weights or (1.0,) * len(self.values))
         edges = np.cumsum(weights / weights.sum())
+        # The rounded sum may stay below 1, and a u above it would select no value.
         edges[-1] = 1.0
         return np.minimum(np.searchsorted(edges, u, side="right"), len(self.values) - 1)
 
     def at(self, u: np.ndarray) -> np.ndarray:
         """Return the values at u: an array of numbers, or of objects for texts and whole numbers."""
         kind = np.float64 if all(isinstance(value, float) for value in self.values) else object
+        # `np.array(values)` would convert mixed numbers and texts to texts.
         row = np.empty(len(self.values), dtype=kind)
         row[:] = self.values
         return row[self.places(u)]
@@ -310,14 +325,16 @@ def truncated(u: np.ndarray, low: float, high: float) -> np.ndarray:
 
     Above 0 the complementary probabilities are used, which avoids cancellation: relative error below 1e-12.
     """
-    from scipy.special import ndtr, ndtri  # deferred: not needed by commands that only read
+    # Deferred: commands that only read a study do not need it.
+    from scipy.special import ndtr, ndtri
 
     if low > 0.0:
         return -truncated(1.0 - u, -high, -low)
     return ndtri(ndtr(low) + u * (ndtr(high) - ndtr(low)))
 
 
-_FARTHEST = 6.0  # deviations: a range farther out has a probability below 1e-9
+# A range farther out than 6 deviations has a probability below 1e-9.
+_FARTHEST = 6.0
 
 
 def _ordered(kind: str, least: float, most: float) -> None:

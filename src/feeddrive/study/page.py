@@ -46,10 +46,10 @@ from feeddrive.study.variants import VariantGroup, variant_groups, variants
 
 
 def replay_files(study: Study, variant: int) -> dict[str, str]:
-    """Return texts by file name, the job first: `variant_00000012.toml` and `variant_00000012_machine.toml`.
+    """Return the replay files as text by name, the job first: `variant_00000012.toml`, `variant_00000012_machine.toml`.
 
     The control of the variant's law becomes that of the machine, so that the job's only row is `today`.  Numbers are
-    written with all bits; the cutting process of a part program becomes a coupling of the machine.
+    written with full precision; the cutting process of a part program becomes a coupling of the machine.
 
     Raises ParameterError or StructureError for a variant that cannot be built.
     """
@@ -57,6 +57,7 @@ def replay_files(study: Study, variant: int) -> dict[str, str]:
     system = group.one(0)
     machine = system if isinstance(system, Machine) else Machine.of({group.axis: system})
     file = group.base.job.machine
+    # An axis that runs alone makes a machine of one axis, in which the limits of the others would name unknown axes.
     limits = {axis: axis_limits for axis, axis_limits in file.limits.items() if axis in machine.axes()}
     name = f"variant_{variant:08d}"
     origin = f"variant {variant} of the study {Path(study.file.name).name}, row '{group.base.row}'"
@@ -74,6 +75,7 @@ def _job(study: Study, group: VariantGroup, machine: str, origin: str) -> Iterat
     yield "\n".join(f"{key} = {_written(value)}" for key, value in values.items()) + "\n"
     references, loads = _by_axis(group.references, group.axis), _by_axis(group.loads, group.axis)
     if job.program is not None:
+        # The motions follow from the program when the job is read, and a job has a program or a reference, not both.
         yield _program(job)
         references = {}
     rotary = {axis: loop.axis.rotary for axis, loop in group.system.loops().items()}
@@ -93,6 +95,7 @@ def _by_axis(blocks: Any, axis: str) -> Mapping[str, Reference | Load]:
 def _program(job: Job) -> str:
     """Return the section [program], with absolute file paths."""
     assert job.program is not None
+    # The replayed job lies in another folder, where relative paths would lead nowhere.
     folder = Path(job.file.name).parent
     values = dict(job.file.content["program"])
     for key in FILES:
@@ -106,6 +109,7 @@ def _written(value: Any) -> str:
     """Return a value as TOML: a string, a boolean, a number, or an inline table of them."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{json.dumps(key)} = {_written(entry)}" for key, entry in value.items()) + " }"
+    # JSON writes strings and booleans as TOML does; `repr` of a float reads back to the same bits.
     if isinstance(value, str | bool):
         return json.dumps(value, ensure_ascii=False)
     return repr(value)
@@ -128,21 +132,25 @@ def write_report(answers: Answers, out: str | Path) -> Path | str:
 
     Raises FileError for a file that cannot be written.
     """
+    # All texts are made before the first is written: an error in one of them leaves no half report.
     there, files = place(out), dict(report_files(answers))
     for name, text in files.items():
         there.write(name, text.encode("utf-8"))
+    # Path would fold the `//` of an address.
     return f"{there.address}/report.html" if "://" in there.address else Path(there.address) / "report.html"
 
 
 def report_files(answers: Answers) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each file of the report; a variant that cannot be built has no file."""
+    """Yield the name and text of each file of the report; a variant that cannot be built has no file."""
     yield "report.html", html(study_report(answers))
     yield "summary.json", summary_text(summary(answers), rotary=answers.rotary, quoted=answers.quoted)
     chosen = [worst.cases[0].variant for worst in answers.worst] + [variant for variant, _ in answers.bad[:_REPLAYED]]
+    # One variant is often the worst in several figures.
     for variant in sorted(set(chosen)):
         try:
             texts = replay_files(answers.study, variant)
-        except FeeddriveError:  # the rows hold its reason
+        except FeeddriveError:
+            # The rows already hold its reason.
             continue
         for name, text in texts.items():
             yield f"worst/{name}", text
@@ -445,7 +453,8 @@ def _ranked(answers: Answers) -> dict[str, dict[str, Any]]:
 
 
 def _plain(value: float) -> float | str | None:
-    """Return a number, null for NaN, or the text "infinite" for an infinite one."""
+    """Return the number, None for NaN, or the text "infinite" for an infinite number."""
+    # JSON has neither NaN nor infinity.
     if np.isnan(value):
         return None
     return value if np.isfinite(value) else "infinite"

@@ -11,7 +11,7 @@ For a share q < 1, the worst (1 - q) n machines under the present controller are
 on the controller, so that this is a descent to a local optimum, and the best controller of all rounds is taken.
 
 The result for all other machines is measured, not assumed: on fresh machines, drawn from another random stream of the
-study's seed, which the tuner never saw.  They are drawn independently (Monte Carlo), whatever the study's sampler is,
+study's seed and never used by the tuner.  They are drawn independently (Monte Carlo), whatever the study's sampler is,
 so that the number of good machines is binomial and the confidence interval of the yield holds.  Both controllers are
 measured on the same machines.
 """
@@ -49,7 +49,8 @@ from feeddrive.tuning.tune import Tuned, tune_control
 
 MOST = 5_000  # machines held in memory, about 100 kB each
 KEPT = 2e-3  # relative violation that still counts as kept, as in the proof of a tuning
-_VIOLATION = 1e3  # penalty weight relative to ln(goal): any violation outweighs every goal
+# Penalty weight relative to ln(goal): any violation outweighs every goal.
+_VIOLATION = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +69,17 @@ class Scenarios:
     bad: tuple[tuple[int, str], ...]
 
     def merits(self, control: Control, goal: Figure, limits: Limits, band: tuple[float, float]) -> Merits:
-        """Evaluate a controller on each machine."""
+        """Return the merits of a controller on each machine."""
         response = ControlResponse(control, self.points[0].sample_time, (), self.velocity)
+        # Without free parameters: the controller is evaluated, not tuned.
         none = np.zeros(0)
+        # Machines are evaluated one by one: each needs its own worst violation, not that of the set.
         goals, broken = np.full(len(self.points), np.inf), np.full(len(self.points), np.inf)
         for i, point in enumerate(self.sparse):
             try:
                 judged = Criteria((point,), response, goal, limits, band)(none)
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
+                # A loop that cannot be evaluated keeps the infinite cost of an unstable one.
                 continue
             if judged.stable and np.isfinite(judged.goal[0]):
                 goals[i] = judged.goal[0]
@@ -107,7 +111,7 @@ class Merits:
 
 
 def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
-    """Return the first variants of a study as operating points; those that cannot be built are listed separately.
+    """Return the first variants of a study as operating points, and list those that cannot be built.
 
     Raises ParameterError if the study varies the controller, or a coupled axis.
     """
@@ -132,8 +136,10 @@ def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
         speeds.append(velocity)
     if not by_number:
         raise ParameterError(f"no machine of the study can be made; variant {bad[0][0]}: {bad[0][1]}")
+    # Groups are ordered by structure: restore the order of the variants.
     points = tuple(by_number[number] for number in sorted(by_number))
     sparse = tuple(point.chosen(point.sparse()) for point in points)
+    # The control is linearized at one velocity for all machines; groups differ in it only if their motions do.
     return Scenarios(points, sparse, float(np.median(speeds)), tuple(sorted(bad)))
 
 
@@ -152,11 +158,12 @@ def _require_axis(study: Study) -> None:
 
 
 def with_control(study: Study, control: Control) -> Study:
-    """Return the study of the same machines under another controller."""
+    """Return a copy of the study with another controller for the same machines."""
     jobs = {}
     for key, job in study.jobs.items():
         loop = replace(job.loops[study.row], control=control)
         machines = dict(job.machines)
+        # Coupled axes run as a machine, which holds the loop once more.
         if study.row in machines:
             whole = machines[study.row]
             machines[study.row] = whole.with_loops({**whole.loops(), loop.name: loop})
@@ -219,12 +226,15 @@ def measured(
         sampler="monte_carlo",
         points=count,
         count=count,
+        # At least eight chunks, so that several workers share even a few hundred machines.
         chunk=max(16, min(256, -(-count // 8))),
         measure=tuple(wanted.values()),
     )
     chunks = [Chunk(fresh, number) for number in range(fresh.chunks)]
     rows = dict(Engine(workers or cores()).finished(chunks, progress))
     columns = {
+        # Chunks finish in any order: they are joined by number, so that both controllers have the same machine in each
+        # place.
         name: np.concatenate([rows[chunk].column(name).to_numpy() for chunk in chunks]).astype(np.float64)
         for name in wanted
     }
@@ -318,7 +328,7 @@ class Robust(Result):
 
     @property
     def better(self) -> bool:
-        """True if at least as many fresh machines are good as under today's controller."""
+        """True if at least as many fresh machines are good under the new controller as under today's."""
         return self.after.all.kept >= self.before.all.kept
 
     def sentence(self) -> str:
@@ -418,7 +428,7 @@ def tune_robust(
 
 
 class RobustTuner:
-    """A tuner on the machines of a study, drawn once for several controllers; arguments as `tune_robust`."""
+    """A tuner for the machines of a study, drawn once for several controllers; arguments as in `tune_robust`."""
 
     def __init__(
         self,
@@ -451,7 +461,7 @@ class RobustTuner:
         self.fresh = fresh or max(200, len(self.sample.points))
 
     def tuned(self, control: Control) -> Robust:
-        """Tune from an initial controller. Raise UnstableError as `tune_robust`."""
+        """Tune from an initial controller. Raises UnstableError as `tune_robust` does."""
         search = _Search(self)
         tuned, unsettled = search.run(control)
         return Robust(
@@ -468,7 +478,7 @@ class RobustTuner:
         )
 
     def judged(self, control: Control) -> Merits:
-        """Evaluate a controller on all sampled machines."""
+        """Return the merits of a controller on all sampled machines."""
         self.progress.step(f"{len(self.sample.points)} machines under the control")
         return self.sample.merits(control, goals()[self.goal], self.limits, self.band)
 
@@ -493,6 +503,7 @@ class _Search:
 
     def __init__(self, tuner: RobustTuner) -> None:
         self.tuner = tuner
+        # A product such as 0.55 * 100 = 55.00000000000001 must not round up to 56 machines.
         self.kept = math.ceil(tuner.share * len(tuner.sample.points) - 1e-9)
         self.rounds: list[tuple[int, int]] = []
 
@@ -502,6 +513,7 @@ class _Search:
         Each round starts from the controller of the previous one.  Once no machine is added, independent searches on
         the same machines confirm the controller or find a better one, from which the rounds continue.
         """
+        # A stable sort keeps ties, such as several unstable machines, in the order of their numbers.
         order = np.argsort(self.tuner.judged(control).severity, kind="stable")
         active = sorted({int(order[self.kept - 1]), int(order[self.kept // 2])})
         best: tuple[float, Tuned] | None = None
@@ -513,8 +525,10 @@ class _Search:
             self.rounds.append((len(active), int(np.sum(merits.kept))))
             counted = [int(i) for i in np.argsort(severity, kind="stable")[: self.kept]]
             worst = float(severity[counted[-1]])
+            # A thorough result replaces an equal one, since only it is confirmed by independent searches.
             if best is None or worst < best[0] or (thorough and worst < best[0] + _SAME):
                 best = worst, tuned
+            # For a share < 1 the new controller may exclude a machine that was active.
             staying = [i for i in active if i in set(counted)]
             level = max((float(severity[i]) for i in staying), default=-math.inf)
             joining = [i for i in reversed(counted) if i not in active and severity[i] > level + _SAME][:_JOIN]
@@ -528,6 +542,7 @@ class _Search:
     def _tuned(self, control: Control, active: list[int], starts: int) -> Tuned:
         """Run the tuner on the machines in the active set; notches are placed in the first round only."""
         of = self.tuner
+        # Placing them again would undo the notches that the search has moved since.
         filters = "free" if self.rounds and of.filters == "placed" else of.filters
         of.progress.step(f"round {len(self.rounds) + 1}: {len(active)} machines decide")
         points = [of.sample.points[i] for i in active]
@@ -567,6 +582,7 @@ def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | Non
     low, high = _range(spread)
     curves = list[Curve]()
     for i, (name, values) in enumerate(zip(("today", "new"), spread, strict=True)):
+        # Divided by all machines, so that a curve ends below 100 % if some have no finite figure.
         share = 100.0 * np.arange(1, values.size + 1) / max(before.count, after.count)
         curves.append(Curve(*stairs(values, share), name, i))
     outside = list[Box]()
@@ -595,7 +611,9 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
     every = np.concatenate(spread)
     if not every.size:
         return 0.0, 1.0
+    # A few nearly unstable machines would otherwise compress the curves of all others.
     low, high = (float(end) for end in np.quantile(every, [0.005, 0.995]))
+    # The absolute term gives a constant figure a range even at 0.
     return style.padded(low, high) if high > low else (low - 0.5 * abs(low) - 1e-12, high + 0.5 * abs(high) + 1e-12)
 
 

@@ -70,10 +70,12 @@ def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]
 
     Arguments are numbers or arrays.  Source: Clopper & Pearson 1934.
     """
-    from scipy.special import betaincinv  # 60 ms import
+    # Deferred: the import takes 60 ms.
+    from scipy.special import betaincinv
 
     tail = 0.5 * (1.0 - level)
     kept, of = np.asarray(kept, dtype=np.float64), np.asarray(of, dtype=np.float64)
+    # `where` evaluates both branches, and betaincinv needs positive parameters in the discarded one, too.
     low = np.where(kept > 0, betaincinv(np.maximum(kept, 1.0), of - kept + 1.0, tail), 0.0)
     high = np.where(kept < of, betaincinv(kept + 1.0, np.maximum(of - kept, 1.0), 1.0 - tail), 1.0)
     return low, high
@@ -81,11 +83,11 @@ def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Rows of a study with their figures, n in number, in SI.
+    """The rows of a study with their figures, in SI; n is the number of rows.
 
     variant  numbers, shape (n,)
-    varied   varied values by column, shape (n,); texts and counts as objects
-    figures  by name, shape (n,); NaN for a variant without the figure
+    varied   varied values by column, shape (n,); dtype object for texts and counts
+    figures  figures by key, shape (n,); NaN for a variant without the figure
     reasons  the failure reason of a bad variant, else None
     """
 
@@ -134,7 +136,7 @@ class Judged:
 
 
 def judged(rows: pyarrow.Table, study: Study) -> Judged:
-    """Return the rows of a table. Raise ParameterError for a table that lacks a column of the study."""
+    """Convert a table of rows to arrays. Raise ParameterError for a table that lacks a column of the study."""
     figures = [figure.key for figure in study.measure]
     absent = sorted({VARIANT, REASON, *study.columns, *figures} - set(rows.column_names))
     if absent:
@@ -153,7 +155,7 @@ def judged(rows: pyarrow.Table, study: Study) -> Judged:
 
 
 def parts(rows: Store | pyarrow.Table, study: Study) -> Iterator[Judged]:
-    """Yield all rows in chunks, so that memory is that of one chunk."""
+    """Yield all rows chunk by chunk, so that only one chunk is in memory."""
     tables = rows.batches() if isinstance(rows, Store) else _cut(rows, study.chunk)
     for table in tables:
         yield judged(table, study)
@@ -176,7 +178,8 @@ def joined(several: list[Judged]) -> Judged:
     )
 
 
-MOST = 200_000  # rows: with 99 % probability a quantile is within 0.4 % of its rank
+# With 200,000 rows a quantile is within 0.4 % of its rank with 99 % probability.
+MOST = 200_000
 
 
 class Sampled:
@@ -194,6 +197,7 @@ class Sampled:
         if self._share < 1.0 and chosen.any():
             rng = np.random.default_rng([self._study.seed, int(rows.variant[0])])
             chosen = chosen & (rng.random(chosen.size) < self._share)
+        # One part is kept even if it is empty, since it defines the columns of the sample.
         if chosen.any() or not self._parts:
             self._parts.append(rows.some(chosen))
 
@@ -255,9 +259,12 @@ class YieldCount:
         broken = sum((~kept for kept in rows.kept.values()), np.zeros(drawn.size, dtype=np.int64))
         for name, kept in rows.kept.items():
             self._kept[name] += int(np.sum(kept & drawn))
+            # A variant without figures counts as violating every bound: under a single bound it would look as if only
+            # that failed.
             self._alone[name] += int(np.sum(~kept & (broken == 1) & ~rows.bad & drawn))
         for column, values in rows.varied.items():
             if values.dtype == object:
+                # Choices, settings and counts are objects; continuous numbers have no values to count.
                 count = self._choices.setdefault(column, Counter())
                 count.update(zip(map(str, values[drawn]), rows.inside[drawn].tolist(), strict=True))
 
@@ -308,9 +315,12 @@ class WorstKept:
     def add(self, rows: Judged) -> None:
         """Add some rows."""
         for figure, cases in self._cases.items():
+            # With this sign the worst value is the smallest.
             sign = 1.0 if figure.better == "higher" else -1.0
             values = sign * rows.figures[figure.key]
             some = np.flatnonzero(~np.isnan(values))
+            # A stable sort keeps the lower number of equal values, so that the result is the same for every size of the
+            # chunks.
             some = some[np.argsort(values[some], kind="stable")[:WORST]]
             cases += [_case(rows, place, figure.key) for place in some.tolist()]
             cases.sort(key=lambda case: (sign * case.value, case.variant))
@@ -319,7 +329,7 @@ class WorstKept:
             self.bad.append((int(rows.variant[place]), str(rows.reasons[place])))
 
     def result(self) -> tuple[Worst, ...]:
-        """Return the worst variants of each figure that is to be maximized or minimized."""
+        """Return the worst variants of each figure that has a better direction."""
         return tuple(Worst(figure, tuple(cases)) for figure, cases in self._cases.items() if cases)
 
 
@@ -331,7 +341,7 @@ def _case(rows: Judged, place: int, figure: str) -> WorstVariant:
 
 
 INSIDE = "inside"
-"""An output beside the figures: 1 for a machine inside the specification, else 0."""
+"""An output in addition to the figures: 1 for a machine inside the specification, else 0."""
 _LEAST_POINTS = 32
 _RESAMPLES, _WORK = 999, 4e9  # limits of the bootstrap: resamples, and numbers to process
 
@@ -400,25 +410,30 @@ def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int =
     The values have the shape ((k + 2) points,).  None for an output that does not vary, or has finite values in fewer
     than 32 complete points.  The intervals are percentiles of a bootstrap over points, drawn with `seed`.
     """
-    from scipy import stats  # 0.3 s import, needed for answers only
+    # Deferred: the import takes 0.3 s, and only answers need it.
+    from scipy import stats
 
     rows = values.reshape(len(factors) + 2, -1)
     whole = np.isfinite(rows).all(axis=0)
-    points = 1 << (int(whole.sum()).bit_length() - 1) if whole.any() else 0  # scipy needs a power of 2
+    # SciPy needs a power of 2.
+    points = 1 << (int(whole.sum()).bit_length() - 1) if whole.any() else 0
     if points < _LEAST_POINTS:
         return None
     rows = rows[:, np.flatnonzero(whole)[:points]]
+    # The variance is that of A and B: a constant output would divide 0 by 0.
     if np.ptp(rows[:2]) == 0.0:
         return None
 
     def indices(chosen: np.ndarray) -> np.ndarray:
         f = rows[:, chosen]
+        # Values computed beforehand are passed as a dictionary; f_AB has the shape (factors, outputs, points).
         of = {"f_A": f[None, 0], "f_B": f[None, 1], "f_AB": f[2:, None]}
         result: Any = stats.sobol_indices(func=of, n=points)
         return np.stack([np.atleast_1d(result.first_order), np.atleast_1d(result.total_order)])
 
     resamples = int(min(_RESAMPLES, max(99, _WORK / rows.size)))
     drawn = stats.bootstrap(
+        # Whole points are resampled: the k + 2 values of a point depend on each other.
         (np.arange(points),),
         indices,
         method="percentile",
@@ -465,6 +480,8 @@ def _of_output(
 
     there = ~np.isnan(values)
     count = int(there.sum())
+    # The variance of Fisher's transform has count - 3 in its denominator, and constant values have no ranks to
+    # correlate.
     if count < 4 or np.ptp(values[there]) == 0.0:
         return
     ranked = stats.rankdata(values[there])
@@ -479,6 +496,7 @@ def _fisher(value: float, count: int) -> tuple[float, float]:
     """Return the interval of a rank correlation by Fisher's transform, with the variance of Bonett & Wright 2000."""
     from scipy.special import ndtri
 
+    # arctanh is infinite at ±1.
     if abs(value) >= 1.0:
         return value, value
     half = float(ndtri(0.5 + 0.5 * LEVEL)) * np.sqrt((1.0 + 0.5 * value * value) / (count - 3))
@@ -494,10 +512,10 @@ _WINDOWS = 500
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Quantiles over machines, of shape (5, n), over x of shape (n,): frequency in Hz, or window centers in s.
+    """Quantiles over the machines, shape (5, n), as a function of x, shape (n,): frequency (Hz) or window center (s).
 
     machines  number of machines
-    unit      SI
+    unit      SI unit of the quantiles
     """
 
     x: np.ndarray
@@ -528,6 +546,7 @@ def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
     """
     study, progress = sample.study, progress or Progress()
     good = sample.variant[~sample.bad]
+    # Random, since the first variants of a grid or of a Saltelli design are no sample of the machines.
     rng = np.random.default_rng([study.seed, 1])
     order = rng.permutation(good)[:_RUNS].tolist()
     errors: list[np.ndarray] = []
@@ -540,9 +559,11 @@ def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
         run = _run(study, variant)
         if run is None:
             continue
+        # The length of a motion is known only from its run, so the number of runs is adapted on the way.
         most = max(_FEWEST, min(_RUNS, int(_SAMPLES / run.samples)))
         width = -(-run.samples // _WINDOWS)
         edges = np.arange(0, run.samples, width)
+        # The peak of each window, since a thinned signal would miss peaks.
         errors.append(np.maximum.reduceat(np.abs(run["following_error"]), edges))
         times.append(run.time[0] + (edges + 0.5 * width) * run.sample_time)
     if not errors:
@@ -559,6 +580,7 @@ def _run(study: Study, variant: int) -> Run | None:
         group = next(variant_groups(study, variants(study, variant, 1)))
         return run_of(group, 0)
     except CancelledError:
+        # CancelledError is a FeeddriveError as well, and must end the report.
         raise
     except FeeddriveError:
         return None
@@ -580,7 +602,7 @@ SUBJECTS = {
 
 
 def subjects(study: Study) -> dict[str, Figure]:
-    """Return the measured figure of each subject: tracking, stiffness, robustness."""
+    """Return the figure that represents each measured subject: tracking, stiffness, robustness."""
     measured = {
         subject: next((figure for figure in figures if figure in study.measure), None)
         for subject, figures in SUBJECTS.items()
@@ -590,7 +612,7 @@ def subjects(study: Study) -> dict[str, Figure]:
 
 @dataclass(frozen=True, eq=False)
 class Front:
-    """The Pareto-optimal variants with their rows, in the order of tracking, or of the first measured subject."""
+    """The rows of the Pareto-optimal variants, sorted by the figure of the first measured subject, usually tracking."""
 
     figures: dict[str, Figure]
     rows: Judged
@@ -608,11 +630,12 @@ class FrontKept:
         if len(self._figures) < 2:
             return
         several = [*([] if self._rows is None else [self._rows]), rows]
+        # The front of a union lies in the union of the fronts, so each part is reduced before they are compared.
         together = joined([part.some(front(_costs(part, self._figures))) for part in several])
         self._rows = together.some(front(_costs(together, self._figures)))
 
     def result(self) -> Front | None:
-        """Return the front; None if fewer than two subjects are measured, or no variant has both."""
+        """Return the front; None if fewer than two subjects are measured, or no variant has all of their figures."""
         if self._rows is None or not self._rows.variant.size:
             return None
         order = np.argsort(_costs(self._rows, self._figures)[:, 0], kind="stable")
@@ -633,9 +656,11 @@ def front(costs: np.ndarray) -> np.ndarray:
     are included.
     """
     there = np.flatnonzero(~np.isnan(costs).any(axis=1))
-    left = there[np.lexsort(costs[there].T[::-1])]  # a dominating row precedes the rows it dominates
+    # In this order a dominating row precedes the rows that it dominates. The last key of lexsort is the primary one.
+    left = there[np.lexsort(costs[there].T[::-1])]
     undominated = np.zeros(len(costs), dtype=bool)
     while left.size:
+        # Nothing before this row is left, so nothing dominates it: there are as many passes as rows on the front.
         first = costs[left[0]]
         equal = (costs[left] == first).all(axis=1)
         undominated[left[equal]] = True

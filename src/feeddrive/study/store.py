@@ -34,7 +34,7 @@ from feeddrive.version import __version__
 
 
 class Place(Protocol):
-    """The location of the files of a store; names are relative to it, with `/` between folders."""
+    """The location of the files of a store; file names are relative to it, with `/` between folders."""
 
     address: str
 
@@ -51,7 +51,7 @@ class Place(Protocol):
         ...
 
     def check_writable(self) -> None:
-        """Raise FileError if nothing can be written there, as far as this can be checked without writing."""
+        """Raise FileError if the location is not writable, as far as this can be checked without writing."""
         ...
 
     def write(self, name: str, content: bytes) -> None:
@@ -62,7 +62,7 @@ class Place(Protocol):
 def place(address: str | Path) -> Place:
     """Return the place of an address: a folder (`results/mill`, `file:///results/mill`) or fsspec (`s3://bucket/mill`).
 
-    Raises FileError for an address with a password and for one that fsspec cannot open, MissingExtraError without it.
+    Raises FileError for an address with a password or one that fsspec cannot open, MissingExtraError without fsspec.
     """
     text = str(address)
     _check_no_password(text)
@@ -113,9 +113,11 @@ class Folder:
     def check_writable(self) -> None:
         """Raise FileError if a parent is a file, or a folder without write permission."""
         try:
+            # The first write makes the folder itself, so its nearest existing parent decides.
             there = next(folder for folder in (self._root, *self._root.absolute().parents) if folder.exists())
             if not there.is_dir():
                 raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+            # Creating an entry needs both the write and the search permission of a folder.
             if not os.access(there, os.W_OK | os.X_OK):
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         except OSError as error:
@@ -132,7 +134,7 @@ class Folder:
 
 
 class Remote:
-    """An fsspec address; every error of its file system becomes a FileError with file and reason."""
+    """An fsspec address; every error of its file system is reported as a FileError with file and reason."""
 
     def __init__(self, address: str) -> None:
         try:
@@ -143,28 +145,33 @@ class Remote:
         try:
             self._files: Any
             self._files, self._root = fsspec.url_to_fs(address)
-        except (ImportError, ValueError, OSError) as error:  # ImportError names the missing package of the protocol
+        except (ImportError, ValueError, OSError) as error:
+            # The text of an ImportError names the missing package of the protocol.
             raise FileError(f"{address}: cannot be opened: {error}") from None
 
     def names(self, folder: str = "") -> list[str]:
         """Return the sorted names in a folder, without hidden ones."""
         try:
-            self._files.invalidate_cache()  # another client may have written since
+            # Another client may have written since.
+            self._files.invalidate_cache()
             entries = self._files.ls(self._path(folder), detail=False)
         except FileNotFoundError:
             return []
-        except Exception as error:  # third-party file systems raise arbitrary exceptions
+        except Exception as error:
+            # Third-party file systems raise arbitrary exceptions.
             raise self._refusal(folder, "read", error) from None
         there = (str(entry).rstrip("/").rpartition("/")[2] for entry in entries)
         return sorted(name for name in there if name and not name.startswith("."))
 
     def has(self, name: str) -> bool:
         """Return True if there is a file of this name."""
+        # By the listing, which bypasses the cache of the file system.
         return name.rpartition("/")[2] in self.names(name.rpartition("/")[0])
 
     def read(self, name: str, most: int) -> bytes:
         """Return the bytes of a file."""
         try:
+            # Checked before the download: a foreign object of any size must not fill the memory.
             size = self._files.info(self._path(name))["size"]
             content = b"" if size > most else self._files.cat_file(self._path(name))
         except Exception as error:
@@ -188,6 +195,8 @@ class Remote:
             self._files.pipe_file(temporary, content)
             self._files.mv(temporary, self._path(name))
         except BaseException as error:
+            # Ctrl-C included, which must not leave the temporary file. Its removal may fail as the write did, and the
+            # error of the write is the one to report.
             with contextlib.suppress(Exception):
                 self._files.rm_file(temporary)
             if not isinstance(error, Exception):
@@ -208,6 +217,7 @@ MANIFEST = "manifest.json"
 ROWS = "rows"
 _KIND = "rows of a feeddrive study"
 _NAME = re.compile(r"chunk_(\d{8})\.parquet")
+# Files are read whole, and whoever can write to the address decides their size.
 _MOST_MANIFEST = 64_000_000  # bytes
 _MOST_CHUNK = 4_000_000_000  # bytes
 _MOST_CHUNKS = 10**8  # limited by the eight digits in the file name
@@ -222,7 +232,7 @@ class Manifest:
     digest   SHA-256 (hex) of everything that determines the rows: study, machine, job, part programs
     count    total number of variants
     chunk    variants per chunk; the last chunk may have fewer
-    version  of feeddrive: other versions may compute different bits
+    version  version of feeddrive; other versions may compute different bits
     """
 
     study: str
@@ -232,6 +242,7 @@ class Manifest:
     version: str = __version__
 
     def __post_init__(self) -> None:
+        # The values may come from a JSON file, which has any types.
         for name, wanted in (("study", str), ("digest", str), ("count", int), ("chunk", int), ("version", str)):
             if not isinstance(getattr(self, name), wanted):
                 raise ParameterError(f"{name} must be of type {wanted.__name__}, not {getattr(self, name)!r}")
@@ -285,6 +296,7 @@ class Store:
                     f"{self.address}: exists and holds '{strangers[0]}', which is not of a sweep: "
                     "choose another directory, or move that away"
                 )
+            # Found now, not when the first chunk has been computed.
             self._place.check_writable()
             self._manifest = manifest
             return frozenset()
@@ -295,9 +307,11 @@ class Store:
                 f"{self.address}: holds a sweep already, {done} of {there.chunks} chunks: go on with --resume, or "
                 "choose another directory"
             )
+        # The manifest is compared first: chunks of another study would all look damaged.
         if reason := _other(there, manifest):
             raise FileError(f"{self.address}: {reason}")
         for number in self._numbers():
+            # Read only to verify it: damage that is found after the sweep would cost another run.
             self.read(number)
         return self.done()
 
@@ -316,6 +330,8 @@ class Store:
             raise ParameterError(f"chunk {number}: {reason}")
         content = chunk_bytes(rows, manifest.digest)
         try:
+            # Written with the first chunk, so that a sweep that fails to start leaves nothing, and before it, so that
+            # no chunk is without its study.
             if not self._made:
                 self._place.write(MANIFEST, _manifest_text(manifest))
                 self._made = True
@@ -342,7 +358,7 @@ class Store:
         return rows if columns is None else rows.select(list(columns))
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[Any]:
-        """Yield the rows of the chunks in order, as pyarrow tables; memory is that of one chunk."""
+        """Yield the rows chunk by chunk, in order, as pyarrow tables; only one chunk is in memory."""
         self.manifest()  # raises if this is not a store
         for number in self._numbers():
             yield self.read(number, columns)
@@ -372,7 +388,7 @@ class Store:
         return numbers
 
     def _objection(self, number: int, rows: Any) -> str:
-        """Return why a table cannot hold the rows of a chunk; empty if it can."""
+        """Return the reason why a table cannot hold the rows of a chunk; empty if it can."""
         import numpy as np
         import pyarrow as arrow
 
@@ -394,6 +410,7 @@ class Store:
             if entries.pop("kind") != _KIND:
                 raise ValueError("it is of another program")
             entries.pop("chunks")
+            # Stores of earlier versions have no such entry, and chunks without a seal.
             self._sealed = entries.pop("sealed", False)
             if self._sealed not in (True, False):
                 raise ValueError("'sealed' must be true")
@@ -401,6 +418,7 @@ class Store:
                 raise ValueError("its entries are not those of a sweep")
             return Manifest(**entries)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError, ParameterError) as error:
+            # JSON of another shape fails in any of these ways; deep nesting raises RecursionError.
             reason = str(error) or type(error).__name__
             raise FileError(
                 f"{where}: is damaged or not that of a sweep ({reason}): restore it, or choose another directory"
@@ -417,9 +435,10 @@ def _manifest_text(manifest: Manifest) -> bytes:
 
 
 def _other(there: Manifest, wanted: Manifest) -> str:
-    """Return why a sweep with one manifest cannot be continued with another; empty if it can."""
+    """Return the reason why a sweep with one manifest cannot be continued with another; empty if it can."""
     if there == wanted:
         return ""
+    # The text changes the digest as well, but also gives the line.
     if there.study != wanted.study:
         pairs = zip_longest(there.study.splitlines(), wanted.study.splitlines())
         line = next((i for i, (old, new) in enumerate(pairs, start=1) if old != new), 1)

@@ -14,7 +14,7 @@ sensitivity_peak = { most = 2 }
 parameter = "axis.x.plant.mass_load"
 tolerance_percent = 10
 
-A base is the starting point of variants: one job per combination of choices, with its nominal numbers.
+A base is the starting point of variants: one row of a job per combination of choices, at nominal values.
 """
 
 import hashlib
@@ -49,7 +49,7 @@ from feeddrive.study.vary import Choice, Varied, VaryChoice, VarySection, unit_v
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """A row of a job: its system at nominal numbers, with the motion and the loads of all axes."""
+    """A row of a job: its system at nominal values, with the motions and loads of all axes."""
 
     job: Job
     row: str
@@ -75,17 +75,18 @@ class Base:
         return {self.axis: Other(reference=self.job.reference, load=self.job.load), **self.job.others}
 
     def references(self, changed: dict[str, Other] | None = None) -> Reference | dict[str, Reference]:
-        """Return the motion as `simulate` takes it; axes without a motion stand still."""
+        """Return the motion in the form that `simulate` accepts; axes without a motion stand still."""
         moved = self.moved if changed is None else changed
         own = moved[self.axis].reference
         assert own is not None
         if not isinstance(self.system, Machine):
             return own
+        # A move needs a positive time, also beside a motion without a duration.
         still = LinearMove(distance=0.0, travel_time=max(own.duration, float(self.system.sample_time)))
         return {axis: (moved[axis].reference or still) if axis in moved else still for axis in self.system.axes()}
 
     def loads(self, changed: dict[str, Other] | None = None) -> Load | dict[str, Load] | None:
-        """Return the forces on the tables as `simulate` takes them."""
+        """Return the forces on the tables in the form that `simulate` accepts."""
         moved = self.moved if changed is None else changed
         if not isinstance(self.system, Machine):
             return moved[self.axis].load
@@ -126,6 +127,7 @@ class Base:
             raise type(error)(f"{error} (row '{self.row}' of {self.job.file.name})") from None
         if not isinstance(block, Block):
             return own
+        # Only a system contains its axis; a motion or a load does not, so its units follow from that of the row.
         return own.of_axis(self.loop.axis.rotary and block is not self.system)
 
     def nominal(self, path: str) -> float:
@@ -137,7 +139,7 @@ class Base:
         return float(value)
 
     def blocks(self) -> Iterator[Block]:
-        """Yield the system, then the motions and loads of all axes."""
+        """Yield the system, then the motion and the load of each axis."""
         yield self.system
         for other in self.moved.values():
             yield from (block for block in (other.reference, other.load) if block is not None)
@@ -160,8 +162,10 @@ def read_jobs(
     of_study  the keys that belong to the study only
     """
     file, beside = _job_file(root, place, job, of_study)
+    # A row is a law within one job and needs no file of its own.
     choices = [choice for choice in choices if choice.choice != "row"]
     keys, rows = [key_of(choice.choice) for choice in choices], [choice.values for choice in choices]
+    # Counted before the product is formed: each combination reads the files again.
     count = math.prod(map(len, rows))
     if count > MOST_JOBS:
         raise root.error(f"the choices have {count:,} combinations, each of which is read: at most {MOST_JOBS}", "vary")
@@ -199,6 +203,7 @@ def _job(
         if not by_key:
             raise
         stated = ", ".join(f"{choice.choice} = {shown(value)}" for choice, value in zip(choices, values, strict=True))
+        # The combination is named, since each value alone may be valid.
         raise choices[0].error(f"with {stated}: {error}", kind=type(error)) from None
     if job.log is not None:
         raise root.error(
@@ -214,6 +219,7 @@ def _is_of_job(key: Key) -> bool:
 
 def check_rows(root: TomlTable, jobs: Mapping[tuple[Any, ...], Job], row: str, choices: Sequence[VaryChoice]) -> None:
     """Raise ParameterError for a row that is missing from one of the jobs."""
+    # Each name is kept with its place in the file, which the message states.
     asked: list[tuple[TomlTable | VaryChoice, str, Any]] = [(root, "row", row)]
     asked += [(choice, "values", value) for choice in choices if choice.choice == "row" for value in choice.values]
     for job in jobs.values():
@@ -257,7 +263,7 @@ class BoundSection(Section, kind="bound"):
 
 
 def unit_bounded(table: TomlTable, allow: Sequence[str]) -> str:
-    """Return the unit of a bound: that of the figure after which the table is named."""
+    """Return the unit of a bound, which is that of the figure named by the table."""
     name = str(table.key[-1])
     try:
         return figure(name, allow).unit
@@ -280,6 +286,7 @@ def figures_of(
             figures[name] = figure(name, allow)
         except FeeddriveError as error:
             raise section.error(f"measure: {error}", "measure") from None
+    # A bound can be judged only if its figure is measured, listed or not.
     figures |= {bound.figure.key: bound.figure for bound in bounds}
     if not figures:
         raise section.error('a study needs figures to measure: measure = ["following_error_rms_m"]')
@@ -324,9 +331,9 @@ class Study(Result):
     """The content of a study file.
 
     row      the law of the job that runs, unless a choice overrides it
-    points   of the sampler; `count` is the total number of variants, `chunk` the number that are computed together
+    points   points of the sampler; `count` is the total number of variants, `chunk` the number computed together
     noise    "same": all variants use one noise seed; "each": every variant has its own
-    jobs     the jobs by the values of the choices, in their order, except rows
+    jobs     the jobs, by the values of the choices in the order of the file, without the choice of a row
     stream   0 in a file; 1, 2, ... give other, independent variants from the same distributions
     digest   SHA-256 of everything that determines the rows: this file, and the resulting numbers of job and machine
     """
@@ -405,7 +412,7 @@ class Study(Result):
 
 
 StudyLike: TypeAlias = str | Path | Study
-"""A study file, the name of a bundled study, or one that was read."""
+"""A study file, the name of a bundled study, or a `Study`."""
 
 
 def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
@@ -422,6 +429,8 @@ def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
     place = find_bundled(path, "studies")
     file = read_toml(place, "a study")
     root = file.root()
+    # The units of [[vary]] follow from the declarations of the job, so the job, its choices and its rows are read
+    # before them.
     job = read_field(StudySection, root, "job")
     of_job = () if job is not None else tuple(name for name in declarations(JobSection) if name not in _COMMON)
     root.refuse_unknown((*declarations(StudySection), *of_job))
@@ -454,18 +463,20 @@ def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
         jobs=jobs,
         digest="",
     )
+    # The digest covers the bases of the complete study, so it is computed last.
     return replace(study, digest=_digest(study))
 
 
 def _paths(
     jobs: Mapping[tuple[Any, ...], Job], row: str, choices: Sequence[VaryChoice]
 ) -> tuple[Callable[[str], Declaration], Callable[[str], float]]:
-    """Return functions for the declaration and nominal value of a path, which must exist in all jobs and rows."""
+    """Return functions for the declaration and the nominal value of a path that exists in all jobs and rows."""
     rows = [value for choice in choices if choice.choice == "row" for value in choice.values]
     bases = [Base(job, str(name)) for job in jobs.values() for name in rows or [row]]
 
     def declared(path: str) -> Declaration:
-        in_bases = [base.declaration(path) for base in bases]  # it must exist in all of them
+        # Evaluated for all: the path must exist in each of them.
+        in_bases = [base.declaration(path) for base in bases]
         return in_bases[0]
 
     return declared, bases[0].nominal
@@ -513,6 +524,7 @@ def _counts(study: StudySection, vary: tuple[Varied, ...]) -> tuple[int, int]:
             "take fewer; a yield from a million variants has an error below 0.1 %",
             key,
         )
+    # Sobol sequences are balanced only at powers of 2, and SciPy refuses other lengths.
     if study.sampler == "saltelli" and points & (points - 1):
         near = 1 << points.bit_length()
         raise study.error(
@@ -528,6 +540,7 @@ def _chunk(study: StudySection, count: int) -> int:
 
 def _digest(study: Study) -> str:
     """Return the SHA-256 of the text, and of structure and numbers of every system, reference and load."""
+    # The text alone does not determine the rows: job, machine and part program are other files.
     digest = hashlib.sha256(study.text.encode())
     for values in study.jobs:
         digest.update(repr(values).encode())
@@ -535,6 +548,7 @@ def _digest(study: Study) -> str:
         for block in base.blocks():
             digest.update(repr(tree.structure(block)).encode())
             for name, leaf in (*tree.leaves(block), *tree.tables(block)):
+                # The bytes of a double, so that the last bit counts as well.
                 digest.update(name.encode() + np.asarray(leaf, dtype=np.float64).tobytes())
         digest.update(repr((base.row, base.job.seed, base.job.duration)).encode())
     return digest.hexdigest()

@@ -30,7 +30,7 @@ from feeddrive.study.study import Study, StudyLike, read_study
 class Sweep(Result):
     """A completed sweep.
 
-    ran      variants that this call computed; the others were already in the store
+    ran      number of variants computed by this call; the others were already in the store
     seconds  computing time
     workers  number of threads or processes; 0 for a cluster
     """
@@ -82,15 +82,18 @@ def sweep(
     workers that are unreachable or lost repeatedly; CancelledError after a cancel or Ctrl-C. After each of them
     `resume` continues the sweep.
     """
+    # First, so that impossible options are refused before a file is read.
     engine = Engine.of(workers, scheduler)
     study = read_study(study, allow)
     store, progress = Store(out), progress or Progress()
     begun = time.perf_counter()
     done = store.begin(Manifest(study.text, study.digest, study.count, study.chunk), resume=resume)
     rate = Rate(study, done)
+    # A generator, since a large study has more chunks than should be in memory.
     left = (Chunk(study, number) for number in range(study.chunks) if number not in done)
     try:
         rate.show(progress)
+        # Closing the generator ends its workers, whatever stops this loop.
         with closing(engine.finished(left, progress)) as chunks:
             for chunk, rows in chunks:
                 store.write(chunk.number, rows)
@@ -104,7 +107,7 @@ def sweep(
 
 
 class Rate:
-    """A counter of finished variants, with their rate and the remaining time at this rate."""
+    """A counter of finished variants, with the rate and the remaining time at that rate."""
 
     def __init__(self, study: Study, done: frozenset[int]) -> None:
         self._all = study.count
@@ -125,6 +128,7 @@ class Rate:
         """Return the state as text: `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
         count = f"{self.done:,} of {self._all:,} variants"
         spent = time.monotonic() - self._begun
+        # Chunks of an earlier call are not counted: they may come from a faster machine.
         if not self.ran or spent <= 0.0:
             return count
         per_variant = spent / self.ran
@@ -148,6 +152,7 @@ def rate(value: float) -> Quantity:
 
 def _time(seconds: float) -> str:
     for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        # From two on: rounding to a whole number of units is coarse below that.
         if seconds >= 2.0 * size:
             return Text(f"{Quantity(seconds / size, unit):.0f SI}")
     return Text(f"{Quantity(seconds, 's'):.0f SI}")

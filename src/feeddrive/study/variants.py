@@ -18,7 +18,7 @@ from feeddrive.study.study import Base, Study
 
 @dataclass(frozen=True, eq=False)
 class Variants:
-    """The variants first .. first + n - 1 of a study: n values per column, numbers in SI, others as objects."""
+    """The variants first .. first + n - 1 of a study: n values per column, numbers in SI, others with dtype object."""
 
     first: int
     values: Mapping[str, np.ndarray]
@@ -81,8 +81,8 @@ class VariantGroup:
     system      the loop, or the machine with all axes, at nominal numbers
     axis        the axis whose figures are measured
     changes     n numbers per path of the system, for `tree.vary`
-    references, loads, duration   as `simulate_batch` takes them
-    seed        of the noise, shape (n,)
+    references, loads, duration   arguments of `simulate_batch`
+    seed        noise seeds, shape (n,)
     """
 
     base: Base
@@ -125,6 +125,7 @@ class VariantGroup:
 
 def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
     """Yield the variants in groups, in the order in which each group first occurs."""
+    # Choices may change the graph, the law or the files, so each combination has its own base.
     choices = {choice.key: variants.values[choice.key] for choice in study.choices}
     for values, rows in _groups(list(choices.values()), len(variants)):
         base = study.base(dict(zip(choices, values, strict=True)))
@@ -132,9 +133,11 @@ def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
         changes: dict[str, np.ndarray] = {}
         for varied in study.vary:
             changes |= varied.changes(own, base.nominal)
+        # Motion and load are sampled once for a batch, so variants that differ in them form separate groups.
         work = {path: changes.pop(path) for path in list(changes) if base.place(path)[1]}
         seeds = np.full(rows.size, float(base.job.seed))
         if study.noise == "each":
+            # Numbered by the variant, not by its place in the chunk, which depends on the split.
             seeds = seeds + variants.first + rows
         for at, places in _groups(list(work.values()), rows.size):
             moved = _moved(base, dict(zip(work, at, strict=True)))
@@ -152,7 +155,8 @@ def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
 
 
 def _moved(base: Base, changes: Mapping[str, float]) -> dict[str, Other]:
-    """Return the motions and loads with changed numbers, by path."""
+    """Return the motions and loads of all axes with some numbers changed, given by path."""
+    # The property returns a new dictionary on each access, which may be modified.
     moved = base.moved
     for path, value in changes.items():
         axis, kind, rest = base.place(path)
@@ -162,7 +166,7 @@ def _moved(base: Base, changes: Mapping[str, float]) -> dict[str, Other]:
 
 
 def _groups(columns: list[np.ndarray], count: int) -> Iterator[tuple[tuple[Any, ...], np.ndarray]]:
-    """Yield groups of rows that are equal in all columns: their values, and their indices."""
+    """Yield the values and the indices of each group of rows that are equal in all columns."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for place, row in enumerate(zip(*columns, strict=True) if columns else [()] * count):
         groups.setdefault(row, []).append(place)

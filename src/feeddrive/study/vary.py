@@ -1,7 +1,7 @@
 """The varied quantities and choices of a study, and the sections `[[vary]]` that declare them.
 
-Each section gives one varied factor, with values at points of the unit cube.  Its columns appear in the table of rows;
-its changes are applied to the system, the reference or the load, by path.
+Each section declares one varied factor, whose values are drawn at points of the unit cube.  Its columns appear in the
+table of rows; its changes are applied to the system, the reference or the load, by path.
 
 [[vary]]
 parameter = "axis.x.plant.stiffness"     # a path in the machine file; or reference.velocity, load.force
@@ -56,7 +56,7 @@ Nominal: TypeAlias = Callable[[str], float]  # the value of a path in the job
 class Varied(Protocol):
     """One varied factor, which is one factor of the sensitivity analysis.
 
-    Its fields have the same meaning in all kinds.
+    The members have the same meaning in every implementing class.
     """
 
     @property
@@ -121,6 +121,8 @@ class Quantity:
             return _edges_inside(self.distribution)
         if self.steps is None:
             return None
+        # 0 and 1 give the ends of the range, which are finite on a grid. A single level is the median rather than an
+        # end.
         return np.linspace(0.0, 1.0, self.steps) if self.steps > 1 else np.array([0.5])
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
@@ -128,7 +130,7 @@ class Quantity:
         return {self.name: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return the drawn value, or the nominal value of each path multiplied by it or with it added."""
+        """Return the drawn value, or the nominal value of each path multiplied by it or increased by it."""
         drawn = values[self.name]
         if self.mode == "set":
             return dict.fromkeys(self.paths, drawn)
@@ -164,10 +166,13 @@ class Joint:
         if not np.all(np.diag(self.covariance) > 0.0):
             raise ParameterError("the variances on the diagonal of a covariance must be > 0")
         scale = np.sqrt(np.diag(self.covariance))
+        # Correlations are checked instead of covariances: variances in different units differ by decades, so one
+        # tolerance would not fit.
         correlation = self.covariance / np.outer(scale, scale)
         if not np.allclose(correlation, correlation.T, rtol=0.0, atol=1e-9):
             raise ParameterError("a covariance must be symmetric")
         least = float(np.linalg.eigvalsh(correlation)[0])
+        # Rounding makes the zero eigenvalues of a singular matrix slightly negative.
         if least < -1e-9:
             raise ParameterError(
                 "a covariance must be positive semidefinite: the least eigenvalue of its correlations is "
@@ -198,6 +203,7 @@ class Joint:
         z = distributions.truncated(u, -self.within, self.within)
         drawn: dict[str, np.ndarray] = {}
         for i, path in enumerate(self.paths):
+            # Not a matrix product, whose order of summation depends on the number of rows.
             total = np.full(len(z), self.mean[i])
             for j in range(len(self.paths)):
                 total = total + self._root[i, j] * z[:, j]
@@ -213,7 +219,7 @@ class Joint:
 class Settings:
     """Named settings of several numbers at once: positions of an axis, payloads, machines of a fleet.
 
-    rows  the numbers of all paths by label, in SI
+    rows  the values of all paths, by label, in SI
     """
 
     name: str
@@ -242,7 +248,7 @@ class Settings:
         return {self.name: self._labels.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return the numbers of the labels."""
+        """Return the values that belong to the labels."""
         table = np.array([self.rows[label] for label in values[self.name]])
         return {path: np.ascontiguousarray(table[:, i]) for i, path in enumerate(self.paths)}
 
@@ -261,7 +267,7 @@ class Choice:
 
     @property
     def name(self) -> str:
-        """The key, which names the factor."""
+        """The name of the factor, which is its key."""
         return self.key
 
     @property
@@ -279,7 +285,7 @@ class Choice:
         return {self.key: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return no changes: the value of a choice is substituted into the files."""
+        """Return no changes, since the value of a choice is substituted into the files."""
         return {}
 
 
@@ -291,7 +297,7 @@ def _edges_inside(distribution: Discrete) -> np.ndarray:
 
 
 Declared: TypeAlias = Callable[[str], Declaration]
-"""The declaration of a path. Raises ParameterError for a path that is not there."""
+"""A function that returns the declaration of a path, and raises ParameterError for an unknown path."""
 
 
 class VarySection(Section):
@@ -326,6 +332,7 @@ class VaryChoice(VarySection):
         """Raise ParameterError for missing or repeated values."""
         if not self.values:
             raise self.error(f"choice = '{self.choice}' needs values = [ ... ], texts or numbers", "values")
+        # Compared as text: 1, 1.0 and true are equal in Python, but different values of a key.
         if len(set(map(repr, self.values))) < len(self.values):
             raise self.error("values has an entry twice: use weights = [ ... ]", "values")
 
@@ -389,6 +396,7 @@ class _Ranged(VaryNumber):
             return _or(self.least, -math.inf), _or(self.most, math.inf)
         if self.least is not None or self.most is not None:
             raise ParameterError("give either a tolerance, or least and most")
+        # A percentage of a nominal value of 0 is 0.
         if not tolerance > 0.0:
             raise ParameterError(f"tolerance = {quantity.Quantity(tolerance):6} must be > 0")
         return nominal - tolerance, nominal + tolerance
@@ -522,6 +530,7 @@ def unit_varied(table: TomlTable, declared: Declared) -> str:
     form = next(name for name in _FORMS if name in table.values)
     if form == "scale":
         return ""
+    # Read ahead of the section, whose numbers need this unit.
     stated = read_field(VaryNumber, table, form)
     paths = stated if isinstance(stated, tuple) else (stated,)
     if not paths:
@@ -548,6 +557,7 @@ def varied(section: VarySection, declared: Declared, nominal: Nominal, grid: boo
         assert isinstance(section, VaryNumber)
         return _number(section, declared, nominal, grid)
     except FeeddriveError as error:
+        # An error that already names the file also names line and key.
         if section.read_from is None or str(error).startswith(section.read_from.file.name):
             raise
         raise section.error(f"{section.dotted()}: {error}") from None
@@ -569,6 +579,8 @@ def _number(section: VaryNumber, declared: Declared, nominal: Nominal, grid: boo
     try:
         distribution = section.distribution(_or(section.nominal, usual))
         for end in distribution.range():
+            # Scaled and shifted values depend on the nominal value in each job, and are checked when a variant is
+            # built.
             if form == "parameter" and math.isfinite(end):
                 check_bounds(f"the {section.kind} distribution reaches {paths[0]}", of_paths[0], end)
     except FeeddriveError as error:
@@ -598,6 +610,7 @@ def _of_nominal(section: VaryNumber, name: str, nominal: float) -> float | None:
     value, percent = getattr(section, name), getattr(section, f"{name}_percent")
     if value is not None and percent is not None:
         raise ParameterError(f"{name} is given twice, as {name} and as {name}_percent; remove one")
+    # The nominal value may be negative; a deviation or tolerance is not.
     return value if percent is None else abs(nominal) * units.scaled(percent, 1e-2)
 
 
@@ -685,6 +698,7 @@ def _with_unit(section: _Several, written: str, declared: Declared) -> tuple[str
     """Return path, declaration and conversion factor to SI of a path that may end in a unit."""
     head, dot, last = written.rpartition(".")
     words = last.split("_")
+    # Longest name first: both names (mass_load) and units (N_per_um) contain underscores.
     for end in range(len(words), 0, -1):
         path = f"{head}{dot}{'_'.join(words[:end])}"
         try:
