@@ -30,12 +30,12 @@ DOTS     are measured; CROSS are poles, RING are zeros, PLUS is a single point
 SOLID    a filled shape with these corners; NaN separates shapes
 """
 LINEAR, LOG, DEGREES, FREQUENCY = "linear", "log", "degrees", "frequency"
-"""Scales: DEGREES is linear in steps of 45 or 90, FREQUENCY logarithmic with plain numbers in Hz."""
+"""Scales: DEGREES is linear with ticks every 15 to 720 degrees, FREQUENCY is logarithmic with plain numbers in Hz."""
 NEUTRAL, ALERT = -1, -2
-"""In place of the number of a curve: the color of axes, and that of a warning."""
+"""Curve numbers that select the color of axes, and the color of a warning."""
 ABOVE, RIGHT, PANELS = "above", "right", "panels"
-"""Legends: of all panels above them or at their right, each name once; or of each panel above itself, the lines of
-levels above all."""
+"""Positions of the legend: one for all panels, above them or to their right, with each name once; or one above each
+panel, with the levels above all panels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class Level:
     """A straight line across the whole panel at a value of y, or of x if `upright`: a dashed limit or a faint axis.
 
     text     label next to the line
-    number   number of the curve whose color it has; NEUTRAL is the color of axes
+    number   number of the curve whose color is used; NEUTRAL is the color of axes
     caption  its legend entry; dashed lines with different captions have different dashes
     """
 
@@ -138,10 +138,10 @@ class Note:
 
 @dataclass(frozen=True)
 class Box:
-    """A filled rectangle: a bar, a table cell, or, with None for its ends, an area that extends to the edges of the
+    """A filled rectangle: a bar, a table cell, or, if `low` or `high` is None, an area over the full height of the
     panel.
 
-    number   number of the curve whose color it has
+    number   number of the curve whose color is used
     name     legend entry; boxes with the same name share an entry
     text     text in the middle, or with `beside` next to the end that is farther from 0
     level    -1 to 1 in place of the number: a color from better through neutral to worse; such a panel is a table
@@ -325,6 +325,7 @@ def _shown(panel: Panel, units: Units) -> Panel:
         curves=texts(panel.curves, "caption"),
         levels=texts(panel.levels, "text", "caption"),
         notes=texts(panel.notes, "text"),
+        # The name of a band is a text of feeddrive; those of curves, marks and ticks are the user's.
         bands=texts(panel.bands, "name"),
         boxes=texts(panel.boxes, "text"),
         ticks=_shown_ticks(panel.ticks, units),

@@ -91,6 +91,7 @@ def _spread(L: FRF, number: int) -> list[Curve]:
         return []
     low, high, bottom, top = REACH
     off = np.hypot(np.real(L.response) - 0.5 * (low + high), np.imag(L.response) - 0.5 * (bottom + top))
+    # A disc as large as the picture would only cover it.
     near = (off < high - low + L.radius) & (L.radius < top)
     # a single point has no path along which discs could be interpolated
     near &= np.roll(near, 1) | np.roll(near, -1)
@@ -238,7 +239,8 @@ def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = 
     curves, sizes, least = list[Curve](), list[float](), 0.0
     for i, (name, model) in enumerate(chosen.items()):
         z = model.poles().astype(complex)
-        there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (np.imag(z) >= 0.0)  # without delays and integrators
+        # Delays (z = 0) and integrators (z = 1) have no damping ratio.
+        there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (np.imag(z) >= 0.0)
         frequency, damping = natural(z[there], model.sample_time)
         grows = damping <= 0.0
         caption = _lightest(_upper(z[there], model, 1.0))
@@ -277,6 +279,7 @@ def certificate_chart(certificate: Certificate) -> Chart:
     For a multirate control it is 1/Σ|H| instead: the sum covers the responses of the force to a sine of 1 N, at its
     frequency and the images.
     """
+    # A plant without discs has no reserve, and is the last to be shown.
     plants = sorted(certificate.document["plants"], key=lambda plant: plant["reserve"] or np.inf)[:_MOST]
     nyquist = 0.5 / certificate.sample_time
     low = min(max(plant["reserve_at_Hz"] * 10.0**-_DECADES, 1e-4 * nyquist) for plant in plants)
@@ -290,9 +293,7 @@ certificate = figure_of(certificate_chart)
 
 
 def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
-    """Return the panel of one plant: its distance from -1, the part of it that the discs cover, and the measured
-    bands.
-    """
+    """Return the panel of one plant: its distance from -1, the share covered by the discs, and the measured bands."""
     loop = certificate.loops[plant["name"]]
     f = loop.lines()
     f = f[f >= low]
@@ -337,10 +338,12 @@ def certificate_discs_chart(certificate: Certificate) -> Chart:
     taken = loop.room(f)[1]
     near = (np.abs(L.real + 0.6) < 2.5 + taken) & (np.abs(L.imag) < 2.5 + taken) & (taken < 4.0)
     walked = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(L[near])))])
+    # Evenly along the curve: the lines are dense where it hardly moves, and a disc for each would only take time.
     keep = np.unique(np.searchsorted(walked, np.linspace(0.0, walked[-1], _DISCS)).clip(0, walked.size - 1))
     may, reach = L[near][keep], taken[near][keep]
     curves = (
         Curve(may.real, may.imag, "where L may lie", 1, reach=reach),
+        # An integrator makes L thousands of times as large as the picture.
         Curve(np.clip(L.real, -20, 20), np.clip(L.imag, -20, 20), "L of the model", 0),
         Curve(np.array([-1.0]), np.array([0.0]), number=chart.ALERT, look=chart.PLUS),
     )

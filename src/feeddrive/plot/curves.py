@@ -70,6 +70,7 @@ def pole_sweep_chart(sweeps: Mapping[str, Sequence[np.ndarray]], caption: str = 
         for i, (name, points) in enumerate(sweeps.items())
         for k, poles in enumerate(points)
     )
+    # The origin is included, since stability is judged by the side of the imaginary axis.
     x, y = (np.concatenate([[0.0], *(getattr(curve, axis) for curve in marks)]) for axis in ("x", "y"))
     (left, right), (low, high) = (style.padded(float(np.min(row)), float(np.max(row)), 0.08) for row in (x, y))
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
@@ -119,10 +120,10 @@ def left_over_chart(
     place: tuple[float, str],
     one: bool = True,
 ) -> Chart:
-    """Plot magnitudes versus frequency in Hz on logarithmic scales, measured ones as marks, with one frequency as a
-    line.
+    """Plot magnitudes versus frequency in Hz on logarithmic scales, measured ones as marks, with a vertical line at
+    one frequency.
 
-    `one` draws the line at 1, above which a compensation amplifies.
+    `one` adds the line at 1, above which a compensation amplifies.
     """
     lines = [Curve(f, magnitude, name, i) for i, (name, (f, magnitude)) in enumerate(curves.items())]
     lines += [
@@ -169,6 +170,7 @@ def _variants(name: str, rms: np.ndarray, number: int) -> Panel:
 def histogram(values: np.ndarray, abscissa: str, ordinate: str, more: int, number: int = 0) -> Panel:
     """Return a histogram of some values with 5 + `more` bins over their range, at most 40."""
     low, high = float(values.min()), float(values.max())
+    # Equal values would give bins of zero width.
     if high <= low:
         low, high = style.padded(low, high)
     counts, edges = np.histogram(values, np.linspace(low, high, min(40, 5 + more) + 1))
@@ -187,6 +189,7 @@ def gradient_chart(gradient: Gradient) -> Chart:
     the right.
     """
     names = list(gradient.gradient)
+    # A cost of 0 has no relative change.
     scale = gradient.cost or 1.0
     share = {name: gradient.gradient[name] * gradient.values[name] / scale for name in names}
     names.sort(key=lambda name: -abs(share[name]))
@@ -197,6 +200,7 @@ def gradient_chart(gradient: Gradient) -> Chart:
     return Chart(
         "change of the cost for +1 % of the parameter (%)",
         (replace(panel, levels=(Level(0.0, upright=True),)),),
+        # Room for the texts beside the bars, also if all changes have the same sign.
         low=min(low, -0.18 * reach),
         high=max(high, 0.18 * reach),
         height=1.0 + 0.3 * len(names),

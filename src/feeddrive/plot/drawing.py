@@ -75,9 +75,7 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
 
 
 def _free(px: float, py: float, wide: float, taken: Sequence[Extent], edge: np.ndarray) -> Extent:
-    """Return the position near a point with the least overlap with other boxes and the edge, the closest position
-    first.
-    """
+    """Return the label box near a point with the least overlap with other boxes and the edge, preferably close."""
     best: tuple[float, Extent] | None = None
     for i, (dx, dy) in enumerate(_SPOTS):
         left = px + _STEP * dx - wide * (0.0 if dx > 0 else 1.0 if dx < 0 else 0.5)
@@ -120,6 +118,7 @@ def figure_of(chart: Callable[P, Chart]) -> Callable[P, Picture]:
 
 def drawn(chart: Chart, units: Units | None = None) -> Picture:
     """Draw a chart as a matplotlib figure, with its texts in the reader's units; None: the units of `READER`."""
+    # not at the top: making a chart must not import matplotlib
     from feeddrive.plot.picture import Picture
 
     chart = chart.shown(units or READER.get())
@@ -159,6 +158,7 @@ def _axes(figure: Picture, chart: Chart) -> list[Axes]:
         shares[row] = max(shares[row], panel.share)
         if not panel.whole:
             widths[column] = max(widths[column], panel.width)
+    # A column that only whole rows cross has no width yet, and a gridspec refuses 0.
     grid = figure.add_gridspec(
         len(shares), chart.across, height_ratios=shares, width_ratios=[width or 1.0 for width in widths]
     )
@@ -231,6 +231,7 @@ def _square(ax: Axes, abscissa: Abscissa) -> None:
 def _ticks(axis: Axis, ticks: Sequence[Tick]) -> None:
     texts = [style.caption(tick.name, tick.caption) or "" for tick in ticks]
     axis.set_ticks([tick.value for tick in ticks], labels=texts)
+    # A logarithmic axis would keep its minor ticks between the texts.
     axis.set_ticks([], minor=True)
     if any(tick.name for tick in ticks):
         axis.grid(visible=False)
@@ -241,6 +242,7 @@ def _table(ax: Axes) -> None:
     ax.xaxis.tick_top()
     ax.tick_params(axis="x", labelrotation=40)
     for label in ax.get_xticklabels():
+        # Turned about its left end, a name begins above its column.
         label.set_horizontalalignment("left")
         label.set_rotation_mode("anchor")
     ax.tick_params(length=0)
@@ -322,6 +324,7 @@ def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
     for note in panel.notes:
         _note(ax, note)
     if panel.scale == looks.LOG:
+        # Before the limits, since a change of scale resets them.
         ax.set_yscale("log")
     if panel.scale == looks.DEGREES:
         assert panel.low is not None
@@ -451,8 +454,10 @@ def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
     n = style.HEAT_STEPS
     colors = LinearSegmentedColormap.from_list("heat", style.HEAT, n)
     # one line for each of a few colors: a line for each segment would be thousands of objects
-    larger = np.maximum(heat[:-1], heat[1:])  # values of the line from each point to the next
-    step = np.clip(np.floor(n * (larger - scale.low) / (scale.high - scale.low)), 0, n - 1)  # NaN stays: no line
+    # A segment has the larger value of its two ends, so that a single peak keeps its color.
+    larger = np.maximum(heat[:-1], heat[1:])
+    # NaN equals no step and therefore draws no line.
+    step = np.clip(np.floor(n * (larger - scale.low) / (scale.high - scale.low)), 0, n - 1)
     for k in range(n):
         rows = np.flatnonzero(step == k)
         if rows.size:
@@ -568,6 +573,7 @@ def _discs(ax: Axes, curve: Curve, reach: np.ndarray) -> None:
     circles = [Circle((x, y), r) for x, y, r in zip(curve.x, curve.y, reach, strict=True)]
     ax.add_collection(PatchCollection(circles, facecolor=pale, edgecolor="none", zorder=0.5))
     if curve.name:
+        # matplotlib has no legend handler for a collection of patches.
         ax.plot([], [], color=pale, linewidth=6, label=style.caption(curve.name, curve.caption))
 
 

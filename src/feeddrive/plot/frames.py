@@ -129,6 +129,7 @@ def friction_map(friction_map: FrictionMap) -> Any:
 def margins(margins: Margins) -> Any:
     """Return a data frame with one row per crossover; values of the other crossover type are missing."""
     gain, phase = margins.gain_crossovers, margins.phase_crossovers
+    # The two types of crossover share a table: each lacks the margins of the other.
     gap = [None] * len(phase)
     columns = {
         "kind": ["gain crossover"] * len(gain) + ["phase crossover"] * len(phase),

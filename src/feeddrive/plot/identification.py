@@ -94,6 +94,7 @@ def _of(loop: Loop, velocity: np.ndarray) -> np.ndarray:
     """Return the total friction of an axis in rigid-body motion, in N: that of its friction blocks plus the viscous
     friction of its plant.
     """
+    # Deferred: only a measured map needs the model of the whole axis.
     from feeddrive.tuning.candidates import axis_model
 
     model = axis_model(loop)
@@ -139,6 +140,7 @@ def _reach(run: Run | None, measured: FrictionMap | None) -> float:
 def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
     """Return the distinct friction models of the loops, by label."""
     frictions: dict[str, Friction] = {}
+    # Compared as text: two loops on one axis hold equal blocks, not the same object.
     seen: set[str] = set()
     places = {"friction_load": "guideway", "friction_motor": "screw and bearings"}
     several = any(loop.axis.friction_motor is not None for loop in loops.values())
@@ -161,6 +163,7 @@ def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
         if block is None or run.time.size < 3:
             continue
         velocity = run[f"velocity_{place}"][1:]
+        # The linear part of a friction is integrated with the plant and is not in the signal.
         force = -run[f"friction_{place}"][:-1] + float(block.linear()) * velocity
         # a run has a hundred thousand rows on one curve: a point for each cell of the picture looks the same
         cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
@@ -371,6 +374,7 @@ def cogging_chart(fit: CoggingFit) -> Chart:
         value, error = (np.array([getattr(estimate, part) for _, estimate in shown]) for part in ("value", "error"))
         bars.append(
             Curve(
+                # A bar that reaches 0 has no lower end on a logarithmic scale.
                 *chart.rods(x, np.maximum(value - 2.0 * error, _CUT * value), value + 2.0 * error),
                 number=chart.NEUTRAL,
                 look=chart.THIN,
@@ -392,6 +396,8 @@ def cogging_over_turn_chart(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Char
     curves = list[Curve]()
     for i, (sign, label) in enumerate(((1, "forward"), (-1, "backward"))):
         for run in (run for run in runs if run.direction == sign):
+            # The envelope keeps extremes of consecutive rows, which must therefore be neighbors in position, not in
+            # time.
             order = np.argsort(np.mod(run.turns, 1.0))
             x, y = envelope(np.mod(run.turns, 1.0)[order], run.force[order])
             curves.append(Curve(x, y, label, i + 1, chart.DOTS, size=0.7))

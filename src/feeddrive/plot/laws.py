@@ -56,6 +56,7 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
                 name,
             )
             for name, figures, why in rows
+            # Neither 0 nor infinity has a place on a logarithmic scale.
             if (x := figures.get(X.key)) and (y := figures.get(of_y.key)) and np.isfinite([x, y]).all()
         )
         low, high = _around([mark.y for mark in marks], 0.14)
@@ -106,6 +107,7 @@ def _cell(value: float | None, base: float | None, higher: bool) -> tuple[str, f
         worse = (value > base) - (value < base)
         return ("never" if np.isinf(value) else number(value, 2)), float(-worse if higher else worse)
     ratio = value / base
+    # Logarithmic, so that twice and half the value have colors of equal strength.
     level = float(np.clip(np.log(ratio) / np.log(_MOST), -1.0, 1.0))
     return Text(f"{Quantity(ratio):{'.2f' if ratio < 9.95 else '.0f'}}"), -level if higher else level
 
@@ -123,6 +125,7 @@ def recovery_chart(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: 
         for i, (name, *runs) in enumerate(rows):
             run = runs[k]
             inside = (run.time >= begin - 0.05 * span) & (run.time <= begin + span)
+            # The error of the table is actual minus set position; the tracking error has the opposite sign.
             curves.append(Curve(1e3 * (run.time[inside] - begin), -1e6 * run["tracking_error"][inside], name, i))
         panels.append(Panel(f"{text}\n({unit_name('m')})", tuple(curves), levels=limits))
     label = f"time after the force changed ({unit_name('s')})"
@@ -138,6 +141,7 @@ def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequen
     for head, rows in panels.items():
         plants = [(ratio, -row) for row, (ratios, _) in enumerate(rows) for ratio in ratios]
         means = [(mean, -row) for row, (_, mean) in enumerate(rows) if mean]
+        # `reshape` gives two columns even without a dot.
         (x, y), (mean_x, mean_y) = (np.array(dots, float).reshape(-1, 2).T for dots in (plants, means))
         names = tuple(Tick(tick.value, tick.name if not shown else "") for tick in listed(laws))
         shown.append(

@@ -166,6 +166,7 @@ def _box(test: CircleTest, division: float, remark: str) -> str:
 def _division(wanted: float) -> float:
     """Round a division in µm up to 1, 2 or 5 times a power of ten; at least 0.01."""
     power = 10.0 ** np.floor(np.log10(max(wanted, 0.01)))
+    # Rounding must not push a division that is already round to the next step.
     return float(power * next(step for step in _STEPS if step * power >= max(wanted, 0.01) * (1.0 - 1e-9)))
 
 
@@ -180,6 +181,7 @@ def circle_unrolled_chart(test: CircleTest) -> Chart:
         for i, (_, angle, r) in enumerate(_rows(test)):
             off = (angle - at + 180.0) % 360.0 - 180.0
             near = np.flatnonzero(np.abs(off) <= _NEAR)
+            # By angle, since a circle may begin within the detail.
             near = near[np.argsort(off[near])]
             curves.append(Curve(off[near], r[near], number=i))
         label = f"deviation ({unit_name('um')})" if k == 0 else ""
@@ -260,6 +262,7 @@ def reversals_chart(reversals: Reversals) -> Chart:
     standstill.
     """
     panels = tuple(_reversal(reversals, reversal) for reversal in reversals.reversals[-4:])
+    # One scale for all, so that the heights of the peaks can be compared.
     lows, highs = ([float(end(curve.y)) for panel in panels for curve in panel.curves] for end in (np.min, np.max))
     low, high = style.padded(min(lows), max(highs))
     panels = tuple(replace(panel, low=low, high=high) for panel in panels)
@@ -312,6 +315,7 @@ def axis_load_chart(load: AxisLoad) -> Chart:
         heat = Curve(load.sample_time * np.arange(len(load.heat)), 100.0 * load.heat, number=2)
         warns = tuple(
             Level(level, name, dashed=True, number=chart.ALERT)
+            # A threshold far above the heat would flatten its curve.
             for level, name in ((80.0, "warns"), (100.0, "trips"))
             if level < 3.0 * 100.0 * float(np.max(load.heat))
         )
@@ -396,6 +400,7 @@ def _border(
         return []
     joined = chosen | (np.roll(chosen, 1) & there & (np.arange(speed.size) > 0))
     line = Curve(speed, np.where(joined, depth, np.nan), name, number)
+    # A line of one or two speeds is too short to be seen: it gets markers.
     if np.count_nonzero(chosen) >= 3:
         return [line]
     return [line, Curve(speed[chosen], depth[chosen], number=number, look=chart.MARKERS, size=0.9)]
@@ -405,6 +410,7 @@ def _this_cut(cut: CutStability, speed: np.ndarray) -> tuple[tuple[Mark, ...], t
     number = 2 if cut.stable else chart.ALERT
     text = Text(f"this cut: |µ| = {Quantity(cut.growth):.3f}{'' if cut.stable else ', chatters'}")
     at = cut.speed, 1e3 * cut.depth
+    # A text to the right of a point far right would leave the panel.
     left = cut.speed > 0.6 * float(speed[-1]) + 0.4 * float(speed[0])
     return (Mark(*at, number),), (Note(*at, text, number, right=not left),)
 
@@ -475,6 +481,7 @@ def chatter_signs_chart(signs: ChatterSigns) -> Chart:
     )
     values = factor * signs.samples
     middle, spread = float(np.mean(values)), 1.3 * float(np.ptp(values))
+    # Samples of a stable cut are nearly equal: the scale follows the swing of the signal, so that they stay one dot.
     room = max(0.5 * spread, 0.5 * factor * signs.swing if signs.dots == 1 else 0.0) or 1.0
     low, high = middle - room, middle + room
     once = Curve(values[:-1], values[1:], number=0 if signs.dots == 1 else 1, look=chart.DOTS, size=2.0)

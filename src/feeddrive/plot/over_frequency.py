@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from feeddrive.tuning.tune import CascadeLoops, Tuned
 
 
-_LEAST = 0.1  # of a magnitude: lower end of its band
+# Lower end of a magnitude band as a share of the magnitude: at or below 0 it would have no level in dB.
+_LEAST = 0.1
 # Infinity would be no coordinate for a drawing; as a ratio it becomes 10^±10
 _FAR = 1e4  # dB or degrees beyond all panels
 
@@ -88,7 +89,8 @@ def doubtful(
     """
     parts = list[tuple[float, float]]()
     for low, high in sorted(stretch for frf in responses for stretch in _stretches(frf)):
-        if parts and low <= parts[-1][1]:  # overlaps are shaded once
+        # Overlaps are shaded once: two pale areas would look like twice the doubt.
+        if parts and low <= parts[-1][1]:
             low, high = parts[-1][0], max(high, parts.pop()[1])
         parts.append((low, high))
     if not parts:
@@ -106,6 +108,7 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
     if frf.coherence is None:
         return []
     low = frf.coherence <= TRUSTED
+    # Halfway on a logarithmic axis.
     edges = np.sqrt(frf.frequency[1:] * frf.frequency[:-1])
     edges = np.concatenate([frf.frequency[:1], edges, frf.frequency[-1:]])
     begins = np.flatnonzero(low & ~np.append(False, low[:-1]))
@@ -130,9 +133,7 @@ _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd di
 
 
 def frequency_estimate_chart(estimate: FrequencyEstimate, model: FRF | None = None) -> Chart:
-    """Plot magnitude with the 95 % band, noise and distortion, phase with its band, and coherence; `model` is a
-    line.
-    """
+    """Plot magnitude and phase with 95 % bands, noise and distortion, and coherence; `model` is drawn as a line."""
     return estimates_chart([estimate], model=model)
 
 
@@ -140,8 +141,8 @@ frequency_estimate = figure_of(frequency_estimate_chart)
 
 
 def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN, model: FRF | None = None) -> Chart:
-    """Plot estimated responses with their 95 % bands and coherences, without those in a unit other than the first
-    one's.
+    """Plot estimated responses with their 95 % bands and coherences, except responses with a unit other than that of
+    the first.
 
     A single response is shown with its noise and distortion levels. The radius includes the uncertainty of the
     estimated variance (`FrequencyEstimate.radius`).
@@ -151,6 +152,7 @@ def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN
     for estimate in alike:
         frf = estimate.frf
         if frf.radius is not None and frf.variance is not None:
+            # A line without variance has a radius of 0, and `where` computes its quotient as well.
             with np.errstate(all="ignore"):
                 wider = np.where(frf.radius > 0.0, estimate.radius() / frf.radius, 1.0)
             frf = replace(frf, variance=frf.variance * wider**2)
@@ -159,7 +161,7 @@ def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN
 
 
 def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
-    """Return noise and distortion levels versus frequency, as far as the excitation reveals them."""
+    """Return the noise and distortion levels that the excitation allows to be estimated, versus frequency."""
     factor, curves = _magnitudes(estimate.frf.unit, units)[0], list[Curve]()
     for i, (name, text) in enumerate(_LEVELS.items(), start=2):
         level = estimate.levels.get(name)
@@ -205,8 +207,8 @@ class Overlay(NamedTuple):
 
 
 def response_fit_chart(agreement: Agreement, units: Units = DRAWN) -> Chart:
-    """Plot magnitude and phase with the measurement as dots and the model as a line, both in 95 % bands; distance;
-    coherence.
+    """Plot magnitude, phase, distance and coherence, with the measurement as dots and the model as a line, both with
+    95 % bands.
 
     The distance is |model/measured - 1| in dB; the thin line is the radius of the measurement's 95 % disc.
     """
@@ -324,6 +326,7 @@ def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: st
 def response_residuals_chart(agreement: Agreement) -> Chart:
     """Plot weighted residuals versus frequency, real and imaginary part, and their autocorrelation across lines."""
     lags = np.arange(1, max(2, min(40, min(r.size for r in agreement.residuals) // 4)))
+    # A fit to data of its own model may leave no residual to scale with.
     spread, curves = max(agreement.spread, 1e-300), list[Curve]()
     for i, (measured, residual) in enumerate(zip(agreement.measured, agreement.residuals, strict=True)):
         name = measured.output if len(agreement.measured) > 1 else ""
@@ -360,8 +363,8 @@ response_residuals = figure_of(response_residuals_chart)
 
 
 def response_nyquist_chart(agreement: Agreement) -> Chart:
-    """Plot the responses from force to velocity in the complex plane: each mode is a circle; dots measured, curves the
-    model.
+    """Plot the responses from force to velocity in the complex plane, where each mode is a circle: measurement as dots,
+    model as curves.
 
     Velocity is used because rigid-body motion hides the circles in the position response.
     """
@@ -489,6 +492,7 @@ def _decibel(ratio: float) -> float:
 
 def _floor(least: float, units: Units) -> float | None:
     """Return the lower limit of a gain panel: -60 dB if the curves fall below it, else None."""
+    # |S| falls without limit towards 0 Hz and |T| towards Nyquist, which would compress the peaks.
     return float(units.from_decibel(-60.0)) if least < -60.0 else None
 
 
@@ -538,7 +542,7 @@ stiffness = figure_of(stiffness_chart)
 
 
 def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
-    """Plot amplitude and cumulative RMS versus Hz on logarithmic scales; dense lines are reduced to the largest of each
+    """Plot amplitude and cumulative RMS versus Hz on logarithmic scales, with only the largest of dense lines in each
     band.
     """
     chosen = style.named(spectra)
@@ -553,12 +557,14 @@ def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
         amplitudes.append(Curve(frequency, factor * amplitude, name, i, chart.PLAIN, size=0.7))
         sums.append(Curve(frequency, factor * cumulative, number=i))
         tops.append(factor * float(np.max(amplitude)))
+        # Not the minimum, since a few lines near 0 would stretch the logarithmic scale.
         bottoms.append(factor * float(np.quantile(amplitude, 0.02)))
     whole, top = [factor * spectrum.rms for spectrum in chosen.values()], max(tops)
     quantity = first.name.replace("_", " ") if len(chosen) == 1 or first.name else "amplitude"
     label = unit_name(style.written(unit))
     above = Panel(f"{quantity}\namplitude ({label})", tuple(amplitudes), share=3.0)
-    if top > 0.0:  # a signal that is zero cannot be drawn on a logarithmic scale
+    # A signal that is zero cannot be drawn on a logarithmic scale.
+    if top > 0.0:
         above = replace(above, scale=chart.LOG, low=max(0.5 * min(bottoms), 1e-7 * top), high=2.0 * top)
     below = Panel(f"cumulative\nRMS ({label})", tuple(sums), low=0.0, high=1.15 * max(whole) or 1.0, share=2.0)
     if min(whole) > 0.0 and max(whole) > style.WIDE * min(whole):
@@ -624,9 +630,11 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
         levels.append(Curve(hertz * L.frequency, level, name, i, caption=_caption(margins, units)))
         phases.append(Curve(hertz * L.frequency, phase, number=i))
         _margins(margins, phase, i, len(chosen) == 1, bars, marks, units)
-        if i == len(chosen) - 1:  # the axis is the same for all, and so is its uncertainty
+        # The axis is the same for all, and so is its uncertainty.
+        if i == len(chosen) - 1:
             shaded[0].extend(magnitude_band(L, i, units, "95 % of the measurement"))
             shaded[1].extend(phase_band(L, phase, i, units))
+    # -180 deg is always in view, since the phase margin is read from it.
     low, high = min(*(float(curve.y.min()) for curve in phases), -180.0), max(float(curve.y.max()) for curve in phases)
     turns = range(int(np.ceil((low + 180.0) / 360.0)), int(np.floor((high + 180.0) / 360.0)) + 1)
     bottom, top = min(float(np.min(level)) for level in levels_dB), max(float(np.max(level)) for level in levels_dB)

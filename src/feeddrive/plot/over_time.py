@@ -38,7 +38,8 @@ Runs = Run | Mapping[str, Run] | Sequence[Run]
 def run_chart(run: Run) -> Chart:
     """Plot following error, force and velocity of a run."""
     velocities = [Curve(*envelope(run.time, 1e3 * set_velocity(run)), "set", NEUTRAL, DASHED, size=0.7)]
-    if "velocity_load" in run.signals:  # optional in an FMU
+    # Optional in an FMU.
+    if "velocity_load" in run.signals:
         velocities.insert(0, Curve(*envelope(run.time, 1e3 * run["velocity_load"]), "actual", 2, PLAIN))
     panels = (
         Panel(
@@ -80,6 +81,7 @@ def force_chart(runs: Runs, limits: Mapping[str, float] | None = None, points: i
     chosen = style.named(runs)
     values = {name: run["force"] for name, run in chosen.items()}
     notes = {name: _sizes(v, "N") for name, v in values.items()}
+    # One scale, since all runs are compared with the same limits.
     chart = _rows(chosen, values, notes, f"force ({unit_name('N')})", None, points, one_scale=True)
     largest = max(_peak(v) for v in values.values())
     captions = {name: Text(f"{name} ±{Quantity(limit, 'N')}") for name, limit in (limits or {}).items()}
@@ -330,6 +332,7 @@ def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units 
         error = run["tracking_error"][after]
         reactions[name] = float(np.max(np.abs(error))), settling_time(run.time[after] - begin, error, near)
     last = max(float(run.time[-1]) - begin for run in runs.values())
+    # A law that does not settle has an infinite time: the run's end bounds the view.
     end = min(max(_LEAST, *(_AFTER * settled for _, settled in reactions.values())), last)
     errors, forces = list[Curve](), list[Curve]()
     for i, (name, run) in enumerate(runs.items()):
@@ -426,8 +429,10 @@ def _panel(
     for channel in group:
         y = channel.factor * shown.values[:, channel.place]
         whole = shown.triggered and bool(np.all(np.diff(shown.time) > 0.0)) and bool(np.all(np.isfinite(y)))
-        kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)  # a triggered window may be enlarged
+        # A triggered window is not scrolled and may be enlarged, so all of its rows are kept.
+        kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)
         x = shown.time[kept] - shown.zero
+        # Numbered among all channels: a channel keeps its color whatever panel it shares.
         number = [one.name for one in all_].index(channel.name)
         curves.append(Curve(x, y[kept], channel.name, number, caption=_caption(y, channel.unit)))
     finite = np.concatenate([curve.y for curve in curves]) if curves else np.empty(0)
@@ -482,7 +487,8 @@ def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tu
     if not y.size:
         return before or (-1.0, 1.0)
     low, high = float(np.min(y)), float(np.max(y))
-    if high == low:  # a constant has a margin of half its size on either side
+    # A constant has a margin of half its size on either side.
+    if high == low:
         low, high = low - (0.5 * abs(low) or 1.0), high + (0.5 * abs(high) or 1.0)
     span = high - low
     # axes that follow each row would jump in every frame
@@ -495,4 +501,5 @@ def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tu
 
 def _round_up(step: float) -> float:
     size = 10.0 ** np.floor(np.log10(step))
+    # Rounding must not push a step that is already round to the next one.
     return float(next(multiple for multiple in _STEPS if step <= multiple * size * (1.0 + 1e-9)) * size)

@@ -82,7 +82,8 @@ def contour_on_path_chart(
     """
     i, j = axes
     size = np.where(contour.counted, np.abs(contour.error), 0.0)
-    rows = envelope(np.arange(len(size), dtype=np.float64), size, _POINTS)[0].astype(np.intp)  # with the largest errors
+    # Thinned by the error, not evenly: the largest errors stay on a path of any length.
+    rows = envelope(np.arange(len(size), dtype=np.float64), size, _POINTS)[0].astype(np.intp)
     kept = contour.counted[rows]
     foot = np.where(kept[:, None], 1e3 * (contour.position - contour.vector)[rows], np.nan)
     factor = _factor(contour, axes) if enlarged is None else enlarged
@@ -95,6 +96,7 @@ def contour_on_path_chart(
     (left, right), (low, high) = ends
     shape = max(0.35, min(1.0, (high - low) / (right - left)))
     caption = Text(f"largest {Quantity(contour.largest, 'm')}, RMS {Quantity(contour.rms, 'm')}")
+    # A color scale needs a range, also for a path without an error.
     heat = Heat(f"contour error ({unit_name('um')})", 0.0, max(1e6 * contour.largest, 1e-9))
     marks = tuple(
         Mark(
@@ -153,8 +155,10 @@ def place_chart(contour: ContourError, place: Worst) -> Chart:
     reach = 1e6 * max(_REACH * abs(place.error), 1e-9)
     at, tool = (1e6 * (points - contour.position[row]) for points in (contour.set_position, contour.position))
     near = np.flatnonzero(np.max(np.abs(at - at[row]), axis=1) <= 3.0 * reach)
+    # A path may pass the place several times: only the pass at this instant is shown.
     begin, end = _together(near, row)
-    rows = slice(max(0, begin - 1), end + 2)  # a sample before and behind, for the lines at the edge
+    # One more sample before and after, so that the lines reach the edge of the view.
+    rows = slice(max(0, begin - 1), end + 2)
     spans = np.ptp(np.vstack([at[rows], tool[rows]]), axis=0)
     i, j = sorted(int(k) for k in np.argsort(spans)[-2:])
     curves = (
@@ -202,6 +206,7 @@ def _corner(contour: ContourError, corner: Corner, tolerance: float | None) -> P
     tool = 1e6 * (contour.position - corner.position)
     reach = 2.2e6 * max(corner.nearest, corner.error, 0.0 if tolerance is None else tolerance, 1e-7)
     near = corner.rows
+    # First, so that path and tool are drawn over the band.
     curves = [] if tolerance is None else [_tolerance(at[near], 1e6 * tolerance)]
     curves += [
         Curve(at[near, 0], at[near, 1], "path", chart.NEUTRAL, size=0.85),
@@ -260,6 +265,7 @@ def planned_chart(plan: Planned) -> Chart:
     """Plot the planned path with its speed as color, and the stops; with a second view if a third axis moves."""
     factors, units = (list(row) for row in zip(*plan.limits.shown, strict=True))
     place, letters = np.array(factors) * plan.course.position, plan.limits.letters
+    # One axis makes no path to draw.
     if len(letters) == 1:
         along = Curve(plan.course.time, place[:, 0])
         return Chart("time (s)", (Panel(f"{letters} ({units[0]})", (along,)),))
@@ -268,7 +274,9 @@ def planned_chart(plan: Planned) -> Chart:
     views = [(order[0], order[1])]
     if len(letters) > 2 and extent[order[2]] > _FLAT * extent.max():
         views.append((order[0], order[2]))
+    # Equal scales of both axes would make a flat path a line and a high one a page.
     shapes = [max(0.12, min(0.8, extent[j] / max(extent[i], 1e-9))) for i, j in views]
+    # `reshape` gives a table even without a stop.
     stops = np.array([stop.position * factors for stop in plan.stops[:_MARKED_STOPS]]).reshape(-1, len(letters))
     panels = list[Panel]()
     for (i, j), shape in zip(views, shapes, strict=True):
@@ -307,7 +315,7 @@ def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
 
 
 def _stretches(x: np.ndarray, y: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the chosen segments, each up to the start of the next one, with gaps between."""
+    """Return the chosen parts of a path, each extended to the start of the next one, with gaps between them."""
     there = chosen | np.concatenate([[False], chosen[:-1]])
     return np.where(there, x, np.nan), np.where(there, y, np.nan)
 
@@ -342,7 +350,7 @@ plan_causes = figure_of(plan_causes_chart)
 
 
 def _cause_number(name: str) -> int:
-    """Return the number of the curve whose color a cause has."""
+    """Return the number of the curve whose color marks a cause."""
     what = name.split(" ")[0]
     if what in DERIVATIVES:
         return (5, 0, 1, 4)[DERIVATIVES.index(what)]

@@ -1,4 +1,4 @@
-"""Tables from result types to the functions of their charts and data frames, by name.
+"""Tables that map result types to the functions of their charts and data frames, by name.
 
 The first `chart()` or `plot()` of a type imports only the module of its chart.
 """

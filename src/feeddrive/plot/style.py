@@ -98,7 +98,7 @@ def caption(name: str, remark: str = "", most: int = 60) -> str | None:
 
 
 def escaped(text: str) -> str:
-    """Return a text escaped for matplotlib, so that it contains no formulas."""
+    """Return a text escaped for matplotlib, so that `$` does not start a formula."""
     return text.replace("$", r"\$")
 
 
@@ -144,7 +144,8 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
         labelcolor=INK,
     )
     for handle in drawn.legend_handles:
-        if handle is not None and not hasattr(handle, "get_facecolor"):  # an area stays pale
+        # Lines are opaque in the legend; an area stays as pale as in its panel.
+        if handle is not None and not hasattr(handle, "get_facecolor"):
             handle.set_alpha(1.0)
 
 
@@ -231,6 +232,7 @@ def degrees_axis(ax: Axes, low: float, high: float) -> None:
 
     step = next((s for s in (15.0, 30.0, 45.0, 90.0, 180.0, 360.0) if (high - low) / s <= 6.0), 720.0)
     ax.yaxis.set_major_locator(MultipleLocator(step))
+    # A curve that ends on a tick gets another step, so that it does not lie on the edge.
     ax.set_ylim(step * np.floor(low / step), step * np.ceil(high / step + 1e-9))
 
 
@@ -258,7 +260,8 @@ def envelope(x: np.ndarray, y: np.ndarray, points: int = POINTS) -> tuple[np.nda
     n = x.size
     if n <= points:
         return x, y
-    long = -(-n // (points // 2))  # points per interval; the last one may be shorter
+    # Each interval gives two points. The last one may be shorter.
+    long = -(-n // (points // 2))
     whole = n - n % long
     first = np.arange(0, whole, long)
     rows = y[:whole].reshape(-1, long)

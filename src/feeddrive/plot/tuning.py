@@ -118,6 +118,7 @@ def prefilter_fit_chart(fit: PrefilterFit, points: int = POINTS) -> Chart:
     error, explained, left = (
         envelope(fit.time, 1e6 * values, points) for values in (fit.error, fit.explained, fit.predicted)
     )
+    # Both panels have one scale, so that the reduction is visible.
     size = 1.1e6 * float(np.max(np.abs(fit.error), initial=1e-12))
     caption = Text(f"RMS {Quantity(fit.rms(fit.error), 'm')} -> {Quantity(fit.rms(fit.predicted), 'm')}")
     panels = (

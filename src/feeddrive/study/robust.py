@@ -542,7 +542,7 @@ class _Search:
     def _tuned(self, control: Control, active: list[int], starts: int) -> Tuned:
         """Run the tuner on the machines in the active set; notches are placed in the first round only."""
         of = self.tuner
-        # Placing them again would undo the notches that the search has moved since.
+        # Notches placed in the first round are part of the control from then on, and are only moved.
         filters = "free" if self.rounds and of.filters == "placed" else of.filters
         of.progress.step(f"round {len(self.rounds) + 1}: {len(active)} machines decide")
         points = [of.sample.points[i] for i in active]

@@ -93,7 +93,7 @@ def sweep(
     left = (Chunk(study, number) for number in range(study.chunks) if number not in done)
     try:
         rate.show(progress)
-        # Closing the generator ends its workers, whatever stops this loop.
+        # Closing the generator ends or cancels the remaining work, whatever stops this loop.
         with closing(engine.finished(left, progress)) as chunks:
             for chunk, rows in chunks:
                 store.write(chunk.number, rows)
