@@ -72,7 +72,8 @@ def read_whole(path: str | Path, most: int) -> bytes:
                 f"{Quantity(most / 1e6, 'MB'):,.1f} that are read; is it the right file?"
             )
         with open(path, "rb") as file:
-            return file.read(min(most, status.st_size + 1))  # read allocates the memory for the whole requested size
+            # `read` allocates the memory for the whole requested size.
+            return file.read(min(most, status.st_size + 1))
     except OSError as error:
         raise refusal(path, "read", error) from None
 
@@ -100,7 +101,8 @@ def written_whole(path: str | Path) -> Generator[Path]:
         _flush(temporary, os.O_RDWR)
         temporary.replace(target)
         # the new name is content of the directory, which is flushed apart from the file
-        with contextlib.suppress(OSError):  # not every system can flush a directory
+        with contextlib.suppress(OSError):
+            # Not every system can flush a directory.
             _flush(target.parent, os.O_RDONLY)
     except OSError as error:
         raise refusal(path, "written", error) from None
@@ -117,6 +119,7 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
 
 def _beside(target: Path, suffix: str) -> Path:
     """Return an unused hidden name in the same directory, shortened to stay within the length limit of file names."""
+    # In the same directory, hence the same file system, since a rename across two is not atomic.
     return target.parent / f".{target.name[:60]}.{secrets.token_hex(6)}.{suffix}"
 
 
@@ -139,6 +142,7 @@ def new_directory(path: str | Path) -> Generator[Path]:
     _check_name(path)
     target = Path(os.path.abspath(path))
     temporary = _beside(target, "part")
+    # Noted before they are made, so that a failure removes exactly the parents that this call created.
     missing = [folder for folder in target.parents if not folder.exists()]
     finished = False
     try:
@@ -154,7 +158,8 @@ def new_directory(path: str | Path) -> Generator[Path]:
     except OSError as error:
         raise refusal(_seen(error.filename, temporary, target) or path, "written", error) from None
     except FileError as error:
-        if str(temporary) not in str(error):  # of a file in it
+        # An error that names a file in the temporary directory must name the final path instead.
+        if str(temporary) not in str(error):
             raise
         raise FileError(str(error).replace(str(temporary), str(target))) from None
     finally:
@@ -166,7 +171,7 @@ def new_directory(path: str | Path) -> Generator[Path]:
 
 
 def check_directory(path: str | Path) -> None:
-    """Raise FileError if `new_directory` could not write to `path`, as far as this can be checked without writing."""
+    """Raise FileError if `new_directory` cannot write to `path`, as far as this can be checked without writing."""
     _check_name(path)
     target = Path(os.path.abspath(path))
     try:
@@ -204,6 +209,7 @@ def _sign(directory: Path) -> None:
 
 
 def _check_replaceable(path: str | Path, target: Path) -> None:
+    # Renaming would replace the link and leave the directory behind it unchanged.
     if target.is_symlink():
         raise FileError(f"{path}: is a symbolic link; give the directory itself")
     if not target.exists():
@@ -213,6 +219,7 @@ def _check_replaceable(path: str | Path, target: Path) -> None:
     try:
         written = set(json.loads((target / MARKER).read_text(encoding="utf-8"))["files"])
     except (OSError, ValueError, KeyError, TypeError):
+        # A missing or damaged marker protects the directory.
         if not any(target.iterdir()):
             return
         raise FileError(f"{path}: exists and was not written by feeddrive; choose another name or remove it") from None

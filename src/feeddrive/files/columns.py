@@ -149,8 +149,8 @@ def _row(row: int) -> str:
 class Columns:
     """The columns of a file by name, float64 of shape (n,), possibly of different lengths.
 
-    `unread` names columns that were not wanted; `left_out` gives the reason for other omitted columns; `place` returns
-    the place of a row in the file.
+    `unread` lists the columns that were not requested; `left_out` gives the reason for other omitted columns; `place`
+    returns the place of a row in the file.
     """
 
     format: str
@@ -183,18 +183,20 @@ def free_name(name: str, taken: dict[str, int]) -> str:
 
 
 def is_wanted(name: str, wanted: frozenset[str] | None) -> bool:
-    """Return True for a wanted column or a time column."""
+    """Return True for a requested column or a time column; None requests all columns."""
     return wanted is None or name in wanted or is_time(name)
 
 
 def unit_of(text: str) -> str | None:
     """Convert a unit (`µm`, `mm/s²`, `%`, `[ms]`) to the spelling of `language.units`; None if it is unknown."""
     plain = text.strip().strip("[]").strip()
+    # Both the micro sign (U+00B5) and the Greek letter (U+03BC) are in use.
     plain = plain.replace("µ", "u").replace("μ", "u").replace("²", "2").replace("³", "3").replace("^", "")
     plain = plain.replace("·", " ").replace("*", " ")
     if plain.startswith("(") and plain.endswith(")") and "(" not in plain[1:]:
         plain = plain[1:-1].strip()
-    for maker, ours in (("Nm", "N m"), ("°", "deg")):  # in a longer unit too: rad/(s Nm), °/s
+    # In a longer unit, too, such as rad/(s Nm) or °/s.
+    for maker, ours in (("Nm", "N m"), ("°", "deg")):
         plain = re.sub(rf"(?<![A-Za-z°]){maker}(?![A-Za-z°])", ours, plain) if plain not in _SPELLINGS else plain
     plain = _SPELLINGS.get(plain, plain)
     try:
@@ -230,7 +232,7 @@ def factor_of(path: str, role: str, column: Column, unit: str) -> float:
 def check_sign(path: str, column: Column, unit: str, si: str) -> None:
     """Raise LogError for a factor of ±1 without a unit if the file states another unit of the dimension of `si`.
 
-    A user who inverts the sign of a column in mm does not mean m.
+    Such a factor is meant to invert the sign of a column in mm, not to declare its numbers as m.
     """
     if column.unit or column.factor not in (1.0, -1.0) or not unit:
         return
@@ -253,6 +255,7 @@ def unit_at_the_end(name: str, role: str) -> str:
             units.factor(name[start:], ROLES[role])
         except ParameterError:
             continue
+        # In a signal name `_in` means input far more often than inch.
         return "" if name[start:] == "in" else name[start:]
     return ""
 
@@ -286,6 +289,7 @@ def arrow_numbers(column: Any) -> np.ndarray:
 
     pyarrow's `to_numpy` imports pandas, if installed, which takes longer than reading a log of 4,000 rows.
     """
+    # DLPack has neither missing values nor bits, in which Arrow stores booleans.
     if column.null_count or not column.num_chunks or str(column.type) == "bool":
         return column.to_numpy()
     return np.concatenate([np.from_dlpack(piece) for piece in column.chunks])

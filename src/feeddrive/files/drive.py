@@ -45,6 +45,7 @@ class Drive:
         """
         if self.force_constant is not None:
             return self.force_constant, self.turns
+        # Before the machine file: a unit recorded with the log describes this very column.
         for si, is_torque in (("N", False), ("N m", True)):
             try:
                 return units.factor(unit, si), is_torque
@@ -58,6 +59,7 @@ class Drive:
         size, is_torque = self.per_unit(unit) or (None, False)
         if size is None or is_torque == self.turns:
             return size
+        # Power is the same at the shaft and at the table: torque over travel per angle is force.
         return size / self.lever if is_torque and self.lever is not None else None
 
     def acting(self, path: Path | OpenedFile, log: Log, role: str) -> tuple[np.ndarray, bool]:

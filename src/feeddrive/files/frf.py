@@ -75,7 +75,8 @@ def named(column: str, unit: str) -> Named | None:
     if not unit:
         for start in [k + 1 for k, letter in enumerate(rest) if letter in "_ "]:
             known = unit_of(rest[start:])
-            if known and ("per" in known or known in ("deg", "rad")):  # of one word it is a name: re_m, re_l
+            # A single word is a name rather than a unit: re_m and re_l are motor and load.
+            if known and ("per" in known or known in ("deg", "rad")):
                 rest, unit = rest[: start - 1], known
                 break
     kind, name = _kind(rest)
@@ -97,6 +98,7 @@ def _kind(rest: str) -> tuple[str | None, str]:
                 return kind, bars[1]
             short = len(word) < 3
             start = re.match(rf"(?i:{word})(?=[\s_.\-\[(]|$)", rest) or (
+                # A capital ends the word, as in ReGm; for one letter this would split ordinary names such as iPhase.
                 None if len(word) == 1 else re.match(rf"{word.capitalize()}(?=[A-Z])|{word}(?=[A-Z])", rest)
             )
             if start is not None:
@@ -129,6 +131,7 @@ def frequency_of(name: str, columns: Columns) -> tuple[str, np.ndarray]:
         )
     column, unit = candidates[0]
     if not unit:
+        # By convention omega is an angular frequency.
         unit = "rad/s" if column.strip().lower() in ("omega", "w") else "Hz"
     try:
         return column, columns.values[column] * units.factor(unit, "Hz")
@@ -163,6 +166,8 @@ def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
         if taken.kind == "im" and taken.unit and response.stated not in ("", taken.unit):
             raise LogError(f"{name}: '{column}' is in '{taken.unit}', its real part in '{response.stated}'")
         if taken.kind in ("re", "magnitude"):
+            # The unit of a response is that of its magnitude or real part; a phase has none, and an imaginary part must
+            # agree.
             response.decibel = taken.decibel
             response.stated = taken.unit
             response.unit, response.factor = in_si(name, column, taken.unit)
@@ -203,6 +208,7 @@ def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
         base = re.fullmatch(r"[GMkcmun]?(m|s|A|rad|N|W|J|V|Hz)(\d?)", word)
         if word == "rpm" or word == "percent":
             raise LogError(f"{name}: column '{column}' is in '{unit}'; give the response in SI, as m/N or rad/A")
+        # Prefixes are dropped and words replaced by SI units; the factor then follows from the two units as a whole.
         words.append(base[1] + base[2] if base else _SI.get(word, word))
     plain = re.sub(r"[ _]*(per|/)[ _]*", "/", "".join(words)).replace("_", " ")
     try:
@@ -212,7 +218,7 @@ def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
 
 
 def _share(responses: dict[str, Response]) -> None:
-    """Assign an unnamed coherence or variance to the only response."""
+    """Assign a coherence or variance without a response name to the only response."""
     nameless = responses.get("")
     others: Iterable[Response] = [
         response for key, response in responses.items() if key and "coherence" not in response.places
@@ -229,7 +235,7 @@ _READABLE = "CSV, UFF 58, AST XML, also packed by gzip"
 
 
 FrfLike: TypeAlias = str | Path | FRF
-"""A file of responses, or one that was read."""
+"""A file of frequency responses, or an `FRF`."""
 
 
 def read_frf(
@@ -307,6 +313,7 @@ def names_frequency(path: str | Path | OpenedFile) -> bool:
             frequency_of(where, table)
         return bool(tables) and not any(is_time(name) for table, _ in tables for name in table.values)
     except (LogError, ParameterError, MemoryError):
+        # Whatever is wrong with the file is reported when it is read as a log.
         return False
 
 
@@ -441,6 +448,7 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
             f"{where}: the magnitude '{places['magnitude']}' is {Quantity(magnitude[k]):6} at {table.place(k)}; if it "
             "is in dB say so: name the column magnitude_dB"
         )
+    # Phases in deg and in rad overlap near 0, so the unit cannot be guessed from the values.
     if response.degrees is None:
         raise LogError(f"{where}: the phase '{places['phase']}' has no unit; name the column phase_deg or phase_rad")
     angle = np.radians(phase) if response.degrees else phase
@@ -489,6 +497,7 @@ _KEYS = ("input", "output", "unit", "sample_time")
 def _statements(content: bytes) -> dict[str, str]:
     """Read the `# key: value` lines at the start of a file that feeddrive wrote."""
     statements: dict[str, str] = {}
+    # The statements are at the start, and a file may have gigabytes.
     for line in content[:4096].split(b"\n"):
         if not line.startswith(b"#"):
             break
@@ -503,6 +512,7 @@ def _number(text: str | None) -> float | None:
         number = float(text) if text else 0.0
     except ValueError:
         return None
+    # The text may come from any program: an implausible sample time is ignored like a missing one.
     return number if 0.0 < number < 1e9 else None
 
 
@@ -548,6 +558,7 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
     }
     text = [f"# {key}: {plain(str(value))}" for key, value in stated.items() if value not in (None, "")]
     text.append(",".join(columns))
+    # `repr` gives the fewest digits from which the same double is read.
     text += [",".join(map(repr, row)) for row in zip(*(column.tolist() for column in columns.values()), strict=True)]
     write_whole(path, "\n".join(text) + "\n")
 
@@ -555,7 +566,7 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
 def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
     """Return the responses measured with the motor and the load encoder, identified by their names.
 
-    responses   by name, as `read_frfs` returns them
+    responses   the responses by name, as returned by `read_frfs`
 
     "motor" or "load" in the name or in the output's name decides; a single response without such a name counts as the
     motor's.  Roles without a response are omitted.

@@ -3,8 +3,8 @@
     rows = GrowingTable(GrowingFile("run.csv"))
     rows.take()     # first all existing rows, then the rows added since
 
-Only complete lines are read.  A file that is truncated, rewritten or replaced is read from its start; a file that does
-not exist yet, or no longer, is waited for.  A file is opened for each read and closed again, so that its writer may
+Only complete lines are read.  A file that is truncated, rewritten or replaced is read from its start; while a file
+does not exist, there are no rows.  A file is opened for each read and closed again, so that its writer may
 rename it.
 """
 
@@ -68,7 +68,7 @@ class GrowingBytes(Protocol):
         ...
 
     def waits(self) -> str:
-        """Return what the stream is waiting for, as text; empty if it is not waiting."""
+        """Return a status text while content is missing, else an empty text."""
         ...
 
 
@@ -104,6 +104,7 @@ class GrowingFile:
             if not stat.S_ISREG(status.st_mode):
                 raise FileError(f"{self.name}: is no file that grows, but a directory, a device or a pipe")
             self._missing = False
+            # Without a change, neither size nor time of writing differ, and the file need not be opened.
             same = (status.st_dev, status.st_ino) == self._which and status.st_size == self._at
             if same and status.st_mtime_ns == self._written:
                 return Grown(b"")
@@ -137,6 +138,7 @@ class GrowingFile:
             file.seek(self._at)
         content = file.read(FIRST)
         self._at += len(skip) + len(content)
+        # After a restart the mark must not contain bytes of the earlier file.
         self._mark = (self._mark + content)[-_MARK:] if not anew else (skip + content)[-_MARK:]
         begun, self._begun = self._begun, True
         return Grown(content, anew and self._at == len(content), anew and begun)
@@ -153,15 +155,19 @@ class Pipe:
         self._stream, self._lock = stream, threading.Lock()
         self._content, self._begin, self.ended = bytearray(), 0, False
         self.first = b""
+        # A daemon, since a blocked read of the pipe must not keep the program from ending.
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
     def _read(self) -> None:
         try:
-            while piece := os.read(self._stream.fileno(), 65536):  # not by its buffer, which is locked meanwhile
+            # Not through the buffer of the stream, which stays locked while it waits for bytes.
+            while piece := os.read(self._stream.fileno(), 65536):
                 with self._lock:
                     self.first = (self.first + piece)[:HEAD] if len(self.first) < HEAD else self.first
                     self._content += piece
+                    # Cut only at twice the size: removing the start of a bytearray for every piece would copy all the
+                    # rest.
                     if len(self._content) > 2 * _MOST:
                         gone = len(self._content) - _MOST
                         del self._content[:gone]
@@ -175,6 +181,7 @@ class Pipe:
         """Return the bytes from offset `at` on, the offset of their end, and True if bytes at `at` were discarded."""
         with self._lock:
             begin = max(at, self._begin)
+            # A copy, since the thread goes on changing the buffer.
             return bytes(self._content[begin - self._begin :]), self._begin + len(self._content), begin > at
 
     def follower(self) -> PipeFollower:
@@ -206,8 +213,8 @@ class PipeFollower:
 class GrowingTable:
     """The rows of a growing text table: CSV of any kind, or halsampler output. See `LiveSource`.
 
-    sample_time  s, of a table without a time column; None: time is counted in samples
-    time_unit    of a time column without a unit; None: s
+    sample_time  sample time of a table without a time column, s; None: time is counted in samples
+    time_unit    unit of a time column that states none; None: s
 
     Invalid lines are skipped and counted.  halsampler's `overrun` is a gap; its sample numbers are the clock.
     """
@@ -227,7 +234,7 @@ class GrowingTable:
         self._heard = clock.monotonic()
 
     def take(self) -> Rows:
-        """Return the new rows. Raise LogError if the content is not a table, FileError if it cannot be read."""
+        """Return the new rows. Raise LogError if the content is not a table, FileError if the stream cannot be read."""
         grown = self._content.read()
         self.over = grown.ended
         if grown.anew:
@@ -243,6 +250,7 @@ class GrowingTable:
             )
         if self._layout is None and not self._understand():
             return Rows(np.empty(0), np.empty((0, len(self.channels))))
+        # The last line may be incomplete: it stays until its end has been written.
         whole, line, self._rest = self._rest.rpartition(b"\n")
         rows = self._parsed((whole + line).decode(self._encoding, "replace").replace("\r", ""))
         if rows.time.size:
@@ -271,7 +279,8 @@ class GrowingTable:
     def _understand(self) -> bool:
         """Detect layout, names, units and clock from the first lines; return False while there are too few."""
         head = self._content.head()
-        full = len(head) >= HEAD  # what comes now makes nothing clearer
+        # More content makes nothing clearer.
+        full = len(head) >= HEAD
         head = head[: head.rfind(b"\n") + 1]
         if head.count(b"\n") < _LEAST and not full:
             return False
@@ -327,7 +336,8 @@ class GrowingTable:
         self._values = [k for k in range(len(self._chosen)) if k not in (self._stamps, self._counter)]
         numbers = {names[self._chosen[k]]: layout.units[self._chosen[k]] for k in self._values}
         self.channels = {name: unit or unit_in_name(name) for name, unit in numbers.items()}
-        if self._from_begin:  # the heads stand before the first row
+        # Only from the start of the file do headers precede the first row.
+        if self._from_begin:
             lines = self._rest.split(b"\n", layout.first)
             self._rest = lines[-1] if len(lines) > layout.first else b""
 
@@ -379,6 +389,7 @@ class GrowingTable:
                 continue
             self._wrong += 1
             self._last_wrong = "".join(letter for letter in line.strip()[:40] if letter.isprintable())
+            # Lost samples are a gap in a record that is counted; time stamps show the gap themselves.
             if self._stamps is None and "overrun" in line.lower():
                 rows.append([np.nan] * len(self._chosen))
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(self._chosen))

@@ -39,6 +39,7 @@ def write_mat(path: str | Path, source: Handed) -> None:
     """
     from scipy.io import savemat
 
+    # Into memory first, so that a failure of savemat leaves no partial file.
     content = io.BytesIO()
     savemat(content, _variables(source), oned_as="column", long_field_names=True)
     write_whole(path, content.getvalue())
@@ -47,7 +48,7 @@ def write_mat(path: str | Path, source: Handed) -> None:
 def write_csv(path: str | Path, source: Handed) -> None:
     """Write a CSV file, completely or not at all, with the fewest digits that reproduce each number exactly.
 
-        FRF          as `write_frf`
+        FRF          the format of `write_frf`
         StateSpace   matrix, row, column, value; names and sample time in comments
         Run, Log     time and signals with their units in the headers
 
@@ -102,6 +103,7 @@ def _variables(source: Any) -> dict[str, Any]:
 def _free(column: str, taken: dict[str, Any]) -> str:
     """Return a unique name that is valid in MATLAB."""
     name = re.sub(r"\W", "_", column, flags=re.ASCII)
+    # A name in MATLAB must begin with a letter.
     name = (name if name[:1].isalpha() else f"x{name}")[:_NAME]
     free, count = name, 2
     while free in taken or free == "units":
@@ -135,12 +137,14 @@ def comp_text(block: PitchCompensation, *, units: float = 1000.0, file_type: int
     nominal = block.table_start + block.spacing * np.arange(count)
     columns = [nominal, block.forward, block.backward]
     if file_type == 0:
+        # LinuxCNC subtracts the positions of type 0 from the nominal one, so that the added correction is their
+        # difference.
         columns = [nominal, nominal - block.forward, nominal - block.backward]
     return "".join(" ".join(f"{units * float(x):.9f}" for x in row) + "\n" for row in zip(*columns, strict=True))
 
 
 def write_comp_file(block: PitchCompensation, path: str | Path, *, units: float = 1000.0, file_type: int = 0) -> Path:
-    """Write a compensation file, completely or not at all. Raises ParameterError as `comp_text`, and FileError."""
+    """Write a compensation file, completely or not at all. Raises FileError, and ParameterError as `comp_text` does."""
     place = Path(path)
     write_whole(place, comp_text(block, units=units, file_type=file_type))
     return place

@@ -108,7 +108,7 @@ class Job(Result):
     """The content of a job file.
 
     loops     the loop of the compared axis, by row
-    machines  by row, all axes with their couplings, if the axis is coupled or `others` move; else empty
+    machines  all axes with their couplings, by row, if the axis is coupled or `others` move; else empty
     program   the planned part program that provides the references, if any
     """
 
@@ -143,7 +143,7 @@ class Job(Result):
 
 
 JobLike: TypeAlias = str | Path | Job
-"""A job file, the name of a bundled job, or one that was read."""
+"""A job file, the name of a bundled job, or a `Job`."""
 
 
 def read_job(path: JobLike, log: str | Path | None = None) -> Job:
@@ -170,10 +170,11 @@ def job_of(
 
     values  values by key that replace those of the machine file
 
-    Raises as `read_job`.
+    Raises the errors of `read_job`.
     """
     root = file.root()
     root.refuse_unknown(declarations(JobSection))
+    # The machine first: the units of all other sections depend on whether its axes are rotary.
     machine = _machine(root, place, values)
     axis = _axis(root, machine)
     section = read_section(JobSection, replace(root, turning=_turning(root, machine, axis)))
@@ -220,6 +221,7 @@ def _axis(root: TomlTable, machine: MachineFile) -> str:
     """Return the axis to compare: the named one, the only one, or with a part program the first one."""
     axis = read_field(JobSection, root, "axis")
     if axis is None and "program" in root.values:
+        # A program moves all of its axes in any case: the axis only selects the loop that the rows compare.
         return next(iter(machine.loops))
     try:
         return machine.named(axis)
@@ -228,8 +230,9 @@ def _axis(root: TomlTable, machine: MachineFile) -> str:
 
 
 def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool]:
-    """Return, by key prefix, True for sections that concern a rotary axis."""
+    """Return a flag by key prefix, True for sections that concern a rotary axis."""
     turns = {name: loop.axis.rotary for name, loop in machine.loops.items()}
+    # A job contains no axis of its own: which of its values are angles follows from the machine.
     turning: dict[Key, bool] = dict.fromkeys((("reference",), ("load",), ("law",)), turns[axis])
     turning |= {("others", name): rotary for name, rotary in turns.items()}
     laws = root.values.get("law")
@@ -251,6 +254,7 @@ def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineF
             "would act; take it out of the machine, or leave out [process]"
         )
     try:
+        # All axes of a machine have one sample time and substep, so any of them serves.
         loop = next(iter(machine.loops.values()))
         return program.couplings(float(loop.sample_time) / loop.axis.substeps)
     except FeeddriveError as error:
@@ -327,6 +331,7 @@ def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str
 
 def _replaced(section: Section, place: str, control: Control, today: Loop) -> Loop:
     """Return the loop with another control, whose guard and force limit default to those of today's control."""
+    # Safety functions and force limit belong to the drive: a law to be compared must not run without them by omission.
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
     try:

@@ -55,7 +55,7 @@ class Log(Result):
         return self.time.size
 
     def from_row(self, first: int) -> Self:
-        """Return the log from row `first` on. Raises LogError if no row is left."""
+        """Return the log from row `first` on. Raise LogError if no row is left."""
         if first == 0:
             return self
         if first >= self.time.size:
@@ -89,7 +89,7 @@ class Log(Result):
 
 
 LogLike: TypeAlias = Path | Log
-"""A log file, or a log that was read."""
+"""A log file, or a `Log`."""
 
 
 def _held(name: str, channel: str, values: Any) -> np.ndarray:
@@ -99,6 +99,7 @@ def _held(name: str, channel: str, values: Any) -> np.ndarray:
         raise LogError(f"{name}: '{channel}' must be a row of numbers, not of shape {array.shape}")
     if not np.all(np.isfinite(array)):
         raise LogError(f"{name}: '{channel}' is not finite at row {int(np.argmin(np.isfinite(array))) + 1}")
+    # `asarray` returns the caller's own array if nothing had to be converted.
     if array.flags.writeable and array is values:
         array = array.copy()
     array.flags.writeable = False
@@ -151,12 +152,14 @@ def _clipped(name: str, values: np.ndarray) -> str:
         return ""
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0.0]
+    # Only steps with a change: a signal at rest most of the time has a small mean step.
     usual = float(np.sqrt(np.mean(moving**2)))
     for limit, word in ((np.max(values), "largest"), (np.min(values), "smallest")):
         starts, lengths = _runs(values == limit)
         long = (lengths >= _LONG) & (starts > 1)
         before = np.abs(values[starts[long] - 2] - limit) > np.abs(values[starts[long] - 1] - limit)
-        long[long] = before  # moving there already: a state jumps
+        # The signal must have moved towards the limit in the sample before: a state jumps there.
+        long[long] = before
         if np.count_nonzero(long) >= _TIMES and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
             share = Quantity(np.mean(values == limit), "share", form="2")
             return Text(
@@ -175,6 +178,7 @@ def _slow(name: str, values: np.ndarray) -> str:
     gaps = np.diff(changes)
     # the slowest first: gaps of 20 samples lie on the grids of 10, 5, 4 and 2 as well
     for step in (20, 16, 10, 8, 5, 4, 3, 2):
+        # The median excludes a signal that changes rarely, at multiples of the step by chance.
         if np.mean(gaps % step == 0) >= _HELD and np.median(gaps) == step:
             return (
                 f"'{name}' changes only at every {step}th sample: it comes from a slower clock and lags the other "

@@ -104,7 +104,7 @@ class MachineFile(Result):
 
     @property
     def instead(self) -> str:
-        """The hint for a call that needs a loop."""
+        """The hint in the error of a call that needs a loop."""
         first = next(iter(self.loops))
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
@@ -167,13 +167,13 @@ class MachineFile(Result):
     def machine(self, *couplings: Coupling) -> Machine:
         """Return all axes as one machine, with the couplings of the file and the given ones.
 
-        Raises ParameterError and StructureError as `Machine`.
+        Raises the ParameterError and StructureError of `Machine`.
         """
         return Machine.of(self.loops, (*self.couplings, *couplings), self.geometry)
 
 
 MachineLike: TypeAlias = str | Path | MachineFile
-"""A machine file, the name of a bundled machine, or one that was read."""
+"""A machine file, the name of a bundled machine, or a `MachineFile`."""
 
 
 def read_machine(
@@ -254,6 +254,7 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
 def find_bundled(path: str | Path, folder: str) -> Path:
     """Return the path if it exists or has a suffix, else the bundled file of that name. Raise FileError if missing."""
     file = Path(path)
+    # A name with a suffix is meant as a file, so that a typing error is not answered by a bundled machine.
     if file.exists() or file.suffix:
         return file
     bundled = BUNDLED / folder / f"{file.name}.toml"
@@ -287,8 +288,10 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
         return MachineLimits({name.upper(): axis_limits for name, axis_limits in stated.items()})
     planned: dict[str, AxisLimits] = {}
     for name, loop in machine.loops.items():
+        # In part programs A, B and C are angles and all other letters lengths: other axes cannot be programmed.
         if len(name) != 1 or name.upper() not in LETTERS or loop.axis.rotary != (name.upper() in ROTARY):
             continue
+        # The limits file comes first: it exists to override those of the machine.
         own = stated.get(name) or machine.limits.get(name)
         if own is None:
             raise ParameterError(
@@ -306,6 +309,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
 
 def _resolution(loop: Loop) -> float | None:
     """Return the position resolution of an axis, m: of the load encoder, else of the motor encoder; None without."""
+    # The load encoder first, since it measures the planned position itself.
     for encoder in (loop.axis.encoder_load, loop.axis.encoder_motor):
         resolution = getattr(encoder, "resolution", None)
         if resolution is not None:

@@ -158,13 +158,16 @@ def read_name(name: str, unit: str) -> NameReading:
         return NameReading(exact=name, unit=unit, why="its name is a role")
     if name.lower() in _EXACT:
         return NameReading(exact=_EXACT[name.lower()], axis=axis, unit=unit, why="a usual name")
+    # An error has the unit of a position, and would otherwise take its role.
     if _ERROR & set(bare) or bare[-1:] == ["f", "error"]:
         return NameReading(axis=axis, unit=unit, why="a difference, which follows from others")
     is_set = bool(_SET & set(bare))
     side = "motor" if _MOTOR & set(bare) else "load" if _LOAD & set(bare) else ""
     by_words = _by_words(name, bare)
     by_unit = _by_unit(unit)
+    # A unit is the stronger statement; words are often abbreviated or generic.
     quantity = by_unit or by_words
+    # A signal in V may stand for a scaled current or torque, which its name then states.
     if by_unit == "command" and by_words in ("current", "torque", "excitation"):
         quantity = by_words
     if (
@@ -173,9 +176,11 @@ def read_name(name: str, unit: str) -> NameReading:
         and by_words != "command"
         and (is_set or _MEASURED & set(bare) or bare == [axis])
     ):
-        quantity = "position"  # x, x_cmd, y_fb
+        # x, x_cmd and y_fb are positions of their axes.
+        quantity = "position"
     if bare[:1] == ["pid"] and "output" not in bare and {"command", "feedback"} & set(bare):
-        quantity = "position"  # pid.x.command and pid.x.feedback are what the loop compares
+        # LinuxCNC's pid.x.command and pid.x.feedback are the positions that the loop compares.
+        quantity = "position"
     if by_words == "excitation":
         quantity, is_set = "excitation", False
     if quantity == "force":
@@ -204,7 +209,8 @@ def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
     """Split off the unit suffix of a name, as in `x_cmd_mm`, except single letters and `in`; return unit and words."""
     for start in [k + 1 for k, letter in enumerate(name) if letter in "_ "]:
         end = name[start:].replace(" ", "_")
-        unit = unit_of(re.sub(r"^(u?m?m|rad|deg)_(s2?)$", r"\1/\2", end))  # rad_s is rad/s in a name
+        # A name cannot contain a slash: rad_s means rad/s.
+        unit = unit_of(re.sub(r"^(u?m?m|rad|deg)_(s2?)$", r"\1/\2", end))
         if unit and len(end) > 1 and end != "in":
             return unit, words_of(name[:start])
     return "", words
@@ -270,11 +276,11 @@ _OTHER = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Guess(Result):
-    """The guessed roles of a log's channels: `mapping` for `read_log`, with reasons, and unresolved channels.
+    """The guessed roles of a log's channels, with reasons, as the `mapping` for `read_log`, and unresolved channels.
 
-    `needs` names channels whose role is clear but whose unit needs a factor (percent of a rated torque, counts), with
-    the factor's meaning; `unused` names channels without a role, with the reason; `lost` the column that would have a
-    role if its cells were numbers, with their actual content.
+    `needs` lists channels whose role is clear but whose unit needs a factor (percent of a rated torque, counts), with
+    the factor's meaning; `unused` lists channels without a role, with the reason; `lost` gives, by role, a column that
+    would have the role if its cells were numbers, with their actual content.
     """
 
     name: str
@@ -332,6 +338,7 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
             unused[name] = f"of axis {reading.axis}, not {wanted}"
         elif role in mapping or role in needs:
             other = _OTHER.get(role, "")
+            # Only a second channel without a side can be the other encoder; a third one cannot be assigned.
             if reading.side or not other or other in mapping or other in needs:
                 taken = mapping[role].name if role in mapping else needs[role][0]
                 unused[name] = f"like {role}, which is '{taken}'"
@@ -351,6 +358,7 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
         ):
             lost[role], unused[name] = (name, why), f"like {role}, but {why}"
     order = [role for role in ROLES if role in mapping]
+    # A sample time given by the user is not in the file, and is needed to read it again.
     step = log.sample_time if log.provenance.get("clock") == "given" else None
     columns = {role: mapping[role] for role in order}
     return Guess(log.name, Mapping(columns, {}, reasons, wanted, step), needs, unused, lost)
@@ -400,7 +408,7 @@ def _second(
     reasons: dict[str, str],
     needs: dict[str, tuple[str, str]],
 ) -> None:
-    """Assign roles to two channels of the same kind: the first in the file is the motor's, the second the load's."""
+    """Assign roles to two channels of the same kind: the first in the file to the motor, the second to the load."""
     motor, load = (other, role) if role.endswith("_load") else (role, other)
     if role in mapping:
         mapping[motor] = mapping.pop(role)
@@ -422,7 +430,7 @@ def _known(unit: str) -> bool:
 
 
 def measures(unit: str, role: str) -> bool:
-    """True if a unit measures the quantity of a role."""
+    """Return True if a unit measures the quantity of a role."""
     try:
         units.factor(unit, ROLES[role])
     except ParameterError:
@@ -512,7 +520,7 @@ class Mapping(abc.Mapping[str, Column]):
 
 
 MappingLike: TypeAlias = Path | Mapping
-"""A file with [log.channels], or a mapping."""
+"""A file with a section [log.channels], or a `Mapping`."""
 
 
 def entry(role: str, column: Column, reason: str = "") -> str:

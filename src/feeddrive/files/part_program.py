@@ -181,6 +181,7 @@ class Process:
         cuts: list[Cut] = []
         for first in (0, *changes.tolist()) if len(line) else ():
             cut = self._cut(float(times[first]), int(line[first]), bool(traverse[first]))
+            # Compared without begin and line: equal conditions on consecutive lines are one cut.
             if not cuts or cut[2:] != cuts[-1][2:]:
                 cuts.append(cut)
         return tuple(cuts)
@@ -254,12 +255,14 @@ class Process:
         speed = next(cut.spindle_speed for cut in cuts if cut.tool == number and cut.axial_depth > 0.0)
         for cut in cuts:
             here = cut.tool == number and cut.axial_depth > 0.0
-            speed = cut.spindle_speed if here else speed  # in the air the speed does not matter
+            # In the air the speed does not matter: keeping the last one avoids a change of the sections.
+            speed = cut.spindle_speed if here else speed
             entry, leave = arc(cut.milling, cut.radial_depth if here else None, diameter)
             row = (cut.begin, cut.axial_depth if here else 0.0, float(entry), float(leave), speed)
             if not rows or row[1:] != rows[-1][1:]:
                 rows.append(row)
         if len(rows) == 1:
+            # CutSections needs two rows: repeating the only one changes nothing.
             rows.append((rows[0][0] + 1.0, *rows[0][1:]))
         columns: Any = [np.array(column) for column in zip(*rows, strict=True)]
         start, depth, entries, exits, speeds = columns
@@ -269,6 +272,8 @@ class Process:
             spindle_speed=float(speeds[0]),
             along_z=along_z,
             sections=CutSections(start=start, axial_depth=depth, entry=entries, exit=exits, spindle_speed=speeds),
+            # At the lowest speed a tooth period is longest; the surfaces that a tooth may meet must still be in the
+            # history.
             remembered=int((max(_SURFACES, cutter.teeth) + 1) * longest / substep) + 8,
             surfaces=_SURFACES,
         )
@@ -283,7 +288,7 @@ class Process:
 
 
 class SpindleOfLines:
-    """The spindle speed (rpm, negative counterclockwise) and tool number of each line of a program that moves."""
+    """The spindle speed (rpm, negative if counterclockwise) and tool number of each line that contains a motion."""
 
     def __init__(self) -> None:
         self._found: dict[int, tuple[float | None, int | None]] = {}
@@ -299,7 +304,8 @@ class SpindleOfLines:
             elif isinstance(move, Straight | Arc | Spline):
                 now = self._speed, self._tool
                 before = self._found.setdefault(move.source.number, now)
-                if before != now:  # the same line again, otherwise
+                # A line of a loop or subroutine may run more than once, with other conditions.
+                if before != now:
                     self._found[move.source.number] = None, None
             yield move
 
@@ -315,8 +321,10 @@ def process_of(section: ProcessSection, program: Path) -> Process:
 
 
 def _comments(program: Path) -> Iterator[tuple[int, tuple[float, float | None, str]]]:
+    # Every byte is a character in Latin-1, so that umlauts in comments of any encoding cannot fail.
     with program.open(encoding="latin-1") as file:
         for number, text in enumerate(file, 1):
+            # Most lines have no comment; this test is much faster than a regular expression.
             if "(" not in text and ";" not in text:
                 continue
             for match in _COMMENT.finditer(text):
@@ -338,6 +346,7 @@ def _engagement(comment: str, program: str, line: int, column: int) -> tuple[flo
         name, value = match[1].lower(), match[2].rstrip(",")
         if name in words:
             raise wrong(f"{name} is given twice")
+        # `float` alone would also accept nan, inf and 1_000.
         if not _NUMBER.fullmatch(value) or not 0.0 < float(value) < 1e6:
             raise wrong(f"{name}={value} must be a number of mm > 0")
         words[name] = float(value) * _MM
@@ -407,6 +416,7 @@ class SetpointWriter:
         values = np.concatenate([samples.values for samples in self._held])
         line = np.concatenate([samples.line for samples in self._held]).astype(float)
         first = self._held[0].first
+        # Released before writing: the copy above holds all values.
         self._held, self._rows = [], 0
         columns = {
             f"{letter.lower()}.{name}": values[:, i, k]
@@ -450,6 +460,7 @@ def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, prog
         writer = SetpointWriter(limits, sample_time, parquet, stops, lambda rows: _lines(text, rows))
         yield writer
         writer.flush()
+    # Last, since only a complete streamer.txt may be loaded by it.
     (folder / HAL).write_text(_hal(letters, sample_time, program), encoding="utf-8")
 
 
@@ -532,6 +543,7 @@ def _stop(letters: str, stop: Standstill) -> dict[str, Any]:
 def write_plan(folder: Path, plan: Planned) -> None:
     """Write `plan.json`, and remove the setpoint files if the plan is not proven."""
     proven = plan.proof.count == 0
+    # An unproven motion must not be loaded into a controller.
     for name in () if proven else (SETPOINTS, STREAMER, HAL, STOPS):
         (folder / name).unlink(missing_ok=True)
     if plan.stop_count <= FEW:
@@ -540,7 +552,7 @@ def write_plan(folder: Path, plan: Planned) -> None:
 
 
 MOST = 4_000_000
-"""Samples of a program that a job runs: a row of each of its signals is held in memory."""
+"""The largest number of samples of a program in a job, all of which are held in memory with every signal."""
 
 
 class ProgramSection(Section):
@@ -548,7 +560,7 @@ class ProgramSection(Section):
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """Choose the class by the key that names the file."""
+        """Return the section class of a table, by the key that names the file."""
         return RecordedSection if "recorded" in table.values else PartProgramSection
 
 
@@ -580,7 +592,7 @@ FILES = tuple(
     for name, declared in declarations(section).items()
     if declared.role == "file"
 )
-"""Keys of [program] that name a file."""
+"""The keys of [program] that name a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -588,7 +600,7 @@ class PlannedProgram:
     """A part program as references of axes, by their names in the machine file.
 
     description  text for reports
-    file         of the program; None for recorded setpoints, as for all following fields
+    file         file of the program; None for recorded setpoints, as are all following fields
     planned      the result of the planner
     line         line of the program by sample, shape (samples,)
     counted      True for samples in cut, or without a [process] for all samples at feed, shape (samples,)
@@ -643,12 +655,14 @@ def planned_program(
         tables_inch=section.tables_inch,
         skip_deleted=section.skip_deleted,
     )
+    # Closing ends the generator that reads the program, also after an error of the planner.
     with closing(moves):
         cut_process = None if process is None else process_of(process, program)
         setpoints = Setpoints(moves if cut_process is None else cut_process.spindle.noted(moves), limits, T)
 
         def keep(samples: Samples, _: Sequence[Standstill]) -> None:
             kept.append(samples.values)
+            # The sign marks traverses, which saves a second array of the same length.
             lines.append(np.where(np.isinf(samples.feed), -samples.line, samples.line).astype(np.int32))
             if setpoints.samples > MOST:
                 raise section.error(
@@ -668,6 +682,7 @@ def planned_program(
     rows, line = np.concatenate(kept), np.concatenate(lines)
     names = {name.upper(): name for name in machine.loops}
     references = {names[letter]: _reference(rows[:, i], T) for i, letter in enumerate(limits.letters)}
+    # A follower, such as the second drive of a gantry, repeats the motion of its leader.
     references |= {name: references[leader] for name, leader in machine.followers().items() if leader in references}
     times = np.arange(len(line)) * T
     cuts = () if cut_process is None else cut_process.cuts(times, np.abs(line), line < 0)
@@ -717,7 +732,8 @@ def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> Pl
     for axis, name in section.columns.items():
         log = read_log(file, {"setpoint_position": Column(name=name)}, sample_time=section.sample_time)
         average = max(1, round(section.average / log.sample_time))
-        early = reach(average) * log.sample_time  # from rest to rest
+        # The averages reach that far beyond both ends: the motion then begins and ends at rest.
+        early = reach(average) * log.sample_time
         ends = log.sample_time * (len(log) - 1)
         instants = np.arange(samples(ends + 2.0 * early, T)) * T - early
         smooth = smoothed(log["setpoint_position"], log.sample_time, average, instants)

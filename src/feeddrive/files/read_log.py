@@ -45,7 +45,8 @@ from feeddrive.language.errors import LogError, ParameterError, nearest, plain
 from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.text import Text, joined
 
-_PIECE = 10_000_000  # bytes that gzip unpacks at a time: a decompression bomb is detected one piece beyond the limit
+# Bytes that gzip unpacks at a time: a decompression bomb is detected at most one piece beyond the limit.
+_PIECE = 10_000_000
 _LEAST = 256  # bytes that a member of a gzip file is given first
 _PAD = 65536  # bytes of zeros between members that are skipped at a time
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -113,18 +114,19 @@ class OpenedFile:
 
     @cached_property
     def unpacked(self) -> bytes:
-        """The content, decompressed if it is packed by gzip."""
+        """The content, decompressed if it is compressed by gzip."""
         return unpacked(str(self), self.content)
 
     @cached_property
     def csv(self) -> Columns:
-        """The columns of a CSV. Raises LogError."""
+        """The columns of a CSV file. Raises LogError."""
         return text_files.read_csv(str(self), self.unpacked, None)
 
     @cached_property
     def columns(self) -> Columns:
         """The columns of a file of any supported format. Raises LogError."""
         reader = reader_of(str(self), self.unpacked)
+        # A CSV may be parsed already, by `csv` for its frequency responses.
         return self.csv if reader is text_files.read_csv else reader(str(self), self.unpacked, None)
 
 
@@ -174,7 +176,8 @@ def _is_toml(content: bytes) -> bool:
         return False
     try:
         tomllib.loads(content.decode())
-    except ValueError:  # no TOML, no UTF-8
+    except ValueError:
+        # Invalid TOML and invalid UTF-8 both raise subclasses of ValueError.
         return False
     return True
 
@@ -200,6 +203,7 @@ def _unpacked(name: str, content: bytes) -> bytes:
     packed = memoryview(content)
     try:
         while place < len(packed):
+            # 31 expects a gzip header; each member is a stream of its own.
             zip_ = zlib.decompressobj(wbits=31)
             # a file may have a million members: each is fed in pieces that grow, so the rest is not copied each time
             piece = _LEAST
@@ -229,7 +233,8 @@ def _unpacked(name: str, content: bytes) -> bytes:
 
 # names of a constant that is the sampling rate in Hz
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "fsample", "f_s")
-_LARGEST = 1e30  # of any number of a log: its powers must not overflow, and recorders mark a missing value by 1.8e308
+# Powers of any number of a log must not overflow, and recorders mark a missing value by 1.8e308.
+_LARGEST = 1e30
 
 __all__ = ["ROLES", "Column", "Log", "Named", "read_log", "write_log"]
 
@@ -270,7 +275,7 @@ def read_arrays(path: str | Path | OpenedFile) -> dict[str, np.ndarray]:
     """Read the numeric columns of a file that is not a log over time, such as a cogging map or a friction curve.
 
     No time column is needed.  Values are those of the file, NaN included; a numpy matrix gives column_1, ...
-    Raises FileError or LogError as `read_log`.
+    Raises FileError or LogError as `read_log` does.
     """
     try:
         file = path if isinstance(path, OpenedFile) else OpenedFile(path)
@@ -311,7 +316,8 @@ def _read_log(
     told = ""
     if recorded is not None:
         time, told = _scaled_by_rate(columns, chosen["time"], recorded[0])
-    elif counter in columns.values and step is not None:  # exact stamps: a jump of the counter is a gap
+    elif counter in columns.values and step is not None:
+        # Exact stamps: a jump of the counter is then found as a gap.
         time, step = step * (columns.values[counter] - columns.values[counter][0]), None
         channels.pop(counter, None)
     else:
@@ -402,9 +408,11 @@ def _values(
             "there, or map only the columns that are needed"
         )
     unit = columns.units.get(column.name, "")
+    # Without a mapping a channel keeps the unit of its file; only time must be in seconds.
     as_it_is = role != "time" and role not in asked
     factor = 1.0 if as_it_is else factor_of(path, role, column, unit)
     held = numbers if factor == 1.0 else numbers * factor
+    # Columns may be shared by several logs of one opened file.
     held.flags.writeable = False
     if as_it_is or (role in OWN_UNIT and not column.unit):
         return held, unit if column.factor is None else ""
@@ -420,6 +428,7 @@ def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple
         return time, ""
     name, rate = next(iter(rates.items()))
     usual = float(np.median(np.diff(time)))
+    # Only a unit that agrees with the stated rate to a thousandth is accepted, so that nothing is guessed.
     for unit in ("ms", "us", "ns"):
         size = units.factor(unit, "s")
         if abs(usual * size * rate - 1.0) < 1e-3:
@@ -504,8 +513,10 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
             f"{Quantity(time[k + 1], 's'):9 SI}, where the step is {Quantity(usual, 's'):6 SI} ({gaps.size} such "
             "rows); cut the log there, or record it again without loss"
         )
+    # Over the whole log: rounding of single stamps cancels, unlike in the median.
     mean = float(time[-1] - time[0]) / (time.size - 1)
-    deviation = np.divide(steps, mean, out=steps)  # in place: logs are large
+    # In place, since logs are large.
+    deviation = np.divide(steps, mean, out=steps)
     np.abs(np.subtract(deviation, 1.0, out=deviation), out=deviation)
     worst = int(np.argmax(deviation))
     if deviation[worst] > JITTER:
@@ -575,6 +586,7 @@ def _decimal(mean: float, time: np.ndarray) -> float:
     )
     for digits in range(1, 12):
         near = units.rounded(mean, digits)
+        # The error accumulated at the last stamp must not exceed the scatter of the stamps.
         if abs(near - mean) * (n - 1) <= scatter + 1e-9 * mean * n:
             return near
     return units.decimal(mean)
@@ -591,7 +603,7 @@ class LogRequest:
     def read(self) -> Log:
         """Read the log, including the optional channels that are present.
 
-        Raises FileError or LogError as `read_log`, and for an injected force without a unit.
+        Raises FileError or LogError as `read_log` does, and LogError for an injected force without a unit.
         """
         file = OpenedFile(self.path)
         log = read_log(file, self.mapping)
@@ -623,7 +635,7 @@ def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
 
 
 def log_request(section: LogSection, place: Path, log: str | Path | None) -> LogRequest:
-    """Return the log request of a section in a file at `place`; `log` replaces the log's file."""
+    """Return the log request from a section of the file `place`; `log` replaces the log's file."""
     if log is None and section.file is None:
         raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
     path = Path(log) if log is not None else place.parent / str(section.file)

@@ -31,7 +31,7 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def summary_text(figures: Mapping[str, Any], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
-    """Return named figures as JSON; for a rotary axis, keys and sentences are in rotary units.
+    """Return named figures as JSON; for a rotary axis, with keys and sentences in rotary units.
 
     quoted  user-defined names and texts, which are left unchanged
     """
@@ -58,6 +58,7 @@ def figure_key(key: str, units: Units) -> str:
 
 def plain(value: float | None) -> float | str | None:
     """Return a figure in its JSON form: infinity becomes the text "infinite"."""
+    # JSON has no infinity.
     return "infinite" if value is not None and math.isinf(value) else value
 
 
@@ -107,13 +108,15 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
                 # as integers: ns since 1970 have 61 bits, a float64 has 53
                 ticks = column.cast(arrow.int64())
                 since = arrow_numbers(ticks) - (ticks[0].as_py() or 0) if len(ticks) else arrow_numbers(ticks)
-                values[label] = since.astype(np.float64) * _SECONDS[column.type.unit]  # from the first row on
+                # From the first row on, which keeps nanoseconds in a float64.
+                values[label] = since.astype(np.float64) * _SECONDS[column.type.unit]
                 units[label] = "s"
             else:
                 values[label] = arrow_numbers(column).astype(np.float64)
     except LogError:
         raise
-    except Exception:  # pyarrow passes on any error of its C++ library
+    except Exception:
+        # pyarrow passes on any error of its C++ library.
         raise LogError(f"{name}: is a damaged or cut off Parquet file; copy it again") from None
     return Columns("Parquet", values, units, constants, tuple(unread), left_out, metadata)
 
@@ -121,6 +124,7 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 def _metadata(stored: Mapping[bytes, bytes]) -> dict[str, Any]:
     """Return the metadata written by feeddrive; empty for a file from another program."""
     metadata = json.loads(stored[_KEY]) if _KEY in stored else {}
+    # A foreign entry under our key is damage, which the caller reports.
     if not isinstance(metadata, dict):
         raise ValueError
     return metadata
@@ -148,6 +152,7 @@ def parquet_stream(
     from pyarrow import parquet
 
     try:
+        # Sorted keys give the same bytes for equal metadata; JSON has no NaN.
         text = json.dumps(metadata, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{path}: metadata cannot be written as JSON: {error}") from None
@@ -227,6 +232,7 @@ def write_run_csv(
     if any(array.shape != arrays[0].shape or array.ndim != 1 for array in arrays):
         shapes = {name: array.shape for name, array in zip(("time", *columns), arrays, strict=True)}
         raise ParameterError(f"{path}: columns must have one dimension and one length, not {shapes}")
+    # Headers are written separately: names may contain commas and quotes, which the csv module escapes.
     heads = io.StringIO()
     csv.writer(heads, lineterminator="\n").writerow(
         [_head(name, unit) for name, unit in (("time", "s"), *((name, units.get(name, "")) for name in columns))]
@@ -243,6 +249,7 @@ def _head(name: str, unit: str) -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions of feeddrive, Python and the numerical libraries, so that a run can be reproduced."""
+    # Deferred: most programs that write files need neither.
     import llvmlite
     import scipy
 

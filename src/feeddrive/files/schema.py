@@ -51,19 +51,23 @@ class _Definitions:
             return self.reference(first)
         name = "any." + "_or_".join(family.kind for family in hint.classes)
         if name not in self.by_name:
-            self.by_name[name] = {}  # a block may hold one of its own family
+            # Entered before it is filled: a block may hold one of its own family, which ends the recursion.
+            self.by_name[name] = {}
             self.by_name[name] = self._any(members(hint))
         return {"$ref": f"#/$defs/{name}"}
 
     def _any(self, kinds: Mapping[str, type[Block]]) -> Schema:
         if not kinds:
-            return {"not": {}}  # nothing fits
+            # No value satisfies `not` the empty schema.
+            return {"not": {}}
         return {
             "type": "object",
             "required": ["kind"],
             "properties": {"kind": {"enum": list(kinds), "description": "which block it is"}},
             "allOf": [
                 {
+                    # Conditions rather than `anyOf`: an editor then reports the fault of the chosen kind, not that none
+                    # fits.
                     "if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
                     "then": self.reference(block),
                 }
@@ -108,13 +112,14 @@ class _Definitions:
         if issubclass(kind, Section):
             needed += self._of_section(kind)
             schema["additionalProperties"] = kind.is_open
-            if kind.is_open:  # its keys of other files are not looked at
+            if kind.is_open:
+                # Keys of other readers are not checked here, `kind` among them.
                 del properties["kind"]
         schema |= {"allOf": needed} if needed else {}
         return self._with_inlined(kind, schema) if issubclass(kind, Section) and kind.inlined else schema
 
     def _of_section(self, section: type[Section]) -> list[Schema]:
-        """Return the requirements of a section in addition to its required fields."""
+        """Return the requirements of a section beyond its required fields."""
         needed: list[Schema] = [{"required": ["kind"]}] if section.needs_kind else []
         if section.exactly:
             alternatives = [{"anyOf": [{"required": [name]} for name in names]} for names in section.exactly]
@@ -134,7 +139,8 @@ class _Definitions:
         return {
             "type": "object",
             "description": whole.pop("description"),
-            "properties": properties,  # for an editor, which completes from these
+            # Repeated at the top for editors, which complete keys from here and not from branches.
+            "properties": properties,
             "if": {"required": [name]},
             "then": own,
             "else": whole,
@@ -191,6 +197,7 @@ def _needed(name: str, declared: Declaration) -> Schema:
     """Return the schema that requires a field; a number may be given under its name with any unit suffix."""
     if declared.role not in ("parameter", "table"):
         return {"required": [name]}
+    # JSON Schema has no `required` for a pattern: not all names fail to match it.
     return {"not": {"propertyNames": {"not": {"pattern": f"^{name}(?:{_SUFFIX})?$"}}}}
 
 

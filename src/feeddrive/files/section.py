@@ -62,7 +62,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError, StructureE
 from feeddrive.language.quantity import Quantity
 
 VARIED = "*"
-"""Unit of a field whose unit follows from the content of its section, as that of a parameter that varies."""
+"""The unit of a field whose unit follows from the content of its section, such as that of a varied parameter."""
 ROLES_OF_SECTIONS = ("text", "file", "named", "numbers")
 
 
@@ -127,7 +127,7 @@ class Section(Declared):
     needs_kind True if the key `kind` is required, since another class of the family is the default
     inlined    field, and the section whose keys appear directly in this one if the field is absent
     is_open    True if undeclared keys belong to other readers and are ignored
-    read_from  the table that it was read from
+    read_from  the table from which the section was read
     """
 
     kind: ClassVar[str] = ""
@@ -138,7 +138,8 @@ class Section(Declared):
     needs_kind: ClassVar[bool] = False
     inlined: ClassVar[Mapping[str, type[Section]]] = MappingProxyType({})
     is_open: ClassVar[bool] = False
-    read_from: ClassVar[TomlTable | None] = None  # of an object the table; not a field, since it is no content
+    # Set on the instance by the reader. Not a field, since it is no content of the section.
+    read_from: ClassVar[TomlTable | None] = None
 
     def __init_subclass__(cls, kind: str = "") -> None:
         cls.kind = kind or snake_case(cls.__name__.removesuffix("Section"))
@@ -170,6 +171,7 @@ class Section(Declared):
         return f"{cls.needs}, not {written}" if there else cls.needs
 
     def _checked(self, name: str, declaration: Declaration, value: Any) -> Any:
+        # Identity, not equality: arrays do not compare to one truth value, and a default was declared valid.
         if declaration.role in ROLES_OF_SECTIONS or value is defaults(type(self)).get(name, MISSING):
             return value
         return checked(self.kind, name, declaration, value)
@@ -188,7 +190,7 @@ _ROW = 6  # numbers of a table on one line
 
 
 def to_toml(block: Block, key: str = "", *, listed: bool = False, rotary: bool = False) -> str:
-    """Return the block as the section `[key]`, as an entry `[[key]]` of a list, or as a whole file without a key.
+    """Return a block as the section `[key]`, as an entry `[[key]]` of a list, or without a key as a whole file.
 
     rotary   True for a block of a rotary axis: comments name rad, N m and kg m2
 
@@ -254,6 +256,7 @@ def _value_text(name: str, declared: Declaration, value: Any) -> str:
     if declared.role == "table":
         return _list([repr(float(item)) for item in value])
     if declared.role == "parameter":
+        # A parameter may hold an array of variants or a symbol.
         if not isinstance(value, float):
             raise StructureError(f"{name} holds variants, not one number; a file describes one block")
         return repr(value)
@@ -364,6 +367,7 @@ def choice_value(table: TomlTable, key: str, declared: Declaration, annotation: 
     held = _in_type(annotation, value)
     where = f"{table.dotted(key)} = {shown(value)} ({declared.meaning})"
     if declared.options:
+        # By type as well: True equals 1, and 1.0 equals 1.
         allowed = [option for option in declared.options if type(option) is type(held) and option == held]
         if not allowed:
             listed = ", ".join(_as_text(option) for option in declared.options if option is not None)
@@ -391,6 +395,7 @@ def _in_type(annotation: Choice, value: Any) -> Any:
         return next((converted for converted in tried if converted is not None), None)
     if typing.get_origin(annotation) is tuple:
         return _tuple_in_type(typing.get_args(annotation), value)
+    # TOML distinguishes 2 from 2.0, which users do not; the reverse would hide a typing error.
     if annotation is float and type(value) is int:
         return float(value)
     return value if type(value) is annotation else None
@@ -421,7 +426,7 @@ def type_as_text(annotation: Choice) -> str:
 B = TypeVar("B", bound=Block)
 S = TypeVar("S", bound=Section)
 UnitOf: TypeAlias = Callable[[TomlTable], str]
-"""Gives the unit of a section's fields that are declared in `VARIED`."""
+"""A function that returns, for a table, the unit of the fields declared in `VARIED`."""
 _A_PROGRAM = (
     "an FMU is a program with no linear model, and nothing that a file names is executed; give the plant that it "
     "resembles, for margins and tuning, and run the FMU by  feeddrive cosimulate JOB FMU"
@@ -457,13 +462,13 @@ def read_section(
     besides   keys that are read elsewhere
     unit_of   function that returns, for a table, the unit of fields declared in `VARIED`
 
-    Raises as `read_block`.
+    Raises the errors of `read_block`.
     """
     return _read(Hint((section,)), table, _Around(frozenset(besides), unit_of))
 
 
 def read_field(section: type[Section], table: TomlTable, name: str) -> Any:
-    """Read a single field of a section before the rest of it is read. Raise as `read_section`."""
+    """Read a single field of a section before the rest of it is read. Raises the errors of `read_section`."""
     if name not in table.values:
         if name not in defaults(section):
             _refuse_missing(section, table, [name])
@@ -481,7 +486,8 @@ def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
         raise table.error(f"{_prefix(table)}{wrong}")
     inline = _inline(kind)
     values = {key: value for key, value in table.values.items() if key not in around.besides}
-    if inline:  # first, since what a section is about stands in it
+    if inline:
+        # First, since it is the main content of the section, whose errors are then reported before others.
         own = {key for key in values if _is_of(key, declared, inline)}
         others = {key: value for key, value in values.items() if key not in own}
         fields[inline] = _read(hints(kind)[inline], replace(table, values=others), _Around())
@@ -563,11 +569,13 @@ def _value(
 def _built(kind: type[Declared], table: TomlTable, fields: dict[str, Any]) -> Any:
     """Construct the block or section from its fields, adding file and line to errors of its checks."""
     try:
-        with np.errstate(all="ignore"):  # a value near 1e308 overflows in a check, which then refuses it
+        # A value near 1e308 overflows in a check, which then refuses it.
+        with np.errstate(all="ignore"):
             if not issubclass(kind, Section):
                 return kind(**fields)
             section = object.__new__(kind)
-            object.__setattr__(section, "read_from", table)  # before the check, whose errors name file and line
+            # Set before the check, whose errors name file and line.
+            object.__setattr__(section, "read_from", table)
             kind.__init__(section, **fields)
             return section
     except (ParameterError, StructureError) as error:
@@ -594,6 +602,7 @@ def _kind(hint: Hint, table: TomlTable) -> type[Declared]:
         if hint.single():
             return first
         raise table.error(f"{_prefix(table)}kind is missing; there are: {', '.join(fitting) or 'none'}")
+    # Reading a file must never execute code, and an FMU is a library of machine code.
     if chosen == "fmu":
         raise table.error(f"{table.dotted('kind')} = 'fmu': {_A_PROGRAM}", "kind")
     if isinstance(chosen, str) and RENAMED.get(chosen) in fitting:
@@ -633,6 +642,7 @@ def _number(table: TomlTable, key: str, name: str, declared: Declaration, value:
         )
     try:
         whole = isinstance(value, int | float) and not isinstance(value, bool)
+        # A boolean is an int in Python: it is passed on and refused by its type.
         number = units.scaled(_float(value), factor) if whole else value
         return checked("", table.dotted(name), declared, number)
     except ParameterError as error:
@@ -644,6 +654,7 @@ def _float(value: int | float) -> float:
     try:
         return float(value)
     except OverflowError:
+        # A whole number of TOML may have any size; infinity is then refused by the bounds.
         return math.inf if value > 0 else -math.inf
 
 

@@ -3,7 +3,7 @@
 The standard library reads the values.  A small scanner then finds the lines: it follows keys and brackets and skips the
 values; the scanner does not check, since tomllib has accepted the text before.  Text is UTF-8, at most 4 MB.
 
-An edit replaces values and sections; all other comments, order and whitespace are kept.
+An edit replaces values and sections and keeps all comments, order and whitespace around them.
 
     edit = TomlEdit(text, "machine.toml")
     edit.set(("axis", "x", "plant", "mass"), 95.2, "kg")     # finds mass, mass_kg or mass_g and keeps its unit
@@ -90,6 +90,7 @@ class _Scanner:
         return match[0]
 
     def _mark(self, key: Key) -> None:
+        # The first line counts: a table is opened where it is mentioned first.
         self.lines.setdefault(key, bisect_right(self.ends, self.at - 1) + 1)
 
     def _header(self) -> Key:
@@ -149,6 +150,7 @@ class _Scanner:
                 self._skip(_SCALAR)
 
     def _string(self) -> str:
+        # Triple quotes are tried first, since two quotes alone are an empty string.
         return next((skipped for pattern in _STRINGS if (skipped := self._skip(pattern))), "") or self._step()
 
     def _step(self) -> str:
@@ -375,6 +377,7 @@ def _decoded(name: str, content: bytes) -> str:
     if b"\0" in content:
         raise FileError(f"{name}: is a binary file, not TOML text")
     try:
+        # Windows editors put a byte order mark in front.
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
@@ -389,13 +392,15 @@ def parse_toml(text: str, name: str, *, quoting: bool = True) -> TomlFile:
     if deep is not None:
         raise FileError(f"{name}:{text.count(chr(10), 0, deep.start()) + 1}: a name of more than 64 parts")
     try:
+        # tomllib first: the scanner relies on a valid text.
         content = tomllib.loads(text)
         lines = lines_of_keys(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax_error(name, text, str(error), quoting) from None
     except RecursionError:
         raise FileError(f"{name}: is nested too deeply") from None
-    except ValueError as error:  # a whole number of thousands of digits, a date that does not exist
+    except ValueError as error:
+        # Such as a whole number of thousands of digits, or a date that does not exist.
         raise FileError(f"{name}: holds a value that cannot be read: {error}") from None
     return TomlFile(name, text, content, lines)
 
@@ -427,6 +432,7 @@ def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:
 
     Raises ParameterError for a key in a missing section.
     """
+    # The content of the file stays as it was read, for other combinations of values.
     content: Any = deepcopy(file.content)
     for key, value in values.items():
         table: Any = content
@@ -434,7 +440,8 @@ def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:
             inside = isinstance(table, dict) and part in table
             if not inside and not (isinstance(table, list) and isinstance(part, int) and part < len(table)):
                 raise ParameterError(f"{file.name}: there is no section [{'.'.join(map(str, key[:-1]))}]")
-            held: Any = table  # by a name or by a number, as has just been asked
+            # Indexed by a name or a number, as checked above.
+            held: Any = table
             table = held[part]
         if not isinstance(table, dict):
             raise ParameterError(f"{file.name}: {'.'.join(map(str, key[:-1]))} is no section")
@@ -516,6 +523,7 @@ class TomlEdit:
         if not places and (self.has(key) or (isinstance(key[-1], int) and self.has(key[:-1]))):
             named = ".".join(str(part) for part in key if isinstance(part, str))
             raise FileError(f"{self.name}: write {named} as a section, [{named}] or [[{named}]]: only that is removed")
+        # From the end, so that the earlier line numbers stay valid.
         for begin, end in reversed(places):
             lines = self.text.splitlines(keepends=True)
             kept = [line for line in lines[begin:end] if line.lstrip().startswith("#")]

@@ -115,7 +115,7 @@ _DEEPEST = 8  # structures within structures
 
 
 class _DamagedError(Exception):
-    """The bytes violate the file format."""
+    """The exception for bytes that violate the file format."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,8 @@ def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
     inner = zip_.decompress(zip_.unconsumed_tail, length) if length else b""
     if len(inner) != length:
         raise _DamagedError
-    rest = zip_.decompress(zip_.unconsumed_tail, 8)  # the end of the stream, with its checksum
+    # Reads to the end of the stream, where zlib verifies its checksum.
+    rest = zip_.decompress(zip_.unconsumed_tail, 8)
     if rest.strip(b"\0") or not zip_.eof:
         raise _DamagedError
     return _Bytes(memoryview(inner), packed.order)
@@ -310,7 +311,8 @@ def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Colu
         )
         head, _, arrays = reader.stdout.partition(b"\n")
         told = json.loads(head)
-    except (subprocess.SubprocessError, ValueError):  # it crashed, took too much memory or time, or was cut off
+    except (subprocess.SubprocessError, ValueError):
+        # The reader crashed, exceeded its memory or time, or its answer is incomplete.
         raise LogError(f"{name}: is damaged or cut off; copy it again") from None
     if "error" in told:
         raise LogError(told["error"])
@@ -345,7 +347,8 @@ def _limit_memory(most: int) -> None:
     """Limit the address space of this process, in bytes, on systems that support it."""
     try:
         import resource
-    except ImportError:  # Windows: only the time is limited there
+    except ImportError:
+        # Windows has no such limit: only the time is limited there.
         return
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
@@ -382,7 +385,8 @@ def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[
     """Yield the dotted name of each dataset, with the numeric dataset or the reason why it is left out."""
     for key in group:
         label = f"{prefix}{key}"
-        if key.startswith("#"):  # internal data of MATLAB cells and objects
+        # Internal data of MATLAB cells and objects.
+        if key.startswith("#"):
             continue
         if not isinstance(group.get(key, getlink=True), h5py.HardLink):
             yield label, "a link to another place"

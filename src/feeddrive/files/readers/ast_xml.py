@@ -58,12 +58,12 @@ _GAINS = frozenset({"m_Kp", "m_Tn", "m_Kv"})
 
 
 class _RefusedError(Exception):
-    """The text contains constructs that are refused."""
+    """The exception for XML constructs that are refused."""
 
 
 @dataclass
 class _Element:
-    """An XML element with its attributes and its text."""
+    """An XML element with its attributes, text and child elements."""
 
     tag: str
     attributes: dict[str, str]

@@ -24,7 +24,7 @@ _MOST_LINKS = 100_000
 
 
 class DamagedError(Exception):
-    """A linked block is of the wrong kind or not completely in the file."""
+    """The exception for a linked block that is of the wrong kind or not completely in the file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +226,7 @@ def _groups(blocks: Blocks) -> list[_Group]:
             if flags & 1 or not data_group.link(2):  # lengths of texts; nothing recorded
                 continue
             size = before + kept + invalid
+            # An unfinished file, as after a crash of the recorder, has no count of its records yet.
             if not finished and rows == 0 and size:
                 rows = sum(len(piece) for piece in blocks.records(data_group.link(2))) // size
             channels = _channels(blocks, group)
@@ -291,7 +292,8 @@ def _raw(channel: Block, group: _Group, data: list[memoryview]) -> np.ndarray:
     else:
         values = _integers(data, group, offset, width, big)
         values = (values >> np.uint64(shift)) & np.uint64((1 << bits) - 1)
-        if form >= 2:  # two's complement: the highest bit counts negative
+        if form >= 2:
+            # Two's complement: shifted to the top and back, the sign bit fills the bits above.
             values = (values << np.uint64(64 - bits)).view(np.int64) >> np.int64(64 - bits)
         values = values.astype(np.float64, copy=False)
     if flags & 1:
@@ -358,6 +360,7 @@ def _converted(blocks: Blocks, channel: Block, raw: np.ndarray) -> np.ndarray:
                     raise DamagedError
                 if kind == 4:
                     return np.interp(raw, keys, values)
+                # Without interpolation the value of the nearest key holds.
                 return values[np.searchsorted(0.5 * (keys[1:] + keys[:-1]), raw)]
             case 0:
                 return raw

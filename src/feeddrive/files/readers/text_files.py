@@ -105,6 +105,7 @@ def split(line: str, separator: str) -> list[str]:
         try:
             return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
         except csv.Error:
+            # An unbalanced quote: the line is split plainly, and the bad cell is reported.
             pass
     return [cell.strip() for cell in line.split(separator)]
 
@@ -169,7 +170,8 @@ def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[l
     heads: list[list[str]] = []
     for line in [line for line in above if line.strip()][:-3:-1]:
         cells = _cells(line, separator)
-        if len(cells) != count and _COMMENT.match(line):  # a remark with commas may follow the names
+        # A remark with commas may follow the names.
+        if len(cells) != count and _COMMENT.match(line):
             cells = _cells(line.split(" (")[0], separator)
         if len(cells) != count or not any(cells) or any(_NUMBER[decimal].fullmatch(cell) for cell in cells):
             break
@@ -694,7 +696,8 @@ def _twincat_numbers(
             if not line.strip() or cells[0].strip() == "EOF":
                 continue
             here = [cells[place].strip() if place < len(cells) else "" for place in places]
-            if not any(here):  # a slower or shorter clock continues
+            # A slower or shorter clock continues in this line.
+            if not any(here):
                 continue
             try:
                 numbers = [float(cell.replace(",", ".") if decimal == "," else cell) for cell in here]
@@ -727,4 +730,4 @@ RECORDERS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
     (is_halscope, read_halscope),
     (is_halsampler, read_halsampler),
 )
-"""The formats in this file: whether the first bytes are of one, and its reader; the first that fits reads the file."""
+"""Pairs of a test on the first bytes of a file and the reader of that format; the first match reads the file."""

@@ -35,13 +35,15 @@ def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
             f"{Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of a universal file that are read; export fewer functions"
         )
     try:
-        with tempfile.TemporaryDirectory() as folder:  # pyuff reads files only
+        # pyuff reads files only, not bytes.
+        with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.uff"
             path.write_bytes(content)
             file = pyuff.UFF(str(path))
             kinds = [int(kind) for kind in file.get_set_types()]
             sets: list[Any] = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58][: MOST_SETS + 1]
-    except Exception:  # pyuff raises plain exceptions for all errors
+    except Exception:
+        # pyuff raises plain exceptions for all errors.
         raise LogError(f"{name}: is a damaged or cut off universal file; export it again") from None
     if len(sets) > MOST_SETS:
         raise LogError(f"{name}: holds {len(sets)} functions, more than the {MOST_SETS} that are read; export fewer")
