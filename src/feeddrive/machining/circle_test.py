@@ -30,7 +30,7 @@ _OPEN = 0.1  # of G: the gap between begin and end of a turn that is no closed c
 _SMALL = 1e-6  # m: of such a gap, which is always allowed
 _SAME_FEED = 0.02
 _MORE_TURNS = "command 1.5 turns or more"
-_ROUND = 1e-4  # m: a nominal radius that nobody stated is a multiple of it
+_ROUND = 1e-4  # m: an unstated nominal radius is rounded to a multiple of it
 
 DIRECTIONS = {1: "CCW", -1: "CW"}
 
@@ -45,7 +45,7 @@ class CirclePath:
     radius     nominal, m
     center     of the set-up, m; None if unknown
     axes       names of the axes
-    source     what was measured, "tool" or "encoder"; encoders do not see errors between them and the tool
+    source     measured point, "tool" or "encoder"; encoders do not measure errors between them and the tool
     """
 
     x: np.ndarray
@@ -123,7 +123,8 @@ def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
     The linear programs use the outermost and innermost points; points outside a solution are added until there are
     none.
     """
-    from scipy.optimize import linprog  # not for commands that only read
+    # Deferred: commands that only read files do not need it.
+    from scipy.optimize import linprog
 
     center, _ = circle_fit(x, y)
     best = _zone(x, y, center)
@@ -149,7 +150,8 @@ def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
                 return best
             step = scale * solution.x[:2]
             left = r - ux * step[0] - uy * step[1] - middle
-            slack = 1e-6 * scale  # ten times what the linear program leaves
+            # Ten times the tolerance of the linear program.
+            slack = 1e-6 * scale
             beyond = np.flatnonzero((left > scale * solution.x[2] + slack) | (left < scale * solution.x[3] - slack))
             if not len(beyond):
                 break
@@ -216,6 +218,7 @@ def circle_path(
             f"needed, 360 deg without run-in and run-out; {remedy}"
         )
     r = np.hypot(x[begin:end] - middle[0], y[begin:end] - middle[1])
+    # The last turn, when the transients of the run-in have decayed most.
     first = int(np.searchsorted(turned, turned[-1] - 2.0 * np.pi, side="right")) - 1
     first = max(first, 0)
     gap = float(r[-1] - np.interp(turned[-1] - 2.0 * np.pi, turned, r))
@@ -298,7 +301,7 @@ def circle_of_run(
     points: int = POINTS,
     remedy: str = _MORE_TURNS,
 ) -> CirclePath:
-    """Return the circle of a simulated run; `signal` as in `contour_error`. Readings have the source "encoder"."""
+    """Return the circle of a simulated run. `signal` is that of `contour_error`; readings have the source "encoder"."""
     position = tool_columns(run, axes, signal)
     return circle_path(
         position[:, 0],
@@ -521,7 +524,8 @@ class Fit(NamedTuple):
 
     def best_decay(self) -> float:
         """Return the decay with the smallest residual, by a coarse grid and a search around its best value."""
-        from scipy.optimize import minimize_scalar  # not for commands that only read
+        # Deferred: commands that only read files do not need it.
+        from scipy.optimize import minimize_scalar
 
         # few passes rank the decays; the fit with the best one then runs until it settles
         grid = np.geomspace(*_DECAYS, 16)
@@ -550,7 +554,7 @@ class Fit(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """The parameters that a pass takes from the previous one: lag mismatch, s, and the gap of each axis, m."""
+    """The parameters of a pass that come from the previous one: lag mismatch, s, and the gap of each axis, m."""
 
     mismatch: float
     gaps: tuple[float, float]
@@ -841,11 +845,13 @@ def circle_causes(
 
     The columns are those of ISO 230-4 tests to first order, with d the direction, θ the polar angle, outward positive:
     scale R s, squareness (R q/2) sin 2θ, lag -(V²/2R)(κ_mean + Δκ/2 cos 2θ), its mismatch d (V/2) Δτ sin 2θ, backlash
-    ±B/2 along each axis, turning over at the reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y,
+    ±B/2 along each axis, changing sign at the reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y,
     with Δτ of the previous pass.  Standard errors are valid for residuals correlated over 10°.
 
-    Causes that the circles cannot separate are named, with the circle that would separate them; the first one has their
-    sum.  Raises ParameterError as `circle_test`, and for an unknown spike and a pitch that is not > 0.
+    Causes that the circles cannot separate are listed with the circle that would separate them; their sum is assigned
+    to the first one.
+
+    Raises ParameterError as `circle_test` does, and for an unknown spike and a pitch that is not > 0.
     """
     figures = circle_test(circles)
     names = circles[0].axes
@@ -949,6 +955,7 @@ def _spike(solved: Solved, axis: str, place: int) -> Spike:
             else since_reversal(rows.angle + ahead, rows.d, 0.5 * np.pi)
         )
         inside = since < reach
+        # The fit is radial, the spike an error along its axis: divided by the projection.
         part = np.abs(np.cos(rows.angle) if first else np.sin(rows.angle))
         places.append(since[inside])
         heights.append((spike + rest)[inside] / part[inside])

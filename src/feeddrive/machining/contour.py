@@ -82,6 +82,7 @@ def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> C
 
     Raises ParameterError for positions of another shape or that do not move by 1 nm.
     """
+    # By the length of the path, not row by row: rows of a slow motion are merged until they have moved by 1 nm.
     passed = np.floor(lengths(position) / _SAME)
     row = np.flatnonzero(np.diff(passed, prepend=-1.0) > 0.0)
     if len(row) < 2:
@@ -94,7 +95,8 @@ def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> C
         # each chord weighted with the length of the other one: the tangent of the circle through the three nodes
         both = length[1:, None] * direction[:-1] + length[:-1, None] * direction[1:]
         at = unit(np.vstack([direction[:1], both, direction[-1:]]))
-        if len(node) > 2:  # the ends of the circle through the first, the last three nodes
+        if len(node) > 2:
+            # The end tangents of the circles through the first and the last three nodes.
             at[0] = 2.0 * (at[1] @ direction[0]) * direction[0] - at[1]
             at[-1] = 2.0 * (at[-2] @ direction[-1]) * direction[-1] - at[-2]
             sharp = np.einsum("ij,ij->i", direction[1:], direction[:-1]) < np.cos(_BEND)
@@ -142,6 +144,7 @@ def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window
     corner = np.zeros(n, np.int64)
     around = np.zeros(0) if expected is None else np.ascontiguousarray(expected, dtype=np.float64)
     turn = curve.turn > CORNER
+    # The path has no normal beyond its ends, as at a corner.
     turn[[0, -1]] = True
     longest = float(np.max(np.diff(curve.along)))
     path = (curve.node, curve.along, curve.begin, curve.end, np.ascontiguousarray(turn, dtype=np.int64))
@@ -202,7 +205,8 @@ def _on_piece(place: Floats, node: Floats, after: Floats, begin: Floats, end: Fl
             square = square + r * r
         curved = speed + bend
         if curved <= 0.0:
-            curved = speed  # beyond the center of the curvature: downhill still
+            # Beyond the center of curvature the second derivative is negative; this step still leads downhill.
+            curved = speed
         moved = min(max(u - slope / curved, 0.0), 1.0)
         if abs(moved - u) < 1e-13:
             break
@@ -633,7 +637,7 @@ def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarr
 
 
 def _checked(name: str, values: Any, position: np.ndarray) -> np.ndarray:
-    """Return an array with the shape of the positions. Raises ParameterError for another shape or NaN."""
+    """Convert values to an array of the shape of the positions. Raise ParameterError for another shape or NaN."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != position.shape:
         raise ParameterError(f"{name} is of shape {array.shape}, the positions are of shape {position.shape}")

@@ -75,6 +75,7 @@ def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
     For a run with one substep it is exactly the force of the run; otherwise it is that with one substep per sample.
     Raises ParameterError for a run that does not begin at 0 s or without the positions and velocities of x and y.
     """
+    # Regeneration depends on all earlier surfaces, so the forces cannot start in the middle of a cut.
     if run.first:
         raise ParameterError(
             f"the run begins at sample {run.first}: what the tool cut before is not known; give the whole run"
@@ -215,7 +216,7 @@ def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
 def runout_mark(radius: float, feed: float, difference: float) -> float:
     """Return the height in m of the marks of two teeth whose radii differ by Δ: (R/2)(Δ/c + c/2R)².
 
-    The tooth paths are taken as circles.  For Δ >= c²/2R only one tooth leaves marks, those of twice the feed per
+    The tooth paths are approximated by circles.  For Δ >= c²/2R only one tooth leaves marks, as with twice the feed per
     tooth; 1 µm is often enough for that.
     """
     if difference >= feed**2 / (2.0 * radius):
@@ -250,7 +251,7 @@ def wall(
     axial_depth    of the section, m; default: that of the cutter
 
     Between samples the motion is a cubic Hermite interpolant of positions and velocities; the path of an edge is a
-    polyline with a sagitta of 1 nm, and its crossings are interpolated.  Run-out is left out.
+    polyline with a sagitta of 1 nm, and its crossings are interpolated.  Run-out is neglected.
     Raises ParameterError for instants outside the run, a standstill of the feed, or an unknown kind of milling.
     """
     from scipy.interpolate import CubicHermiteSpline
@@ -272,7 +273,8 @@ def wall(
     length = float(np.hypot(*way))
     edge = cut.cutter.edge()
     turned, rpm = float(cut.start_angle), float(cut.spindle_speed)
-    if cut.sections is not None:  # the spindle had other speeds before
+    if cut.sections is not None:
+        # The spindle may have had other speeds before: its angle is integrated over the sections.
         seen = cutting_forces(run, cut)
         rpm = float(seen.spindle_speed[rows[0]])
         turned = float(seen.angle[rows[0]]) - 2.0 * np.pi * rpm / 60.0 * (run.time[rows[0]] + 0.5 * run.sample_time)

@@ -80,6 +80,7 @@ class AxisLoad(Result):
     @property
     def verdict(self) -> str:
         """The verdict for continuous operation: fits, warns (from 80 % of the heat), trips, or the missing data."""
+        # Heat grows with the square of the force.
         shares = [] if self.of_continuous is None else [self.of_continuous**2]
         shares += [] if self.heat_repeated is None else [self.heat_repeated]
         if self.of_peak is not None and self.of_peak > 1.0:
@@ -232,7 +233,8 @@ def axis_load(
         # exact for a force that is held; expm1, since a sample is about a millionth of the time constant
         stays = np.exp(-sample_time / time_constant)
         heating = -np.expm1(-sample_time / time_constant) * (force / continuous_force) ** 2
-        from scipy.signal import lfilter  # a second of imports, which reading a plan need not wait for
+        # Deferred: the import takes a second, for which reading a plan need not wait.
+        from scipy.signal import lfilter
 
         heat = np.concatenate([[0.0], lfilter([1.0], [1.0, -stays], heating)])
         left = np.exp(-np.arange(len(heat)) * (sample_time / time_constant))
@@ -251,6 +253,7 @@ def axis_load(
         heat_repeated=repeated,
         copper_loss=None if motor_constant is None else (rms / motor_constant) ** 2,
         work=float(np.sum(work)),
+        # Per sample: energy from braking in one sample does not supply another without a store.
         drawn=float(np.sum(np.maximum(work, 0.0))),
         turning=turning,
     )

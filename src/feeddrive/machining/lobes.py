@@ -122,7 +122,8 @@ def chatter_signs(
     times = lines.frequency * period
     # half a line more, since a harmonic may lie between two lines
     harmonic = np.abs(times - np.round(times)) <= (_SIDE_LINES + 0.5) * width * period
-    from scipy.interpolate import CubicSpline  # not for commands that only read
+    # Deferred: commands that only read files do not need it.
+    from scipy.interpolate import CubicSpline
 
     curve = CubicSpline(sample_time * np.arange(signal.size), signal)
     at = (start or 0.0) + period * np.arange(count)
@@ -178,7 +179,8 @@ def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = (
     depth, chatter = np.full(speeds.size, np.nan), np.full(speeds.size, np.nan)
     least = np.inf
     for branch in _tracked(eigenvalues).T:
-        with np.errstate(all="ignore"):  # an eigenvalue may be 0: modes that all lie in one direction
+        # An eigenvalue may be 0: modes that all lie in one direction.
+        with np.errstate(all="ignore"):
             L = -1.0 / branch
             a = np.where(L.real > 0.0, np.abs(L) ** 2 / (2.0 * L.real), np.nan)
             turn = -np.angle(1.0 - L / a)
@@ -260,7 +262,8 @@ def semi_discretisation(
             "semi_discretisation is for straight edges without process damping, order 0 or 1 and 2 steps or more: take "
             "stability_lobes for all else"
         )
-    from scipy.linalg import expm  # not for commands that only read
+    # Deferred: commands that only read files do not need it.
+    from scipy.linalg import expm
 
     A, B, C = tool.moving()
     d, q = A.shape[0], B.shape[1]
@@ -500,7 +503,7 @@ def cut_stability(
 ) -> CutStability:
     """Compute |µ| of one cut at a spindle speed in rpm and an axial depth in m, and the limit at this speed.
 
-    Raises as `stability_lobes` does, and for a depth that is not above 0.
+    Raises the errors of `stability_lobes`, and ParameterError for a depth that is not above 0.
     """
     if not (depth > 0.0 and np.isfinite(depth)):
         raise ParameterError(f"depth = {Quantity(depth, 'm'):6 SI} must be > 0: the axial depth of the cut")
@@ -539,6 +542,7 @@ def _range(point: ToolPoint, cut: Regeneration, deepest: float | None) -> tuple[
     least = zero_order(point, cut).least
     if not np.isfinite(least):
         frequency = _natural(point)
+        # Small gain: with the earlier surface in antiphase, the cut feeds back at most 2 |G| |H| a.
         size = np.abs(point.response(frequency if frequency.size else np.array([1.0]))).max()
         least = 1.0 / (2.0 * float(size) * float(np.abs(cut.mean()).max()))
     if deepest is not None and not (deepest > 0.0 and np.isfinite(deepest)):
@@ -563,6 +567,7 @@ def _borders(
         return float(np.log(np.abs(passage.multipliers([depth])[0])))
 
     def root(low: float, high: float) -> float:
+        # The coarse grid brackets the root cheaply; the fine one is evaluated only next to it.
         near = _root(lambda a: growth(coarse, a), low, high, 1e-5)
         exact = fine.flips()
         exact = exact[np.abs(exact - near) < 1e-3 * near]
@@ -577,7 +582,8 @@ def _borders(
             "points: leave out modes that are far above the teeth"
         )
 
-    from scipy.optimize import minimize_scalar  # not for commands that only read
+    # Deferred: commands that only read files do not need it.
+    from scipy.optimize import minimize_scalar
 
     # zero-order limits are no bound: in narrow down milling the exact limit may be half of them, or less
     begin = first if growth(coarse, first) < 0.0 else _LOWER * first
@@ -614,7 +620,8 @@ def _borders(
 
 
 def _root(growth: Callable[[float], float], low: float, high: float, digits: float) -> float:
-    from scipy.optimize import brentq  # not for commands that only read
+    # Deferred: commands that only read files do not need it.
+    from scipy.optimize import brentq
 
     root: Any = brentq(growth, low, high, xtol=digits * high, rtol=np.float64(max(digits, 1e-14)))
     return float(root)

@@ -227,6 +227,7 @@ def enclosed(points: np.ndarray, path: np.ndarray) -> np.ndarray:
     begin, end = polygon, np.roll(polygon, -1, axis=0)
     turns = np.zeros(len(points), dtype=np.int64)
     for (x0, y0), (x1, y1) in zip(begin, end, strict=True):
+        # A horizontal edge is not crossed by a horizontal ray.
         if y0 == y1:
             continue
         low, high, sign = (y0, y1, 1) if y0 < y1 else (y1, y0, -1)
@@ -238,8 +239,9 @@ def enclosed(points: np.ndarray, path: np.ndarray) -> np.ndarray:
     return turns != 0
 
 
-_AFTER = 0.05  # s after a reversal in which its glitch stands
-_MOVES = 1e-3  # m/s along the path: another axis moves while one reverses
+_AFTER = 0.05  # s after a reversal in which its glitch appears
+# Speed along the path above which an axis counts as reversing, m/s: another axis moves meanwhile.
+_MOVES = 1e-3
 _BEGUN = 0.2  # s in which an observer begins
 _LISTED = 8
 _SAME_PLACE = 3e-3  # m of path: places that lie closer are one
@@ -413,7 +415,7 @@ def part_run(
     spindle    load of the spindle, if known
     observers  observers by name and axis, applied to the readings and forces of the run by `observe`
 
-    Raises ParameterError for lines that do not match the run, and as `contour_error`.
+    Raises ParameterError for lines that do not match the run, and the errors of `contour_error`.
     """
     names, loops = tuple(axes), machine.loops()
     n = min(run.samples, len(line))
@@ -476,6 +478,7 @@ def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: 
 def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:
     """Return the true disturbance of an axis over each sample, N, shape (n,): cut, weight, dry and viscous friction."""
     mechanics = loop.axis.mechanics()
+    # Only the damping of rigid motion disturbs the axis; that between its bodies belongs to a mode.
     along = mechanics.rigid_motion()
     viscous = float(matrix.dot([matrix.dot(row, along) for row in mechanics.damping], along))
     weight = sum(float(force.force) for force in loop.axis.forces if isinstance(force, Gravity))

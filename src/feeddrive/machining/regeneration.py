@@ -1,4 +1,4 @@
-"""The regenerative cut: the chip remembers the surface that the previous tooth left.
+"""The regenerative cut: the chip thickness depends on the surface that the previous tooth left.
 
 `Regeneration` is the force on a vibrating tool, `ToothPassage` the map of a vibration over one tooth period, the
 monodromy matrix of the cut, by collocation.
@@ -108,6 +108,7 @@ class Regeneration:
             borders.add(angle % self.pitch)
         ends = sorted(borders)
         kept = [ends[0]] + [b for a, b in pairwise(ends) if b - a > _APART]
+        # Exactly the pitch, also if a change of engagement just before it was merged.
         kept[-1] = self.pitch
         for begin, end in pairwise(kept):
             middle = 0.5 * (begin + end)
@@ -245,7 +246,8 @@ class ToothPassage:
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
         """Prepare the points; with a `share` of 0.6 of them |µ| is accurate to 1 %, enough for a start value."""
-        from scipy.linalg import schur  # not for commands that only read
+        # Deferred: commands that only read files do not need it.
+        from scipy.linalg import schur
 
         self.cut, self.speed, self.period, self.share = cut, speed, cut.period(speed), share
         self.A, self.B, self.C = tool.moving()

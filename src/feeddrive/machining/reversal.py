@@ -85,7 +85,7 @@ def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0
     """Return the reversals of the two axes of a run along a curved path, such as a circle.
 
     contour  the contour error of the run, if already computed
-    begin    reversals before this time are left out as run-in, s
+    begin    reversals before this time are excluded as run-in, s
 
     The base is the mean over the last fifth of the path from the previous reversal, or from the start of the run.
     Raises ParameterError for a run of other than two axes, or without velocities.
@@ -102,6 +102,7 @@ def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0
     outward = np.where(left_turn, -deviation.error, deviation.error)
     places: list[tuple[float, int, int]] = []
     for i in range(2):
+        # A row at rest has no sign: a dwell between two directions is one reversal.
         moves = np.flatnonzero(v[:, i] != 0.0)
         turned = np.flatnonzero(np.sign(v[moves[1:], i]) != np.sign(v[moves[:-1], i]))
         for before, after in zip(moves[turned], moves[turned + 1], strict=True):
@@ -142,6 +143,7 @@ def _reversal(
     length = 0 if not len(stuck) else int(np.argmax(np.append(np.diff(stuck) > 1, True))) + 1
     return Reversal(
         axis=axis,
+        # At its most positive position an axis accelerates towards smaller positions.
         side="+" if float(run[f"{axis}.set_acceleration"][row]) < 0.0 else "-",
         time=time,
         base=base,
@@ -157,7 +159,7 @@ def _reversal(
 def stick_time(
     acceleration: float, *, mass: float, coulomb: float, breakaway: float, Kv: float, Kp: float, Tn: float | None = None
 ) -> float:
-    """Return how long an axis under P-PI sticks at a reversal, s, to about 0.5 %: the root of
+    """Return the time for which an axis under P-PI control sticks at a reversal, s, to about 0.5 %: the root of
 
         Kp A (t + (Kv + 1/Tn) t²/2 + Kv t³/(6 Tn)) = F_c + F_s - m A,   A = V²/R
 
@@ -181,7 +183,9 @@ def stick_time(
     def left(t: float) -> float:
         return t + (Kv + rate) * t * t / 2.0 + Kv * rate * t**3 / 6.0 - wanted
 
-    from scipy.optimize import brentq  # not for commands that only read
+    # Deferred: commands that only read files do not need it.
+    from scipy.optimize import brentq
 
-    root: Any = brentq(left, 0.0, wanted, xtol=1e-15)  # the left side is at least t
+    # The left side is at least t, so that the root lies below `wanted`.
+    root: Any = brentq(left, 0.0, wanted, xtol=1e-15)
     return float(root)

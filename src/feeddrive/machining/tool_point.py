@@ -107,6 +107,7 @@ class ToolPoint(Result):
         if np.linalg.cond(shapes) < _DISTINCT:
             into = np.linalg.norm(np.linalg.solve(shapes, self.B), axis=1)
             peak = np.linalg.norm(self.C @ shapes, axis=0) * into / np.maximum(np.abs(poles.real), 1e-300)
+            # Well damped poles of the control are fast but do not move the tool: resolving them would only cost points.
             counts = (-poles.real < 0.3 * np.abs(poles)) | (peak > _MOVES * peak.max())
         return float(np.max(np.abs(poles.imag[counts]), initial=0.0))
 
@@ -142,8 +143,8 @@ def tool_point(
     """Return the tool point of a loop or a machine with its sampled controls, from a force at the load to its position.
 
     along     the axes along feed and normal, None for a rigid direction; default for a loop: its axis along the feed
-    velocity  m/s at which the axes move, as in `linearize`
-    lowest    Hz, lowest frequency of the fit
+    velocity  velocity of the axes for the linearization, m/s, as in `linearize`
+    lowest    lowest frequency of the fit, Hz
 
     The sampled model, divided by the hold of the force, is the response of the machine to a continuous force:
 
@@ -168,6 +169,7 @@ def tool_point(
         if isinstance(system, Machine):
             system = dataclasses.replace(
                 system,
+                # The lobes add the force of the cut themselves: it must not act twice.
                 couplings=tuple(coupling for coupling in system.couplings if not isinstance(coupling, MillingCut)),
             )
         if len(names) > 2 or all(name is None for name in names):
@@ -182,6 +184,7 @@ def tool_point(
         axes = [ports[name] for name in names if name is not None]
         inputs, outputs = [f"{port}load_force" for port in axes], [f"{port}position_load" for port in axes]
         model = linearize(system, inputs, outputs, velocity=velocity)
+    # Lobes need continuous time: the tooth period is no multiple of the sample time.
     continuous = _continuous(model, lowest)
     B, C = np.zeros((continuous.A.shape[0], 2)), np.zeros((2, continuous.A.shape[0]))
     B[:, kept], C[kept] = continuous.B, continuous.C
