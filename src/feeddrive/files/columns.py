@@ -11,7 +11,7 @@ from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.quantity import Quantity
 
-# roles of columns, and the unit in which the log then holds them; along the axis, and at the motor's shaft
+# roles of columns and their units in a log: along the axis, then at the motor's shaft
 ROLES: Mapping[str, str] = {
     "time": "s",
     "setpoint_position": "m",
@@ -163,7 +163,7 @@ class Columns:
     place: Callable[[int], str] = _row
 
 
-# The name of the file, its bytes, and the names of the columns that are wanted (None: all) besides those of time.
+# Arguments: file name, bytes, and the names of the requested columns (None: all); time columns are always read.
 Reader: TypeAlias = Callable[[str, bytes, frozenset[str] | None], Columns]
 
 

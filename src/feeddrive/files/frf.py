@@ -464,7 +464,7 @@ def _coherence(where: str, response: Response, table: Columns, kept: slice) -> n
     if column is None:
         return None
     values = _finite(where, table, column)
-    # |Sxy|² and Sxx Syy are rounded apart: a coherence of 1 may be printed as 1.0000001
+    # |Sxy|² and Sxx Syy are rounded separately: a coherence of 1 may be printed as 1.0000001
     wrong = np.flatnonzero((values > 1.0 + 1e-6) | (values < 0.0))
     if wrong.size:
         k = int(wrong[0])
@@ -490,7 +490,7 @@ def _variance(where: str, response: Response, table: Columns, kept: slice) -> np
     return response.factor**2 * values[kept]
 
 
-# what `write_frf` states above its columns
+# keys of the lines that `write_frf` writes above its columns
 _KEYS = ("input", "output", "unit", "sample_time")
 
 

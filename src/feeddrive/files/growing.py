@@ -31,13 +31,13 @@ from feeddrive.language.errors import FileError, LogError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
-HEAD = 64_000  # bytes from the beginning in which heads and first rows stand
+HEAD = 64_000  # bytes at the start that contain headers and first rows
 FIRST = 8_000_000  # bytes of a long file that are read at first, from its end
-_MARK = 64  # bytes before the place of reading that tell a file written anew
+_MARK = 64  # bytes before the read position, by which a rewritten file is recognized
 _LONGEST = 1_000_000  # bytes of a line
-_LEAST = 3  # rows by which a layout is known
-_SILENT = 1.0  # s without rows, from which the state says so
-_MOST = 16_000_000  # bytes of a pipe that wait for a page
+_LEAST = 3  # rows needed to detect a layout
+_SILENT = 1.0  # s without rows, after which the state reports it
+_MOST = 16_000_000  # bytes of a pipe that are kept for its readers
 
 
 class Grown(NamedTuple):
@@ -121,7 +121,7 @@ class GrowingFile:
         status = os.fstat(file.fileno())
         which = status.st_dev, status.st_ino
         file.seek(max(0, self._at - len(self._mark)))
-        # a file that was written anew may have the same inode and be longer: only the last bytes that were read tell
+        # a file that was written anew may have the same inode and be longer: only the bytes read last identify it
         anew = which != self._which or status.st_size < self._at or file.read(len(self._mark)) != self._mark
         self._written, self._which = status.st_mtime_ns, which
         skip = b""
@@ -345,7 +345,7 @@ class GrowingTable:
         assert self._layout is not None
         layout = self._layout
         plain = text
-        # quotes, remarks and empty lines are rare: only text that has them is looked through line by line in Python
+        # quotes, remarks and empty lines are rare: only text that has them is searched line by line in Python
         if any(mark in plain for mark in '#%/"') or "\n\n" in plain or plain[:1] == "\n":
             plain = "".join(f"{line}\n" for line in plain.split("\n") if not text_files.is_skipped(line))
         numbers = None

@@ -50,7 +50,7 @@ class AxisSection(Section):
     limits: AxisLimits | None = part("limits of planned motions", default=None)
 
 
-class MachineSection(Section, kind="loop"):  # which files have written as the kind of the whole
+class MachineSection(Section, kind="loop"):  # the `kind` at the top of machine files
     """A machine: axes with their physics and today's control."""
 
     name: str = text("name of the machine", default="")

@@ -88,7 +88,7 @@ _WORDS = {
     "position": {"position", "pos", "lage", "weg", "stroke", "displacement", "setpos", "actpos"},
     "command": {"command", "output", "vir", "voltage", "control", "ctrl", "dac", "u"},
 }
-# names that are known as they stand
+# complete names with a known role
 _EXACT = {
     "qg": "setpoint_position",
     "reference": "setpoint_position",

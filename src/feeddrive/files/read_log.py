@@ -89,7 +89,7 @@ class OpenedFile:
     """
 
     def __init__(self, path: str | Path | Log) -> None:
-        if isinstance(path, Log):  # as its file would have them
+        if isinstance(path, Log):  # the same columns as from its file
             self.path = Path(path.name)
             # begins with bytes that no text file has
             self.content = b"\0" + b"".join(array.tobytes() for array in (path.time, *path.channels.values()))
@@ -466,7 +466,7 @@ def _as_frequencies(columns: Columns) -> str:
 LEAST_ROWS = 3
 JITTER = 0.1  # of the sample time: the most by which a step may differ from it
 GAP = 1.5  # of the sample time: a longer step has lost a sample
-_BLOCK = 100_000  # rows that are looked at together
+_BLOCK = 100_000  # rows that are processed together
 _SLOWEST, _FASTEST = 0.5, 1e-7  # s; a servo log outside is one in another unit
 
 

@@ -320,7 +320,7 @@ def is_rotary(content: Mapping[str, Any], key: Key) -> bool:
     return isinstance(axis, dict) and axis.get("rotary") is True
 
 
-# what a file is by its keys, and what takes it
+# tests of the kind of a file by its keys, and the commands that accept it
 _KINDS: dict[str, tuple[Callable[[Mapping[str, Any]], bool], str]] = {
     "a machine file": (
         lambda keys: isinstance(keys.get("axis"), dict),

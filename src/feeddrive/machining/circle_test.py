@@ -23,11 +23,11 @@ from feeddrive.loop.simulate import Run
 from feeddrive.machining.contour import tool_columns
 
 POINTS = 3600  # of a circle, evenly in angle
-_EVEN = 0.05  # a rate of the angle that differs more from the usual one is no circle at the feed
-_SETTLED = 0.005  # within which it begins and ends
-_OVER = np.radians(2.0)  # over which the rate is taken
-_OPEN = 0.1  # of G: the gap between begin and end of a turn that is no closed circle
-_SMALL = 1e-6  # m: of such a gap, which is always allowed
+_EVEN = 0.05  # relative deviation of the angular rate above which the feed is not constant
+_SETTLED = 0.005  # the same at both ends of the range at constant feed
+_OVER = np.radians(2.0)  # angle over which the rate is computed
+_OPEN = 0.1  # of the radial deviation: largest gap between start and end of a closed turn
+_SMALL = 1e-6  # m: such a gap is always allowed
 _SAME_FEED = 0.02
 _MORE_TURNS = "command 1.5 turns or more"
 _ROUND = 1e-4  # m: an unstated nominal radius is rounded to a multiple of it
@@ -489,10 +489,10 @@ def peaks_table(test: CircleTest) -> Table:
 
 
 PASSES = 30
-_NULL = 1e-7  # singular value of a combination that the circles do not show, of the largest
-_PART = 0.02  # of such a combination: a column with less is not part of it
-_NODES = 24  # of the free course of a spike after a reversal
-_DECAYS = (1e-3, 0.2)  # s, of a spike
+_NULL = 1e-7  # of the largest singular value: that of a combination which the circles do not excite
+_PART = 0.02  # smallest coefficient of a column that is part of such a combination
+_NODES = 24  # nodes of the free shape of a spike after a reversal
+_DECAYS = (1e-3, 0.2)  # s: range of the decay of a spike
 _WINDOW = 0.25  # s after a reversal in which a spike may last
 _WIDEST = np.radians(50.0)
 _NARROWEST = np.radians(4.0)

@@ -23,9 +23,9 @@ from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 
 _SAME = 1e-9  # m: set positions that lie closer are one
-_BEND = 0.35  # rad: between two chords; a larger one is a corner where no velocity tells the tangent
-_ALONG = 0.5  # cosine to the chord: a velocity that differs more is that of another side, or of a standstill
-CORNER = 1e-3  # rad: a smaller turn of the tangent at a set position is none
+_BEND = 0.35  # rad: a larger angle between two chords is a corner if no velocity gives the tangent
+_ALONG = 0.5  # cosine to the chord: below it a velocity belongs to the other side of a corner, or to a standstill
+CORNER = 1e-3  # rad: a smaller turn of the tangent at a set position is no corner
 
 
 class Curve(NamedTuple):
@@ -292,7 +292,7 @@ def _feet(
 WORST = 5  # places that the table names
 _SLOW = 1e-6  # m/s: below it a path has no direction
 _NEAR = 1e-3  # of a path: two places that lie closer are one
-_LARGE = 0.5  # of a worst error: what is larger around it belongs to it
+_LARGE = 0.5  # of a worst error: larger errors around it belong to the same place
 
 
 class Worst(NamedTuple):

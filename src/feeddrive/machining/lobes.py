@@ -25,9 +25,9 @@ from feeddrive.machining.regeneration import Regeneration, ToothPassage, regener
 from feeddrive.machining.tool_point import ToolPoint, tool_point
 
 _SIDE_LINES = 2  # of the spectrum to each side of a harmonic that belong to it: the width of the window
-_TEETH = 16  # at least
+_TEETH = 16  # least number of teeth in a record
 _STILL = 0.01  # of the swing within a tooth: samples that spread by less are one dot
-_PLACES = 64  # in a tooth that are tried
+_PLACES = 64  # candidate angles of the samples within a tooth
 _FALLS = 0.5  # of the spread of the first half: a second half that spreads by less dies out
 _APART = 0.25  # of their spread: every second sample that spreads by less is one of two dots
 
@@ -292,10 +292,10 @@ Dynamics: TypeAlias = "ToolPoint | Loop | Machine | StateSpace"
 _RATIO = 1.15  # from depth to depth of the scan for the first border
 _CHUNK = 6  # depths at a time
 _BEGIN = 0.5  # of the least zero-order limit: where the scan begins
-_LOWER = 0.01  # of this, where the cut is unstable there already
-_REACH = 12.0  # of it: where it ends unless the caller says
-_DIGITS = 1e-10  # of a limit
-POCKETS = 5  # that a table names
+_LOWER = 0.01  # of that, if the cut is already unstable there
+_REACH = 12.0  # of the least zero-order limit: default end of the scan
+_DIGITS = 1e-10  # relative accuracy of a limit
+POCKETS = 5  # pockets in a table
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -36,12 +36,12 @@ from feeddrive.machining.circle_test import circle_fit, minimum_zone
 from feeddrive.machining.contour import ContourError, Corner, Worst, contour_error, size, unit
 from feeddrive.machining.load import MachineLoad, SpindleLoad, machine_load
 
-_PARTS, _FINEST = 20_000, 2e-5  # of a path, m: stretches in which its curvature is looked at
-_SAME = 0.05  # of a curvature: what differs more is another element
-_STRAIGHT = 1e-2  # 1/m: a curvature that is none
+_PARTS, _FINEST = 20_000, 2e-5  # pieces for the curvature of a path: largest number, shortest length in m
+_SAME = 0.05  # relative change of the curvature from one element to another
+_STRAIGHT = 1e-2  # 1/m: a smaller curvature is straight
 _SHORTEST = 2e-3  # m, of an element
-_TURN = 0.3  # rad: an arc that turns less is none
-_ENDS = 0.05  # of an element, left out at both ends, where the axes settle behind a corner
+_TURN = 0.3  # rad: a smaller turn is no arc
+_ENDS = 0.05  # of an element, excluded at both ends, where the axes settle after a corner
 
 
 class Element(NamedTuple):
@@ -122,7 +122,7 @@ def _in_line(line: int | None) -> str:
 def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
     """Split the path of a two-axis contour error into lines and arcs.
 
-    ends  share of each element that is left out at each end, 0 to 0.4
+    ends  share of each element that is excluded at each end, 0 to 0.4
 
     An element is at least 2 mm long; an arc turns by at least 17 degrees.  Straightness and tilt are those of the
     least-squares line; roundness is that of the minimum zone for arcs of at least half a turn, else about the center of
@@ -191,8 +191,8 @@ def _arc(place: np.ndarray, nodes: np.ndarray, turn: float) -> tuple[float, floa
 
 
 _TOUCHES = 5e-3  # of the radius: rounded corners and the distance between samples
-_WALL_STEP = 1e-2  # of the radius, between the places from which the wall is looked at: 5e-5 / 4 of it in the distance
-_CORNERS = 300  # of the polygon that decides what lies inside: as many places of the path as that
+_WALL_STEP = 1e-2  # of the radius: spacing of the tool positions to which the wall is compared; distance error 5e-5 / 4
+_CORNERS = 300  # vertices of the polygon that decides which points lie inside the path
 
 
 def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: str) -> np.ndarray:
@@ -242,7 +242,7 @@ def enclosed(points: np.ndarray, path: np.ndarray) -> np.ndarray:
 _AFTER = 0.05  # s after a reversal in which its glitch appears
 # Speed along the path above which an axis counts as reversing, m/s: another axis moves meanwhile.
 _MOVES = 1e-3
-_BEGUN = 0.2  # s in which an observer begins
+_BEGUN = 0.2  # s: start-up of an observer, not evaluated
 _LISTED = 8
 _SAME_PLACE = 3e-3  # m of path: places that lie closer are one
 

@@ -194,7 +194,7 @@ def regeneration(cutter: Cutter | Regeneration, **changes: float) -> Regeneratio
     return replace(cut, **changes) if changes else cut  # type: ignore[arg-type]
 
 
-_LAYER = 30.0  # points for what dies out at once after the tooth enters
+_LAYER = 30.0  # points for the fast transient after a tooth enters
 _MOST = 420  # degree of a piece: about 50 vibrations
 
 

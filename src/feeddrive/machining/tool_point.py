@@ -19,8 +19,8 @@ from feeddrive.loop.machine import Machine, check_system
 
 _WORST = 0.01  # of the largest compliance: a fit that misses by more is refused
 _FAST = (1.0, 2.0, 4.0, 8.0, 16.0)  # real poles at these multiples of the sampling rate stand for hold and dead time
-_DISTINCT = 1e8  # of the condition of the shapes: beyond it two poles are one, and each line is solved for itself
-_MOVES = 0.01  # of the largest peak of a pole: what moves the tool by less may be damped quickly
+_DISTINCT = 1e8  # condition of the mode shapes above which two poles count as one, and each line is solved separately
+_MOVES = 0.01  # of the largest peak of a pole: well damped poles with smaller ones are ignored
 _KNEE = 0.03  # of the sampling rate: above it the fit counts less, since images of the sampling show there
 
 

@@ -82,7 +82,7 @@ def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
 
 def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Return velocities in both directions with a gap at standstill, and the force at each velocity."""
-    # from next to standstill on, with a gap at 0: the jump there is no line of the law
+    # next to standstill, with a gap at 0: the force jumps there
     ahead = reach * np.concatenate([[1e-4 * _SLOWEST], np.geomspace(_SLOWEST, 1.0, 400)])
     return (
         np.concatenate([-ahead[::-1], [np.nan], ahead]),

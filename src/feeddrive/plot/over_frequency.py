@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # Lower end of a magnitude band as a share of the magnitude: at or below 0 it would have no level in dB.
 _LEAST = 0.1
-# Infinity would be no coordinate for a drawing; as a ratio it becomes 10^±10
+# Infinity is no coordinate that can be drawn; as a ratio this becomes 10^±10
 _FAR = 1e4  # dB or degrees beyond all panels
 
 
@@ -301,7 +301,7 @@ def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
     """Return the phase of a measurement in degrees, in the same turn as its model on each line."""
     if fitted is None:
         return _beside(measured.phase_deg, measured.frequency, curve)
-    # noise slips by whole turns when it is unwrapped by itself: the model tells the turn on each line
+    # noise slips by whole turns when it is unwrapped alone: the model gives the turn on each line
     on_lines = np.degrees(np.angle(fitted.response))
     on_lines += 360.0 * np.round((np.interp(measured.frequency, curve.frequency, curve.phase_deg) - on_lines) / 360.0)
     return on_lines + np.degrees(np.angle(measured.response / fitted.response))

@@ -74,7 +74,7 @@ def contour_on_path_chart(
 ) -> Chart:
     """Plot the path, colored by the size of the contour error, and the enlarged deviation.
 
-    Positions are in mm, the size of the error is in µm. Parts of the path that are not evaluated are left out.
+    Positions are in mm, the size of the error is in µm. Parts of the path that are not evaluated are omitted.
 
     axes      the two columns of the contour error that span the picture
     enlarged  enlargement factor; default: a round factor with which the largest deviation is about 1/12 of the extent
@@ -296,7 +296,7 @@ def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
     course = plan.course
     traverse = np.isinf(course.feed)
     speed = 1e3 * course.speed
-    # of the feed moves: a traverse is so fast that all of the cut would have one color
+    # without traverses, which are so fast that all of the cut would have one color
     top = float(np.max(speed[~traverse], initial=0.0)) or float(np.max(speed, initial=0.0)) or 1.0
     edges = np.linspace(0.0, top, len(_SPEEDS) + 1)
     kind = np.clip(np.searchsorted(edges, speed, side="left") - 1, 0, len(_SPEEDS) - 1)

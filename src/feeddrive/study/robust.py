@@ -264,7 +264,7 @@ def limits_of(study: Study, otherwise: Limits) -> Limits:
 
 
 def _needs_noise(figure: Figure) -> bool:
-    """Return True for a figure that depends on measurement noise, which a study takes from the encoders."""
+    """Return True for a figure that depends on measurement noise, which in a study is that of the encoders."""
     return figure.limit is not None and figure.limit.noise
 
 

@@ -366,7 +366,7 @@ class Store:
     def table(self, columns: Sequence[str] | None = None) -> Any:
         """Return all rows in the store as one pyarrow table, in the order of their variants.
 
-        Raises FileError as `read`, and if there are no rows yet.
+        Raises FileError as `read` does, and if there are no rows yet.
         """
         import pyarrow as arrow
 

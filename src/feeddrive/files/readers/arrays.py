@@ -216,7 +216,7 @@ def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
 
 
 def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.ndarray | str]]:
-    """Yield the dotted name of each array in a matrix element, with its values or the reason why it is left out."""
+    """Yield the dotted name of each array in a matrix element, with its values or the reason why it is omitted."""
     if not len(piece.content):
         return
     _, flags, at = piece.element(0)
@@ -265,7 +265,7 @@ def _keep(
     values: dict[str, np.ndarray],
     constants: dict[str, float],
 ) -> list[str]:
-    """Store a scalar as a constant, or the wanted columns of an array; return the names of the unread columns."""
+    """Store a scalar as a constant, or the requested columns of an array; return the names of the unread columns."""
     if array.size == 1:
         constants[variable] = float(array.ravel()[0])
         if wanted is not None and variable in wanted:
@@ -382,7 +382,7 @@ def read_here(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
 
 
 def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
-    """Yield the dotted name of each dataset, with the numeric dataset or the reason why it is left out."""
+    """Yield the dotted name of each dataset, with the numeric dataset or the reason why it is omitted."""
     for key in group:
         label = f"{prefix}{key}"
         # Internal data of MATLAB cells and objects.

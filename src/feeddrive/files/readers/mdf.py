@@ -1,4 +1,4 @@
-"""MDF4 measurement files (ASAM MDF 4.0 to 4.2): the numeric channels of the group with most of the wanted channels.
+"""MDF4 measurement files (ASAM MDF 4.0 to 4.2): the numeric channels of the group with most of the requested channels.
 
 Supported are sorted files with row-wise records, plain or zlib-compressed, and numeric conversions.  Formulas are not
 executed.  Every header, link and length is checked before it is used: asammdf crashes on damaged files, see

@@ -64,9 +64,9 @@ from feeddrive.files.columns import COUNTS, Columns, Reader, arrow_numbers, chec
 from feeddrive.language.errors import LogError
 from feeddrive.language.quantity import Quantity
 
-# The second half of these lines tells the layout, so that a preamble may have half of them.
+# The second half of these lines determines the layout, so that a preamble may have half of them.
 _SAMPLE = 400  # lines
-_LINE = 20_000  # characters of a line that are looked at
+_LINE = 20_000  # characters of a line that are examined
 _SEPARATORS = (";", "\t", ",", "")  # the last one is any run of spaces
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
@@ -213,7 +213,7 @@ def _named(head: str) -> tuple[str, str]:
 
 
 MOST_BYTES = 500_000_000
-PIECE = 2_000_000  # bytes that are taken at once; the layout is found in the first ones
+PIECE = 2_000_000  # bytes of a chunk; the layout is detected in the first one
 
 
 @dataclass(frozen=True)
