@@ -38,7 +38,7 @@ class Drive:
         return None if self.lead is None else lever(self.lead, self.gear)
 
     def per_unit(self, unit: str) -> tuple[float, bool] | None:
-        """Return the force per `unit` of command or current, N at the table; with True the torque at the shaft, N m.
+        """Return the force per `unit` of command or current, N, and False, or the torque at the shaft, N m, and True.
 
         The force constant of the command line comes first, then the column's unit if it is a force or torque, then the
         motor constant of the machine file, which is per unit of the drive.  None if none of them is available.

@@ -165,7 +165,7 @@ class MachineFile(Result):
         return {name: leader for coupling in self.couplings for name, leader in coupling.follows().items()}
 
     def machine(self, *couplings: Coupling) -> Machine:
-        """Return all axes as one machine, with the couplings of the file and the given ones.
+        """Return all axes as one machine, with the couplings of the file and additional ones.
 
         Raises the ParameterError and StructureError of `Machine`.
         """

@@ -710,7 +710,7 @@ def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:
 
 
 def _reference(rows: np.ndarray, T: float) -> Recorded:
-    """Return a recorded reference from the columns position to snap."""
+    """Return a recorded reference from the columns of position, velocity, acceleration, jerk and snap."""
     position, velocity, acceleration, jerk, snap = (np.ascontiguousarray(column) for column in rows.T)
     return Recorded(
         position=position, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=snap, sample_time=T

@@ -283,7 +283,7 @@ def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray,
 
 
 def _averaged(places: np.ndarray, r: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Average the radius between the midpoints of the wanted angles; interpolate where there are no rows."""
+    """Average the radius between the midpoints of the requested angles; interpolate where there are no rows."""
     step = wanted[1] - wanted[0]
     edges = np.searchsorted(places, np.append(wanted - 0.5 * step, wanted[-1] + 0.5 * step))
     sums = np.concatenate([[0.0], np.cumsum(r)])

@@ -36,7 +36,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Share:
-    """A count of machines out of a total, with a confidence interval for the share of all machines that can be built.
+    """A count of machines out of a total, with the confidence interval of the share in the whole population.
 
     sampled  True if the machines were drawn at random: the points of a grid have no interval
     """

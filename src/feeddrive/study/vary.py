@@ -81,7 +81,7 @@ class Varied(Protocol):
 
     @property
     def levels(self) -> np.ndarray | None:
-        """The grid levels as numbers in (0, 1), shape (levels,); None without a grid."""
+        """The grid levels as numbers in [0, 1], shape (levels,); None without a grid."""
         ...
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
