@@ -274,7 +274,7 @@ def read_frf(
 
 
 def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
-    """Read all frequency responses in a file, by name, as `read_frf` does; an FRF is returned under its output's name."""
+    """Read all frequency responses in a file by name, like `read_frf`; an FRF is returned under its output's name."""
     if isinstance(path, FRF):
         return {path.output: path}
     try:
