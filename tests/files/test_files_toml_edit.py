@@ -46,6 +46,13 @@ def test_a_value_keeps_its_unit_its_comment_and_its_place() -> None:
     assert '"x # not a comment"   # its name' in edit.text
 
 
+@pytest.mark.parametrize("text", ['a "quoted" word', "two\nlines", "back\\slash", "\x7f", "\t", "\U0001f527 µm"])
+def test_every_text_that_is_set_is_read_back(text: str) -> None:
+    edit = TomlEdit(TEXT, "m.toml")
+    edit.set(("axis", "x", "plant", "name"), text)
+    assert tomllib.loads(edit.text)["axis"]["x"]["plant"]["name"] == text
+
+
 def test_a_section_is_replaced_and_its_own_comments_stay() -> None:
     edit = TomlEdit(TEXT, "m.toml")
     edit.replace(("axis", "x", "friction_load"), '[axis.x.friction_load]\nkind = "stribeck"\n')

@@ -358,3 +358,4 @@ def test_names_are_as_short_as_they_can_be() -> None:
         "wear": "wear",
         "axis.x.law.Kp": "Kp",
     }
+    assert short(["mass", "axis.x.plant.mass"]) == {"mass": "mass", "axis.x.plant.mass": "plant.mass"}

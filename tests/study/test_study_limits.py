@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
@@ -301,6 +302,12 @@ def test_the_name_of_a_chunk_has_eight_digits(chunks: int, named: bool) -> None:
     else:
         with pytest.raises(ParameterError, match="chunks have a name"):
             manifest()
+
+
+@pytest.mark.parametrize("text", ["\x7f", "\U0001f527", 'a "quoted" word', "two\nlines"])
+def test_every_text_of_a_replayed_job_is_read_back(text: str) -> None:
+    written = f"values = {page._written({text: text, 'on': True, 'mass': 0.1})}"
+    assert tomllib.loads(written)["values"] == {text: text, "on": True, "mass": 0.1}
 
 
 @pytest.mark.parametrize(("lengths", "read"), [((14, 14), 196), ((20, 20), None)])

@@ -628,6 +628,4 @@ class TomlEdit:
 def _written(value: float | str | bool, digits: int) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    return repr(rounded(value, digits))
+    return quoted(value) if isinstance(value, str) else repr(rounded(value, digits))

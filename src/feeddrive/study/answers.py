@@ -59,7 +59,9 @@ def short(names: Sequence[str]) -> dict[str, str]:
         parts = name.split(".")
         ends = [".".join(parts[i:]) for i in range(len(parts) - 1, -1, -1)]
         # The leading dots compare whole segments: `mass_load` does not end in the segment `load`.
-        shortest[name] = next(end for end in ends if sum(f".{other}".endswith(f".{end}") for other in names) == 1)
+        alone = (end for end in ends if sum(f".{other}".endswith(f".{end}") for other in names) == 1)
+        # a factor `mass` beside `axis.x.plant.mass` is the end of another name, and only its whole name is left
+        shortest[name] = next(alone, name)
     return shortest
 
 

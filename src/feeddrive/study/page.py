@@ -5,7 +5,6 @@ summary.json                       every answer in SI
 worst/variant_00000012.toml        a job:  feeddrive run worst/variant_00000012.toml
 """
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from feeddrive.files.machine import machine_toml
 from feeddrive.files.part_program import FILES
 from feeddrive.files.run_files import summary_text, versions
 from feeddrive.files.section import to_toml
+from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import FeeddriveError, plain
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text
@@ -108,11 +108,11 @@ def _program(job: Job) -> str:
 def _written(value: Any) -> str:
     """Return a value as TOML: a string, a boolean, a number, or an inline table of them."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{json.dumps(key)} = {_written(entry)}" for key, entry in value.items()) + " }"
-    # JSON writes strings and booleans as TOML does; `repr` of a float reads back to the same bits.
-    if isinstance(value, str | bool):
-        return json.dumps(value, ensure_ascii=False)
-    return repr(value)
+        return "{ " + ", ".join(f"{quoted(key)} = {_written(entry)}" for key, entry in value.items()) + " }"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    # `repr` of a float reads back to the same bits
+    return quoted(value) if isinstance(value, str) else repr(value)
 
 
 _FRONT = 40  # largest number of machines in a table
