@@ -22,7 +22,7 @@ from feeddrive.workflow.tune_files import machine_text
 
 
 class AdjustRequest(Request):
-    """The machine file, and the changes of its control: filters removed or added, guard limits, parameter values."""
+    """The machine file and the changes to its control: filters removed or added, guard limits, parameter values."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     set: tuple[str, ...] = option(
@@ -65,6 +65,7 @@ def adjusting(before: Control, after: Control) -> Mapping[str, tuple[str, ...]] 
 
 def _written(changes: Difference) -> Mapping[str, tuple[str, ...]]:
     return {
+        # repr is the shortest text that reads back as the same bits
         "set": tuple(f"{name}={float(value)!r}" for name, value in changes.values.items()),
         "add": tuple(written_filter(filter_) for filter_ in changes.added),
         "remove": tuple(f"filters.{i}" for i in changes.removed),
@@ -87,6 +88,7 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
     bounds = {} if request.guard is None else _bounds(request.guard)
     if bounds:
         edited = replace(edited, guard=replace(edited.guard or Guard(), **bounds))
+    # --set names filters as they are numbered after --remove and --add, so its names belong to the edited control
     values = _values(edited, request.set)
     loops = {**machine.loops, axis: replace(loop, control=tree.vary(edited, values))}
     changed = loops[axis].control
@@ -106,6 +108,7 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
         write_whole(request.out, text)
         files = {"Machine": request.out}
     shown = Table(f"{machine.name}, axis {axis}: what was changed", ("what", "before", "now", "unit"), rows)
+    # later edits of the result start from its text, so the text must hold the change too
     adjusted = replace(machine, loops=loops, file=replace(machine.file, text=text))
     return Outcome(adjusted, [shown], files=files, rotary=loop.axis.rotary)
 
@@ -130,6 +133,7 @@ def _places(texts: Sequence[str]) -> tuple[int, ...]:
     places = list[int]()
     for text in texts:
         place = text.removeprefix("filters.")
+        # isdigit alone is true for '²', which int() rejects
         if not place.isascii() or not place.isdigit() or place == text or int(place) in places:
             raise ParameterError(f"--remove {text}: write each filter once as filters.0, with its place in the file")
         places.append(int(place))
@@ -142,7 +146,7 @@ def _values(control: Control, texts: Sequence[str]) -> dict[str, float]:
 
 
 def _numbers(option: str, texts: Sequence[str], known: Sequence[str], whose: str, such: str) -> dict[str, float]:
-    """Parse texts NAME=VALUE into numbers by name. Raise ParameterError for an unknown or repeated name."""
+    """Parse NAME=VALUE texts into numbers by name. Raise ParameterError for an unknown, repeated or invalid one."""
     numbers = dict[str, float]()
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))

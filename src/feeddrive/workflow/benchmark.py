@@ -17,7 +17,7 @@ from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
 
 
 class BenchmarkRequest(EvaluationRequest):
-    """The plants, laws and seed of a benchmark, and whether laws are tuned again."""
+    """The plants, laws and seed of a benchmark, and the options for tuning the laws again."""
 
     plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
     law: tuple[str, ...] = option(
@@ -41,13 +41,14 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     """Run every law with its stored design on the fixed plants of the benchmark, and print the citable table.
 
     User-defined laws (--blocks) have no stored design and are tuned first.  With `retune` all laws are tuned, except
-    those already in `keep`.  Raises ParameterError for an unknown plant, law or version of the rules.
+    those with a design in `keep`.  Raises ParameterError for an unknown plant, law or version of the rules.
     """
     if request.retune and request.keep is None:
         raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")
     rules = read_rules(request.rules)
     plants = rules.chosen(request.plant)
-    laws = laws_of(plants, request.law)  # before a search that takes hours
+    # checked here: an unknown law must be refused before a search that takes hours
+    laws = laws_of(plants, request.law)
     own = own_laws(plants[0], laws)
     files: dict[str, Path] = {}
     with engine_of(request, None, request.out) as engine, TemporaryDirectory() as forgotten:
@@ -68,7 +69,8 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
             files["Report"] = write_benchmark(scored, request.out)
     judgment, verdict = advice(scored, asked=bool(request.law))
     missing = [reasons(scored)] if scored.unplaced() else []
-    named = missing if request.law else []  # explain the missing rank of a requested law
+    # a law that was requested by name and has no rank gets its reason at once, others only with --verbose
+    named = missing if request.law else []
     return Outcome(
         scored,
         [*scored.tables(), *named],

@@ -40,7 +40,7 @@ FILE = "certificate.json"
 
 
 class CertifyRequest(Request):
-    """The loop to certify, its plants with their uncertainty discs, and the arithmetic."""
+    """The loop to certify, its plants with their uncertainty discs, and the arithmetic of the controller."""
 
     source: MachineLike | Loop = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("its axis, if it has several", default=None)
@@ -122,14 +122,16 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 def certified(
     control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """Return the certificate of a tuned control at its operating points and its sentence; None and the reason if none.
+    """Return the certificate of a tuned control at its operating points with its sentence, or None with the reason.
 
-    With the text of a machine file, certify the control of that file, whose numbers are rounded.
+    With the text of a machine file, the control of that file is certified, whose parameters are rounded.
     """
     of_file: dict[str, str] = {}
     try:
         if text is not None:
             with TemporaryDirectory() as folder:
+                # read back as a file, so that the certificate covers the digits that were written and not those of the
+                # search
                 file = Path(folder) / "machine.toml"
                 file.write_text(text, encoding="utf-8")
                 machine = read_machine(file)
@@ -138,6 +140,7 @@ def certified(
             control, point_plants(points), sample_time=float(points[0].sample_time), machine=of_file
         )
     except FeeddriveError as error:
+        # a control without a certificate is still a result: its report states the reason
         return None, str(error)
     return certificate, certificate.sentence()
 
@@ -149,7 +152,7 @@ def source(machine: MachineFile) -> dict[str, str]:
 
 
 def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
-    """Return the plants to certify by name: the axis, as a model or with its measured responses, and the others."""
+    """Return the plants to certify by name: the axis, as a model or with its measured responses, and those of `at`."""
     plants: dict[str, PlantLike] = {}
     if request.measured is None:
         if request.motor is not None or request.fit:
@@ -158,15 +161,17 @@ def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
     else:
         lines = _responses(request.measured, loop)
         lines += [] if request.motor is None else [_sampled(read_frf(request.motor), loop)]
+        # lines alone are fitted; with the loop in front its model is kept, and the lines give the radius of the discs
         plants[stem(request.measured)] = lines if request.fit else [loop, *lines]
     for plant in request.at:
         other = loop_or_response(plant, request.axis)
+        # two files may share a stem, and the second plant would silently replace the first
         plants[_unused(stem(plant), plants)] = other if isinstance(other, Loop) else _responses(other, loop)
     return plants
 
 
 def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
-    """Return the single response of a file, or those of load and motor, in this order."""
+    """Return the single response of a file, or its responses of load and motor in this order."""
     responses = read_frfs(file)
     if len(responses) == 1:
         return [_sampled(next(iter(responses.values())), loop)]
@@ -179,7 +184,7 @@ def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
 
 
 def _sampled(frf: FRF, loop: Loop) -> FRF:
-    """Return the response in m/N, or rad/(N m) for a rotary axis; a missing sample time is that of the loop."""
+    """Convert a response to m/N, or rad/(N m) for a rotary axis; a missing sample time is set to that of the loop."""
     frf = in_metres(frf.output, frf, None, loop.axis.rotary)
     return replace(frf, sample_time=float(loop.sample_time)) if frf.sample_time is None else frf
 
@@ -234,7 +239,7 @@ def certificate_report(
 
 
 def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the rows of what was certified: claim, theorem, confidence, SHA-256 and the command to check."""
+    """Return the facts on a certificate: claim, theorem, confidence, SHA-256 and the command that checks it."""
     return [
         ("Claim", document["claim"]),
         ("Theorem", document["theorem"]),
@@ -248,7 +253,7 @@ def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def plants_table(certificate: Certificate, *, rotary: bool = False) -> Table:
-    """Tabulate the source of each plant."""
+    """Tabulate the plants with dead time, number of poles at or outside the unit circle, and source of the model."""
 
     def source(text: str) -> str:
         # the signed texts of the certificate have the units of a linear axis
@@ -303,7 +308,8 @@ def _pictures(certificate: Certificate) -> Iterator[Picture]:
         certificate.chart,
     )
     if certificate.two_rates:
-        return  # no separate disc per plant: L combines the plant at a frequency and all its aliases
+        # no separate disc per plant: L combines the plant at a frequency and all its aliases
+        return
     yield Picture(
         "discs",
         "Discs in the complex plane",
@@ -318,19 +324,21 @@ def write_certificate(path: str | Path, certificate: Certificate) -> Path:
 
     Raises FileError if it cannot be written, NotCertifiedError if the checker rejects it.
     """
+    # a file that the checker would reject must not exist even for a moment
     certificate.verify()
     write_whole(path, certificate.text())
     return Path(path)
 
 
 def read_certificate(path: str | Path) -> Certificate:
-    """Read a certificate from a file. Raise FileError, with the checker's reason, for an unproven one."""
+    """Read a certificate from a file. Raise FileError, with the checker's reason, if it is rejected."""
     content = read_whole(path, check.MOST_BYTES)
     try:
         document = check.parse(content)
         check.verified(document)
     except check.RefusedError as error:
         raise FileError(f"{path}: refused: {error}") from None
+    # the checker reads the document without a schema, so a malformed one ends in a LookupError, TypeError or the like
     except check.BROKEN as error:
         raise FileError(f"{path}: refused: it does not have the form of a certificate: {error}") from None
     return Certificate(document)

@@ -3,8 +3,8 @@
 The mapping comes from the options or a TOML file; otherwise it is guessed and shown.
 
 The magnitudes of a log show whether its units are plausible for a feed drive.
-A command stops before it works on a travel of 200 m or a mass of 0.1 kg: the two likeliest interpretations of the units
-are shown side by side, and nothing is written until the unit is given.
+A command rejects a travel of 200 m or a mass of 0.1 kg: it shows the two likeliest interpretations of the units side by
+side, and writes nothing until the unit is given.
 """
 
 from __future__ import annotations
@@ -79,11 +79,11 @@ FLAGS = {
 
 @dataclass(frozen=True)
 class Doubt:
-    """A doubt whether the magnitudes of a log are those of a feed drive, as a sentence; empty without a doubt.
+    """A doubt about the magnitudes of a log, as a sentence; empty if they are plausible for a feed drive.
 
-    told      True if its units were given by the user, so that the work continues; otherwise it must stop
+    told      True if the units were given by the user, so that the command continues; otherwise it must stop
     readings  the two likeliest interpretations side by side, if other units make the log plausible
-    moves     True if a mass could be found in the log; a log of noise has magnitudes, too
+    moves     True if a mass could be identified, which excludes a log of noise alone
     """
 
     why: str = ""
@@ -100,13 +100,13 @@ class Doubt:
 
 
 def units_first(doubts: Sequence[str]) -> Advice | None:
-    """Return the judgment that units must be settled first, for implausible magnitudes; None without a doubt."""
+    """Return the judgment that the units must be clarified first; None if the magnitudes are plausible."""
     return Judgment.UNITS_IN_DOUBT.because(doubts[0]) if doubts else None
 
 
 @dataclass(frozen=True)
 class _Group:
-    """The column of the motion or of the force: its role, its unit as read, and how the unit is known."""
+    """The column of the motion or of the force: its role, its unit as read, and the origin of the unit."""
 
     role: str
     column: str
@@ -118,14 +118,14 @@ class _Group:
         return ROLES[self.role]
 
     def origin(self) -> str:
-        """Return how the unit is known, as the start of a sentence."""
+        """Return the origin of the unit, as the start of a sentence."""
         if self.how == "stated":
             return f"'{self.column}' is in {self.unit}, as the file says"
         return f"'{self.column}' states no unit"
 
 
 def with_units(file: OpenedFile, mapping: abc.Mapping[str, Column], texts: Sequence[str]) -> dict[str, Column]:
-    """Return the mapping with the units of `--unit` for columns that state none.
+    """Return the mapping with the units of `--unit` for columns without a stated unit.
 
     Raises ParameterError for a unit that fits none of these columns.
     """
@@ -152,7 +152,7 @@ def with_units(file: OpenedFile, mapping: abc.Mapping[str, Column], texts: Seque
 
 
 def stated(file: OpenedFile, column: str, role: str) -> str:
-    """Return the unit that the file states for a column, in its header or at the end of its name; empty without one."""
+    """Return the unit of a column from its header or the end of its name; empty if none is stated."""
     return file.columns.units.get(column, "") or unit_at_the_end(column, role)
 
 
@@ -164,7 +164,7 @@ def doubt(
     flags: abc.Mapping[str, str] = FLAGS,
     steady: bool = False,
 ) -> Doubt:
-    """Return a doubt if the magnitudes of a log, as it was read, are implausible for a feed drive.
+    """Check the magnitudes of a log, in the units in which it was read, against those of feed drives.
 
     told    roles whose unit or factor was given by the user
     flags   the option of the command for each role
@@ -176,6 +176,7 @@ def doubt(
         return Doubt()
     frame = SHAFT if motion is not None and motion.si.startswith("rad") else TABLE
     torque = force if force is not None and force.role == "torque" and not force.how else None
+    # a torque beside a table motion, or a force beside an angle, gives no mass without the lead: one of them is judged
     if force is not None and (force.role == "torque") != (frame is SHAFT):
         frame, force = (SHAFT, force) if motion is None else (frame, None)
     measured = _sizes(log, frame, motion, force)
@@ -195,6 +196,7 @@ def doubt(
     if not open_:
         return Doubt(Text(f"{file}: as its units were told, {why}"))
     who = " and ".join(group.origin() for group in open_)
+    # even the best units leave a magnitude out of range: proposing them would be a guess
     if not readings or unlikely(frame, readings[0].sizes)[0] > 0.0:
         return Doubt(
             Text(
@@ -214,6 +216,7 @@ def doubt(
         ),
         told=False,
         readings=_table(str(file), frame, best),
+        # entry 4 is the mass (or inertia), which `sizes` omits where it cannot be identified
         moves=RANGES[frame][4].quantity in measured,
     )
 
@@ -232,7 +235,7 @@ class _Reading:
 
     @property
     def name(self) -> str:
-        """The units in words: `x in mm, f in N`."""
+        """The units as text: `x in mm, f in N`."""
         return ", ".join(f"{group.column} in {unit}" for group, unit in self.choices)
 
     def options(self, flags: abc.Mapping[str, str]) -> str:
@@ -248,7 +251,7 @@ class _Reading:
         return " ".join(words)
 
     def sentence(self, frame: Frame) -> str:
-        """Return the units and magnitudes in words: `x in mm (travel 200 mm, ...)`."""
+        """Return the units and magnitudes as text: `x in mm (travel 200 mm, ...)`."""
         sizes = [
             Text(f"{span.quantity} {spoken(self.sizes[span.quantity], span.unit)}")
             for span in RANGES[frame]
@@ -260,7 +263,7 @@ class _Reading:
 def _readings(
     frame: Frame, measured: abc.Mapping[str, float], motion: _Group | None, force: _Group | None, is_hal: bool
 ) -> list[_Reading]:
-    """Return interpretations of the log in other units, likeliest first; fewer changed units are likelier."""
+    """Return interpretations of the log in other units: plausible ones first, then those with fewer changed units."""
     there = [group for group in (motion, force) if group is not None]
     choices: list[list[tuple[_Group, str]]] = []
     for group in there:
@@ -288,6 +291,7 @@ def _readings(
 def _sizes(log: Log, frame: Frame, motion: _Group | None, force: _Group | None) -> dict[str, float]:
     acting = None if force is None else log[force.role]
     if motion is not None and motion.si.endswith("/s"):
+        # entry 1 is the speed; without a position there is no travel or acceleration to check
         speed = {RANGES[frame][1].quantity: float(np.max(np.abs(log[motion.role])))}
         return {**speed, **sizes(frame, log.sample_time, None, acting)}
     return sizes(frame, log.sample_time, None if motion is None else log[motion.role], acting)
@@ -354,9 +358,9 @@ _OUTPUTS = (
 def check_response(
     where: str, frf: FRF, told: bool, progress: Progress, cure: Callable[[str], str] | None = None
 ) -> str:
-    """Raise LogError for a response with an implausible mass; if its unit was given, return a sentence instead.
+    """Raise LogError for a response with an implausible mass; if the user gave its unit, return a sentence instead.
 
-    The mass is the median over the lines of |F / (ω² x)|; a response in another kind of unit is not judged.
+    The mass is the median over the lines of |F / (ω² x)|; responses that are not motion over force are not checked.
 
     cure  returns the command line option for a unit of the response, as um/N
     """
@@ -369,10 +373,12 @@ def check_response(
     if known is None or known[0] not in of_order:
         return ""
     order, size = of_order.index(known[0]), 1.0 / known[1]
+    # a line filled with 0 would give an infinite mass
     there = np.abs(frf.response) > 0.0
     if not np.any(there):
         return ""
     w, response = 2.0 * np.pi * frf.frequency[there], np.abs(frf.response[there])
+    # a free mass: |x/F| = 1/(m ω²), |v/F| = 1/(m ω), |a/F| = 1/m
     masses = [w ** (n - 2) / response for n in range(len(_OUTPUTS))]
     read_mass = float(np.median(masses[order])) / size
     if not mass.apart(read_mass):
@@ -380,7 +386,9 @@ def check_response(
     why = Text(f"read in {unit} its mass is {spoken(read_mass, 'kg')}, where feed drives have {mass.bounds()}")
     if told:
         return Text(f"{where}: {why}, as its unit was told")
-    read: list[tuple[str, float, float]] = []  # unit, mass, and its scatter over the lines, least for the right order
+    # only the right order of derivative gives the same mass on all lines; the logarithm makes its scatter
+    # independent of the unit
+    read: list[tuple[str, float, float]] = []  # unit, mass, scatter
     for n in [order] if frf.unit else range(len(_OUTPUTS)):
         scatter = float(np.std(np.log(masses[n])))
         for name in _OUTPUTS[n]:
@@ -402,7 +410,7 @@ def check_response(
 
 @dataclass(frozen=True)
 class Mapped:
-    """A log with its roles: the column of each role, a doubt about its magnitudes, and the unused columns."""
+    """A log with the column of each role, a doubt about its magnitudes, and the named columns that are not used."""
 
     log: Log
     columns: dict[str, Column]
@@ -421,12 +429,12 @@ def mapped(
     *,
     steady: bool = False,
 ) -> Mapped:
-    """Read the log with its roles in `wanted`.
+    """Read a log with its columns assigned to the roles in `wanted`, as far as it has them.
 
     named     role -> text from the command line; takes precedence over everything else
     channels  a TOML file with [log.channels], or a `Mapping`; without it, roles that are not named are guessed, and the
               guess is shown
-    unit      units of columns that state none and were given none
+    unit      units for columns that have neither a stated nor a given one
     steady    True for a log without acceleration ramps, whose accelerations do not indicate its units
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
@@ -444,6 +452,7 @@ def mapped(
         mapping, open_ = _guessed_roles(path, told, wanted, sample_time, progress)
     whole = with_units(path, mapping, unit)
     log = read_log(path, whole, optional=optional, sample_time=sample_time).from_row(skipped)
+    # kept with the log, so that the error for a missing role can state why its likely column was rejected
     log = replace(log, left_out={**open_, **log.left_out}) if open_ else log
     sure = {role for role, column in whole.items() if column != mapping[role]}
     sure |= {role for role, column in told.items() if column.unit or column.factor is not None}
@@ -458,7 +467,7 @@ def _guessed_roles(
     sample_time: float | None,
     progress: Progress,
 ) -> tuple[dict[str, Column], dict[str, str]]:
-    """Return the named roles, completed by guesses, which are shown; and why likely columns were rejected."""
+    """Return the named roles, completed by guesses, which are shown, and the reasons for rejected likely columns."""
     guess = guess_roles(whole_log(path, told.get("time"), sample_time))
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
     # a column named for one role cannot have another
@@ -477,7 +486,7 @@ def _guessed_roles(
 
 
 def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
-    """Return, by role, why a likely column is not used: a factor is missing, or its cells are not numbers."""
+    """Return by role the reason why a likely column is not used: a missing factor, or cells that are not numbers."""
     reasons = {role: f"'{name}' needs a factor, {what}" for role, (name, what) in guess.needs.items()}
     for role, column in guess.mapping.items():
         if role == "current" and role not in wanted:
@@ -492,7 +501,7 @@ _ACTING = ("force", "torque", "current", "command")
 
 
 def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
-    """Return the error for a log without a column of these roles: why likely columns were rejected, or its roles.
+    """Return the error for a log without a column of these roles, with the reasons for rejected columns or its roles.
 
     what     the quantity, as `the force`
     options  the options that name a column for it
@@ -512,7 +521,7 @@ def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: s
 
 
 def requested(channels: MappingLike, path: Path) -> LogRequest:
-    """Return the log with its mapping. Raise FileError, with the command that writes a mapping, for a missing file."""
+    """Return the request for a log with a mapping. Raise FileError, with the remedy, for a missing mapping file."""
     if isinstance(channels, Mapping):
         return LogRequest(path, channels)
     if not channels.exists():
@@ -525,7 +534,8 @@ def whole_log(path: Path | OpenedFile, time: Column | None, sample_time: float |
     """Read all columns of a log under their original names; a named time column is converted by its unit."""
     if time is None:
         return read_log(path, sample_time=sample_time, name=name)
-    read_log(path, {"time": time}, sample_time=sample_time)  # raises if the column is missing
+    # a mapping would drop all other columns, and an optional column may be missing: the first call raises if it is
+    read_log(path, {"time": time}, sample_time=sample_time)
     return read_log(path, optional={"time": time}, sample_time=sample_time, name=name)
 
 
@@ -539,7 +549,7 @@ def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
 
 
 class ChannelsRequest(Request):
-    """The log whose columns are guessed, and the output file for the mapping."""
+    """The log whose column roles are guessed, and the output file for the mapping."""
 
     log: LogLike = argument("A log of any known format")
     axis: str | None = option("axis of a log with several, as x or 0", default=None)
@@ -550,7 +560,7 @@ class ChannelsRequest(Request):
 
 @command(ChannelsRequest)
 def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
-    """Guess the role of each column of a log; the section of the outcome is a TOML text to correct for --channels.
+    """Guess the role of each column of a log. The outcome has the roles as a TOML section to be edited for --channels.
 
     For a file of frequency responses, list the responses, and the controllers in the XML of a tuning tool.
     """
@@ -567,6 +577,7 @@ def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
     guess = _guessed(request, file)
     if out is None:
         return Outcome(guess, [guess.table()], section=guess.toml(path))
+    # a mapping beside its log names it without a folder, so that both can be moved together
     write_roles(out, guess, path.resolve() if out.parent.resolve() != path.parent.resolve() else path.name)
     return Outcome(guess, [guess.table()], files={"Written": f"{out}; correct it and give it with --channels {out}"})
 
@@ -607,9 +618,9 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
 
 
 def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
-    """Guess the mapping.
+    """Guess the roles of the columns of a log.
 
-    A time column that is implausible for a servo loop is read in its likeliest unit: the table shows it for correction.
+    If its time is implausible for a servo loop, the time column is read in the likeliest unit, which the table shows.
     """
     time = None if request.time is None else Column.of(request.time)
     why = "named on the command line"
@@ -630,13 +641,14 @@ def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
 
 
 def _likely_time(file: OpenedFile) -> tuple[Column, str] | None:
-    """Return the time column with its likeliest unit and the reason; None if it states a unit or none is plausible."""
+    """Return the time column in its likeliest unit, with the reason; None if a unit is stated or none is plausible."""
     name = next((name for name in file.columns.values if is_time(name)), None)
     if name is None or name in file.columns.units or unit_at_the_end(name, "time"):
         return None
     steps = np.diff(file.columns.values[name])
     step = float(np.median(steps)) if steps.size else 0.0
     units_ = time_units(step) if np.isfinite(step) and step > 0.0 else []
+    # s is the default, in which the log was already rejected: its error stands
     if not units_ or units_[0][0] == "s":
         return None
     other = joined("", (f", in {unit} {Quantity(size, 's')}" for unit, size in units_[1:]))

@@ -19,7 +19,7 @@ class CheckRequest(Request):
 
 @command(CheckRequest)
 def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
-    """Check a certificate in exact arithmetic; the result is True if it is proven, else the last line says why not.
+    """Check a certificate in exact arithmetic. The result is True if it is proven; else the last line gives the reason.
 
     Raises FileError for a missing file.
     """

@@ -44,7 +44,9 @@ from feeddrive.report.page import html
 from feeddrive.report.report import Report
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
 
-_TURNS = 2.2  # turns of a simulated circle: run-in and run-out use parts of the first and the last turn
+# a whole turn at constant feed must remain between run-in and run-out, which use parts of the first and last turn
+_TURNS = 2.2
+# two feeds: the lag grows with the square of the feed, scale and squareness do not depend on it
 _RADIUS, _FEEDS = 0.02, (0.02, 0.1)  # m, m/s, of a simulated machine
 
 
@@ -129,15 +131,16 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
 
 
 def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:
-    """Yield the paths, and report progress for each."""
+    """Yield the paths, reporting progress for each."""
     for path in paths:
         progress.step(f"reading {path.name}")
         yield path
 
 
 def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
-    """Return the machine if the source is a machine file; None for logs."""
+    """Return the machine if the only source is a machine; None for logs. Raise ParameterError for a mixture."""
     first = sources[0]
+    # a bundled machine is a bare name; a file without a suffix that exists is a log
     is_machine = first.suffix.lower() == ".toml" or (not first.suffix and not first.exists())
     if not is_machine:
         return None
@@ -147,7 +150,7 @@ def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
 
 
 def _measured(path: Path, request: CircleRequest) -> CirclePath:
-    """Read the circle in a log."""
+    """Read a measured circle from a log."""
     file = OpenedFile(path)
     # read each in turn as the position of a table: that role has the unit of a length
     kept = {} if request.time is None else {"time": Column.of(request.time)}
@@ -192,10 +195,12 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
                     phase=phase,
                     direction=direction,
                     center=at,
-                    run_up_time=min(0.3, np.pi * radius / feed),  # s, at most half a turn
+                    # at most half a turn, so that a full turn at constant feed is left also at a high feed
+                    run_up_time=min(0.3, np.pi * radius / feed),  # s
                 )
                 for name, phase, at in zip(axes, (0, 90), center, strict=True)
             }
+            # a machine runs only with a reference for each axis: those outside of the plane stand still
             still = {
                 name: Recorded(position=np.zeros(2), sample_time=float(loop.sample_time))
                 for name, loop in machine.loops().items()
@@ -211,7 +216,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
 
 
 def _middle(file: MachineFile, name: str, radius: float) -> float:
-    """Return the center of an axis's travel range, m; 0 if it is not stated."""
+    """Return the center of an axis's travel range, m; 0 if it is unknown. Raise ParameterError if it is too short."""
     limits = file.limits.get(name)
     if limits is None or limits.travel_least is None or limits.travel_most is None:
         return 0.0
@@ -281,4 +286,5 @@ def _summary(measured: MeasuredCircle) -> dict[str, Any]:
 
 
 def _known(value: float, cause: Cause) -> float | None:
+    # a cause that the circles cannot separate has an infinite error, for which JSON has no number
     return value if np.isfinite(cause.error) else None

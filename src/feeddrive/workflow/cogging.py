@@ -1,6 +1,6 @@
 """`feeddrive cogging`: position harmonics of the force in logs of slow runs, or in maps of holding current.
 
-It holds the fit, its report, and the machine file with the harmonics.
+The output is the fit, its report, and the machine file with the harmonics.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ from feeddrive.workflow.drive_logs import DriveLogsRequest
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
 _FORCES = ("force", "torque", "current", "command")
 _NAME_IT = "--position or --angle (or give --map, if each row is a place)"
-_ANY_CLOCK = 1e-3  # s, for a file without a clock
+# cogging depends on position alone: any clock serves a file without one
+_ANY_CLOCK = 1e-3  # s
 _MOST = 1000  # largest order
 _NAMED = 6  # orders named in a sentence
 _STRONG = 0.05  # amplitude relative to the strongest order from which an order is named
@@ -71,7 +72,7 @@ class CoggingRequest(DriveLogsRequest):
         return Path("results") / f"cogging_{drive_logs.logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an omitted option."""
+        """Return the column options by role; None for an omitted option."""
         return {"position_load": self.position, "angle_motor": self.angle, **self.forces()}
 
 
@@ -130,12 +131,13 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
 
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
-    """Return the passes in one direction from logs of runs over the travel; no clock is needed."""
+    """Split logs of runs over the travel into passes of one direction each; no clock is needed."""
     named, wanted = request.named(), ("time", *_POSITIONS, *_FORCES)
     files = [OpenedFile(source) for source in request.logs]
     step, paths = _clock(files[0], request), [file.path for file in files]
     read, mapping, doubts = drive_logs.read_logs(files, named, request.channels, wanted, step, progress, request.unit)
     passes: list[CoggingRun] = []
+    # both are the same for all logs, which are read with the roles of the first one
     role = moving = ""
     period, units_there = 0.0, ""
     for path, log in zip(paths, read, strict=True):
@@ -144,6 +146,7 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
         period = _period(request.period, ROLES[moving], drive)
         units_there = log.units.get(role, "")
         try:
+            # positions in periods, so that the fit does not depend on metres or radians
             passes += cogging_passes(log[moving] / period, log[role], highest=max(orders or (128,)), name=path.name)
         except NotIdentifiableError as error:
             size = Quantity(period, ROLES[moving])
@@ -152,14 +155,14 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
 
 
 def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
-    """Return the sample time, arbitrary for a file without a clock, since cogging depends on position alone."""
+    """Return the sample time, s: as given, None for that of the file, or any value for a file without a clock."""
     if request.sample_time is not None or request.time is not None or request.channels is not None:
         return request.sample_time
     return None if any(is_time(name) for name in read_arrays(path)) else _ANY_CLOCK
 
 
 def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
-    """Return the measured positions of one turn in maps; positions with force 0 were not measured."""
+    """Return the measured positions and forces of maps of one turn; a force of 0 marks a position not measured."""
     named = request.named()
     role = next((candidate for candidate in _FORCES if named.get(candidate) is not None), "current")
     text = named.get(role)
@@ -191,7 +194,7 @@ def _is_angle(text: str) -> bool:
 
 
 def _period(text: str | None, unit: str, drive: Drive) -> float:
-    """Parse the period, or derive it from the drive, in the SI unit of the position. Raise ParameterError."""
+    """Return the period in `unit`, parsed or derived from the drive. Raise ParameterError if missing or invalid."""
     if text is None:
         if unit == "rad":
             return 2.0 * math.pi
@@ -213,7 +216,7 @@ def _period(text: str | None, unit: str, drive: Drive) -> float:
 
 
 def _orders(text: str | None) -> tuple[int, ...] | None:
-    """Parse orders such as `1..60` or `7,14,28`. Raise ParameterError."""
+    """Parse orders such as `1..60` or `7,14,28`; None if none are given. Raise ParameterError for an invalid text."""
     if text is None:
         return None
     low, dots, high = text.partition("..")
@@ -227,8 +230,9 @@ def _orders(text: str | None) -> tuple[int, ...] | None:
 
 
 def _at_table(seen: _Seen, drive: Drive) -> AtTable | None:
-    """Return the period in m and the force at the table in N per unit, if both are known."""
+    """Return period and force factor at the table; None unless both are known."""
     r = drive.lever
+    # F = torque / r, x = r θ with r = lead / (2π gear)
     constants = {"force": 1.0, "torque": None if r is None else 1.0 / r}
     constant = constants[seen.role] if seen.role in constants else drive.force_per_unit(seen.unit)
     period = seen.period if not seen.turning else None if r is None else seen.period * r
@@ -277,7 +281,7 @@ def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
 
 
 def advice(fit: CoggingFit) -> Advice:
-    """Return the judgment with one sentence and its reason: which orders to take, or what to measure next."""
+    """Return the judgment with one sentence: the orders to compensate, or the next measurement, with the reason."""
     if not fit.significant:
         return Judgment.NO_COGGING.because("no order of the position is significant")
     strong = [order for order in fit.significant if order.amplitude >= _STRONG * fit.orders[0].amplitude]
@@ -292,6 +296,7 @@ def advice(fit: CoggingFit) -> Advice:
             f"what stands out, {_listed(strong)}, changes its sign with the direction, so it is friction that varies "
             "along the travel, or an error of the current's zero"
         )
+    # sines of different orders are orthogonal over a period, so their mean squares a²/2 add up
     even = sum(order.even.value**2 for order in fit.significant if order.even is not None)
     odd = sum(order.odd.value**2 for order in fit.significant if order.odd is not None)
     turned = [order for order in strong if order not in taken]
@@ -311,7 +316,7 @@ def _rms(squares: float, unit: str) -> Text:
 
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:
-    """Return the machine file with the cogging among its forces, comments kept; without a file, the section alone."""
+    """Return the text of the machine file with the cogging added, comments kept; without a file, the section alone."""
     block = _rounded(fit.block(at_table.period, force_per_unit=at_table.force_per_unit))
     section = _section(block, axis)
     if machine is None:
@@ -322,9 +327,11 @@ def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None
         forces = machine.loop(axis).axis.forces
         index = next((i for i, force in enumerate(forces) if isinstance(force, Cogging)), len(forces))
         if index < len(forces):
+            # the number of harmonics may differ, so the old section cannot be edited key by key
             edit.replace(("axis", axis, "forces", index), section)
         else:
             edit.add(section)
+    # `force` of the block is the amplitude of its strongest harmonic; the shares scale the others
     strongest = max((order.even for order in fit.significant if order.even is not None), key=lambda order: order.value)
     error = at_table.force_per_unit * strongest.error
     edit.comment(("axis", axis, "forces", index, "force"), Text(f"standard error {Quantity(error, 'N'):2}"))
@@ -349,6 +356,7 @@ def _section(block: Cogging, axis: str) -> str:
 
 def _cogging(fit: CoggingFit) -> list[CoggingOrder]:
     """Return the strong orders that do not change sign with the direction, strongest first."""
+    # cogging is a force of position alone; what changes its sign with the direction is friction
     common = [
         order
         for order in fit.significant

@@ -1,7 +1,7 @@
-"""A command: a function with a declared request, a protocol for progress and cancel, and a printable outcome.
+"""A command: a function with a declared request, a protocol for progress and cancellation, and a printable outcome.
 
-The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which returns the result), and the command
-line and the page, which show the outcome.  A command also accepts an object in place of the file it is read from.
+The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which returns the result) and the command line
+and the page, which show the outcome.  A command also accepts an object in place of the file from which it is read.
 
 `COMMANDS` lists module, one-line description, group and examples of every command, so that `--help` need not import
 their modules.  `fd.workflow.NAME` is the command (with _ for -).
@@ -57,11 +57,11 @@ UNIT = "unit of columns that state none, as mm, in or kN; may be repeated"
 class Field:
     """A field of a request.
 
-    kind      the type of one value: str, Path, int, float or bool
-    kinds     all types that Python may pass instead: the path of a log, or a `Log`
+    kind      the type of one value on the command line: str, Path, int, float or bool
+    kinds     all types accepted in Python, such as the path of a log, or a `Log`
     many      True if the field is a tuple of such values
     unit      the SI unit in the request; `declared.unit` is the unit in which users enter the value
-    flag      on the command line; empty for a positional argument
+    flag      the option on the command line; empty for a positional argument
     """
 
     name: str
@@ -85,17 +85,18 @@ class Field:
         return units.factor(self.declared.unit, self.unit) if self.declared.unit != self.unit else 1.0
 
     def help(self) -> str:
-        """Return meaning, options and unit as a help text."""
+        """Return the help text: meaning, options and unit."""
         meaning = self.declared.meaning
         options = [str(choice) for choice in self.declared.options]
         named = f": {', '.join(options[:-1])} or {options[-1]}" if options else ""
         here = self.declared.unit
-        turned = here if self.name == "lead" or here.endswith("/A") else units.turning(here)  # a screw's, a motor's
+        # the lead of a screw stays in m and the constant of a motor per A, also for an axis that turns
+        turned = here if self.name == "lead" or here.endswith("/A") else units.turning(here)
         unit = f" ({here}; {turned} of an axis that turns)" if turned != here else f" ({here})" if here else ""
         return f"{meaning[:1].upper()}{meaning[1:]}{named}{unit}."
 
     def shown(self, value: Any) -> str:
-        """Return one value in the form of the command line: a number in the entered unit."""
+        """Return one value as text for the command line, a float in the unit in which users enter it."""
         if self.kind is float:
             return units.shortest(value, self.factor)
         return str(value) if self.kind is int else called(value)
@@ -113,6 +114,7 @@ class Field:
         where = self.flag or self.name
         if self.kind is Path and isinstance(value, str):
             return Path(value)
+        # bool is a subclass of int: True must not pass as a whole number
         if self.kind is not float and (
             not isinstance(value, self.kinds) or isinstance(value, bool) != (self.kind is bool)
         ):
@@ -125,6 +127,7 @@ class Field:
         if self.kind is float:
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise ParameterError(f"{where} ({self.declared.meaning}) must be a number, not {value!r}")
+            # bounds are declared in the unit in which users enter the value
             check_bounds(where, self.declared, float(value) / self.factor)
             return float(value)
         if self.kind in (str, int):
@@ -135,8 +138,9 @@ class Field:
 def argument(
     meaning: str, *, default: Any = MISSING, options: tuple[str, ...] = (), kw_only: Literal[False] = False
 ) -> Any:
-    """Declare a positional argument of the command line: the file or machine of the command."""
+    """Declare a positional argument of the command line: the main input of a command, such as a file or machine."""
     declared = Declaration(role="argument", unit="", meaning=meaning, options=options)
+    # type checkers read `kw_only` from the signature of a field specifier (PEP 681), so it must be a parameter
     metadata = {"declaration": declared, "unit": "", "short": "", "flag": ""}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
@@ -157,7 +161,7 @@ def option(
     last: bool = False,
     kw_only: Literal[True] = True,
 ) -> Any:
-    """Declare an option, required without a default. `last`: it is listed after the options of subclasses."""
+    """Declare an option, required unless it has a default. With `last` it follows the options of subclasses."""
     declared = Declaration(
         role="option",
         unit=entered or unit,
@@ -174,15 +178,16 @@ def option(
 
 @dataclass_transform(frozen_default=True, field_specifiers=(argument, option))
 class Request(Declared):
-    """The base class of all requests. Subclasses become frozen dataclasses that validate themselves."""
+    """The base class of all requests. Subclasses become frozen dataclasses that validate their fields."""
 
     def __init_subclass__(cls, more: Mapping[str, tuple[str, Any]] | None = None, after: str = "") -> None:
-        """Create a request class; `more` has further options (annotation and `option(...)`), inserted after a field."""
+        """Create a request class. `more`: options (annotation and `option(...)`) to insert behind the field `after`."""
         if more:
             hints = dict(cls.__annotations__)
             place = list(hints).index(after) + 1
             names = [*list(hints)[:place], *more, *list(hints)[place:]]
             hints |= {name: annotation for name, (annotation, _) in more.items()}
+            # dataclass takes the order of the fields from the annotations
             cls.__annotations__ = {name: hints[name] for name in names}
             for name, (_, field) in more.items():
                 setattr(cls, name, field)
@@ -215,13 +220,14 @@ class Request(Declared):
         return f"fd.workflow.{name.replace('-', '_')}({', '.join(words)})"
 
     def usual_out(self) -> Path | None:
-        """Return the default output path of a command; None for a command without one."""
+        """Return the default output path of the command line; None if the command has none."""
         return None
 
 
 @cache
 def fields_of(request: type[Request]) -> tuple[Field, ...]:
     """Return the fields of a request in order; fields declared with `last` follow all others."""
+    # under postponed evaluation the annotations are texts until they are resolved here
     hints = typing.get_type_hints(request)
     fields: list[Field] = []
     specs = dataclasses.fields(request)  # type: ignore[arg-type]
@@ -243,7 +249,7 @@ def _by_name(request: type[Request]) -> dict[str, Field]:
 
 
 def called(source: Any) -> str:
-    """Return the display name of a source: its file, its name or its type; "none given" for None."""
+    """Return the display name of a source: its file, name or type; "none given" for None."""
     if source is None:
         return "none given"
     if isinstance(source, str | Path):
@@ -260,7 +266,7 @@ def stem(source: Any) -> str:
 
 
 def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
-    """Make names unique by appending the given word to repeated ones."""
+    """Make the names of (name, word) pairs unique by appending its word, then a number, to a repeated name."""
     unique = list[str]()
     for name, word in named:
         tries = chain([name, f"{name} ({word})"], (f"{name} ({word}, {i})" for i in count(2)))
@@ -269,7 +275,7 @@ def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def _literal(value: Any) -> str:
-    """Return a value as a Python literal; a path as its text, an object by its display name."""
+    """Return the Python literal of a value; a path becomes its text, an object its display name."""
     if isinstance(value, tuple):
         inside: tuple[Any, ...] = value
         return f"({', '.join(map(_literal, inside))}{',' if len(inside) == 1 else ''})"
@@ -278,7 +284,8 @@ def _literal(value: Any) -> str:
 
 
 def _kind(hint: Any) -> tuple[tuple[type, ...], bool]:
-    """Return the types of a union, and True if they are in a tuple: `tuple[Path, ...]`, `str | MachineFile`."""
+    """Return the types of an annotation without None, and True if it is a tuple of them, such as `tuple[Path, ...]`."""
+    # `A | B` of classes is a UnionType, but a typing.Union as soon as one side is an alias or a type parameter
     kinds = typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
     kinds = tuple(kind for kind in kinds if kind is not type(None))
     if typing.get_origin(kinds[0]) is tuple:
@@ -298,6 +305,7 @@ def frequencies(band: str) -> tuple[float, float]:
 
 def signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
     """Return the signature of a command: the request's fields as parameters, the outcome's result as return type."""
+    # the text of the annotation suffices: resolving it would need an import of the result's module
     result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
     declared = inspect.signature(request)
     parameters = [declared.parameters[field.name] for field in fields_of(request)]  # type: ignore[arg-type]
@@ -315,7 +323,7 @@ _MODELS = ("machine", "source", "controller", "baseline", "job")  # fields that 
 class Outcome(Generic[T]):
     """The outcome of a command.
 
-    result    the object of the analysis
+    result    the result object, which a call in Python returns
     tables    tables to show first, with sentences between them
     remarks   important remarks on the result
     verdict   one sentence with the recommendation or the finding
@@ -324,10 +332,10 @@ class Outcome(Generic[T]):
     files     paths of the written files, by kind
     details   tables and sentences shown on request (--verbose) after the remarks, and always in reports
     rotary    True for a rotary axis, shown in rad, N m and kg m2; a result may also declare this
-    judgment  the judgment of the command on its own result, which gives the exit code
+    judgment  the judgment of the command on its result, which gives the exit code
     failure   the reason for a bad judgment, if the verdict does not state it
-    error     the error that ended the job early, after results that are worth keeping
-    page      the function that makes the command's own report, if it has one; it must be picklable
+    error     the error that ended the command early, after results that are worth keeping
+    page      the function that makes the command's specific report, if it has one; it must be picklable
     """
 
     result: T
@@ -346,6 +354,7 @@ class Outcome(Generic[T]):
 
     def __post_init__(self) -> None:
         for name in ("tables", "remarks", "notes", "details"):
+            # a Text keeps its quantities as numbers, which an axis that turns shows in other units
             shown = tuple(Text(item) if isinstance(item, str) else item for item in getattr(self, name))
             object.__setattr__(self, name, shown)
         for name in ("verdict", "failure"):
@@ -387,11 +396,12 @@ class Outcome(Generic[T]):
         yield from (f"{what}: {path}" for what, path in self.files.items())
 
     def report(self) -> Report:
-        """Return the report of the command, even if nothing was written: its own, or one made from the outcome."""
+        """Return the report: that of `page`, or a general one made from the outcome. No file needs to be written."""
         return self._told() if self.page is None else self.page()
 
     def _told(self) -> Report:
-        """Return the outcome as a report: verdict, picture of the result if it has one, tables, remarks, details."""
+        """Return a general report of the outcome: verdict, picture if the result has one, tables, remarks, details."""
+        # imported on use: most outcomes are printed and never become a report
         from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict
 
         result: Any = self.result
@@ -413,9 +423,9 @@ class Outcome(Generic[T]):
         )
 
     def record(self, command: str = "") -> dict[str, Any]:
-        """Return the outcome for JSON: tables in SI with units and errors, sentences as texts, files and the judgment.
+        """Return the outcome as data for JSON: tables in SI with units and errors, sentences, files and judgment.
 
-        command  its name; the exit code is that of the command line
+        command  the name of the command, repeated in the data
         """
         units, error = self.units, self.error
         code = self.judgment.exit_code if error is None else error.exit_code
@@ -439,12 +449,12 @@ class Outcome(Generic[T]):
 
 
 def failure(error: Exception) -> dict[str, str]:
-    """Return an error for JSON."""
+    """Return the class name and the message of an error as data for JSON."""
     return {"kind": type(error).__name__, "message": str(error)}
 
 
 def _recorded(shown: Sequence[Table | str], units: Units) -> dict[str, list[Any]]:
-    """Return tables and the sentences between them for JSON."""
+    """Return tables and the sentences between them as data for JSON."""
     return {
         "tables": [item.record(units) for item in shown if isinstance(item, Table)],
         "texts": [_told(item, units) for item in shown if not isinstance(item, Table)],
@@ -456,18 +466,19 @@ def _told(text: str, units: Units) -> str:
 
 
 class Command(Generic[P, R, T]):
-    """A function of a request and a progress, which can also be called with the fields of the request.
+    """A function of a request and a progress that can also be called with the fields of the request.
 
-    Nothing is written unless the request says where, with its field `out`.
+    Nothing is written unless the field `out` of the request is set.
     """
 
     def __init__(self, request: Callable[P, R], work: Callable[[R, Progress], Outcome[T]]) -> None:
         self.request, self.work = request, work
+        # help() and inspect then show the command's function and not this class
         self.__doc__, self.__name__, self.__module__ = work.__doc__, work.__name__, work.__module__
         self.__signature__ = signature(request, work)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
-        """Return the result. `progress` may be passed with the fields of the request; `run` returns the outcome."""
+        """Run the command and return its result, not the outcome. `progress` may be passed with the fields."""
         progress: Any = kwargs.pop("progress", None)
         outcome = self.run(self.build_request(*args, **kwargs), progress)
         if outcome.error is not None:
@@ -475,8 +486,10 @@ class Command(Generic[P, R, T]):
         return outcome.result
 
     def build_request(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Return the request; an error about an invalid field uses the units of its axis."""
+        """Build the request. Raise ParameterError for an invalid field, in rad and N m for a rotary axis."""
         try:
+            # bound first, so that a wrong name is reported in the words of the command and not by a TypeError of a
+            # dataclass
             bound = inspect.signature(self.request).bind(*args, **kwargs)
         except TypeError as error:
             raise ParameterError(self._misuse(kwargs, str(error))) from None
@@ -498,10 +511,12 @@ class Command(Generic[P, R, T]):
         return f"{self.__name__}: {message}; it needs {needed or 'nothing'}, all else by name"
 
     def run(self, request: R, progress: Progress | None = None) -> Outcome[T]:
-        """Run the request. An output path that is not writable is refused before the work starts."""
+        """Run the request. Raise FileError at the start if the output directory is not writable."""
         for declared in fields_of(type(request)):
             place = getattr(request, declared.name)
+            # only options with the meaning OUT name a directory; a single file is checked when it is written
             if declared.declared.meaning == OUT and place is not None:
+                # imported on use: a request without an output directory needs no file access
                 from feeddrive.files.atomic_io import check_directory
 
                 check_directory(place)
@@ -523,6 +538,7 @@ def _worded(error: FeeddriveError) -> None:
 
 def _turns(fields: Mapping[str, Any]) -> bool:
     """Return True if all axes of a request are rotary, as far as its machine files and jobs can be read."""
+    # imported on use: only an error needs to know whether the axes turn
     from feeddrive.files.job import Job, read_job
     from feeddrive.files.machine import MachineFile, read_machine
     from feeddrive.loop.loop import Loop
@@ -530,12 +546,14 @@ def _turns(fields: Mapping[str, Any]) -> bool:
     loops = list[Loop]()
     for name, value in fields.items():
         for read in (read_machine, read_job) if isinstance(value, str | Path) and name in _MODELS else ():
+            # a file that cannot be read has its own error elsewhere; here it only leaves the question open
             with suppress(FeeddriveError):
                 value = read(value)
                 break
         value = value.machine if isinstance(value, Job) else value
         if isinstance(value, MachineFile):
             axis = str(fields.get("axis", ""))
+            # an error about one axis uses its units; without a named axis all axes must agree
             loops += [value.loops[axis]] if axis in value.loops else list(value.loops.values())
         elif isinstance(value, Loop):
             loops.append(value)
@@ -543,12 +561,12 @@ def _turns(fields: Mapping[str, Any]) -> bool:
 
 
 def command(request: Callable[P, R]) -> Callable[[Callable[[R, Progress], Outcome[T]]], Command[P, R, T]]:
-    """Return a decorator that makes a command of a function: `@command(TuneRequest)`."""
+    """Return a decorator that turns a function into a command: `@command(TuneRequest)`."""
     return lambda work: Command(request, work)
 
 
 class Listed(NamedTuple):
-    """An entry of `--help`: the module of a command, one sentence, its group, and examples of its arguments."""
+    """An entry of `--help`: the module of a command, its one-line description, its group, and example arguments."""
 
     module: str
     summary: str

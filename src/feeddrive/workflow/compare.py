@@ -26,7 +26,7 @@ TAKEN = "taken.toml"
 
 
 class CompareRequest(EvaluationRequest):
-    """The axis, the laws, and the number of searches per law."""
+    """The axis, the laws to compare, and the number of searches per law."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("The axis, if the machine has several", default=None)
@@ -52,8 +52,8 @@ class CompareRequest(EvaluationRequest):
 def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     """Compare all laws on one axis, tuned to equal robustness, with today's gains, and rank them by criterion.
 
-    Laws are tuned in parallel processes.  Raises ParameterError for an unknown axis or law, and for a law to take
-    without an output directory; UnstableError if no law can be run.
+    Laws are tuned in parallel processes.  Raises ParameterError for an unknown axis or law, and for `take` without an
+    output directory; UnstableError if no law can be run.
     """
     machine = read_machine(request.machine)
     laws = [imported(Law, law) if ":" in law else law for law in request.law] or None
@@ -62,6 +62,7 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
         if request.out is None:
             raise ParameterError(f"take = '{take}' needs a directory for its machine file: out")
         take = name_of(take, machine.loop(request.axis), [law for law in laws or () if not isinstance(law, str)])
+        # --take may name a law that --law does not: it is then compared too
         laws = None if laws is None else [*laws, *([] if take in laws else [take])]
     files: dict[str, Path] = {}
     with engine_of(request, request.keep, request.out) as engine:
@@ -113,11 +114,12 @@ _COLUMNS = (
     (Column("settled", "s", "2"), "snap_settling_s"),
     (Column("noise", "N", "2"), "force_noise_N"),
 )
-_SENTENCES = re.compile(r"\. (?=[A-Z])")  # between sentences, not a decimal point in code
+# a full stop between sentences: not a decimal point, nor a dot between the names of code
+_SENTENCES = re.compile(r"\. (?=[A-Z])")
 
 
 def screen(comparison: Comparison) -> Table:
-    """Tabulate robustness and the deciding figures to two digits; unranked laws are marked."""
+    """Tabulate robustness and the main figures of merit to two digits; laws without a rank are marked."""
     rows = [
         [
             f"{competitor.name}{' *' if competitor.unplaced or competitor.unfit else ''}",
@@ -129,7 +131,7 @@ def screen(comparison: Comparison) -> Table:
 
 
 def in_short(comparison: Comparison) -> list[str]:
-    """Return sentences on the laws without a rank, with the reasons."""
+    """Return sentences on laws without a rank, a complete proof or tunable parameters, and on refused laws."""
     tuned = [competitor for competitor in comparison.competitors if competitor.tuned is not None]
     groups = {
         "Nothing to tune, so judged as it is": [
@@ -156,6 +158,7 @@ def in_short(comparison: Comparison) -> list[str]:
     refused = dict[str, list[str]]()
     for refusal in comparison.refusals:
         first = _SENTENCES.split(marked(refusal.reason), maxsplit=1)[0].rstrip(".")
+        # many laws are refused for the same first reason: one line with all names instead of one for each
         refused.setdefault(first, []).append(refusal.name)
     return [
         *lines,

@@ -1,4 +1,4 @@
-"""Functions and options shared by commands that read several logs of one drive: columns, drive data, output."""
+"""Shared options and functions of commands that read several logs of one drive: columns, drive data, output."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -27,7 +27,7 @@ MOTIONS = (*_TABLE, *_SHAFT)
 
 
 class DriveLogsRequest(Request):
-    """The common options of commands on logs of one drive: force columns, drive constants, output."""
+    """The common options of commands that read logs of one drive: force columns, drive constants, output."""
 
     logs: tuple[LogLike, ...] = argument("Logs of one drive")
     force: str | None = option("column of the force, name:unit", default=None)
@@ -48,7 +48,7 @@ class DriveLogsRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def forces(self) -> dict[str, str | None]:
-        """Return the column texts of force and time by role; None for an omitted option."""
+        """Return the options for the columns of force and time by role; None for an omitted option."""
         return {
             "force": self.force,
             "torque": self.torque,
@@ -59,7 +59,7 @@ class DriveLogsRequest(Request):
 
 
 def drive_of(request: DriveLogsRequest) -> Drive:
-    """Return the drive described by the options, completed from the motor of the machine file."""
+    """Return the drive described by the options, completed with the motor data of the machine file."""
     machine = None if request.machine is None else read_machine(request.machine)
     loop = None if machine is None else machine.loop(request.axis)
     return drive_with(machine, loop, request.axis, request.force_constant, request.lead, request.gear)
@@ -74,9 +74,9 @@ def read_logs(
     progress: Progress,
     unit: Sequence[str] = (),
 ) -> tuple[list[Log], dict[str, Column], list[str]]:
-    """Read all logs with the roles of the first one, whose guess is shown; also return doubts about their magnitudes.
+    """Read all logs with the column roles of the first one; return logs, columns, and doubts about magnitudes.
 
-    Raises LogError as `read_log`, and for a log that is implausible for a feed drive.
+    Guessed roles are shown.  Raises LogError as `read_log`, and for a log that is implausible for a feed drive.
     """
     first = mapped(paths[0], named, channels, wanted, sample_time, progress, unit, steady=True)
     first.doubt.stop(progress)
@@ -88,6 +88,7 @@ def read_logs(
             read.append(other.log)
             doubts.append(other.doubt.why)
         else:
+            # a new guess for each log could give the same column another role
             read.append(read_log(path, first.columns, sample_time=sample_time))
     return read, first.columns, [doubt for doubt in doubts if doubt]
 
@@ -95,7 +96,7 @@ def read_logs(
 def chosen(
     path: Path | OpenedFile, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str
 ) -> str:
-    """Return the role to use: a named one, else the first of `roles` in the log. Raise LogError without one."""
+    """Return the first of `roles` in the log, named ones first. Raise LogError if the log has none of them."""
     there = [role for role in roles if role in log.channels]
     told = [role for role in there if named.get(role) is not None]
     if not there:
@@ -106,13 +107,15 @@ def chosen(
 def velocity_and_force(
     path: OpenedFile, log: Log, named: Mapping[str, str | None], drive: Drive
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return velocity and force of a log, and True if they are those of a shaft."""
+    """Return velocity and force of a log, at the table or at the shaft, and True if they are those of a shaft."""
     acting = chosen(path, log, named, FORCES, "force", "--force, --torque, --current or --command")
+    # a torque acts at the shaft: with a motion at the shaft no lead is needed to relate the two
     shaft_first = acting == "torque"
     order = (*_SHAFT, *_TABLE) if shaft_first else (*_TABLE, *_SHAFT)
     moving = chosen(path, log, named, order, "velocity", "--velocity, --speed, --position or --angle")
     velocity = log[moving]
     if moving.startswith(("position", "angle")):
+        # central differences leave no delay between velocity and force
         velocity = np.gradient(velocity, log.sample_time)
     force, is_torque = drive.acting(path, log, acting)
     turning = moving in _SHAFT
@@ -124,7 +127,8 @@ def velocity_and_force(
 
 
 def logs_stem(logs: Sequence[LogLike]) -> str:
-    """Return a stem for result files: the name of the first log, and the number of further logs."""
+    """Return a stem for the names of results: the name of the first log, and the number of further logs."""
+    # cut at the first dot, since logs may end in .csv.gz
     name = Path(called(logs[0])).name.split(".")[0]
     return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}"
 
@@ -140,7 +144,7 @@ def log_names(logs: Sequence[LogLike]) -> str:
 
 
 def column_texts(mapping: Mapping[str, Column]) -> str:
-    """Return the column of each role with its factor and unit, for the facts of a report."""
+    """List the column of each role with its factor and unit, for the facts of a report."""
     return ", ".join(f"{role}: {column.text()}" for role, column in mapping.items())
 
 

@@ -1,4 +1,4 @@
-"""The options of commands that evaluate many cases: the workers or cluster, and how to resume a stopped call."""
+"""The options of commands that evaluate many cases: local workers or a cluster, and resumption of a stopped run."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ from feeddrive.workflow.command import Request, option
 
 
 class EngineRequest(Request):
-    """The base class of requests that evaluate cases; their own fields come first."""
+    """The base class of requests that evaluate cases. Its options are listed after those of the subclass."""
 
     workers: int | None = option(
         "Number of cases computed side by side; default: the number of cores",
@@ -40,9 +40,9 @@ class EvaluationRequest(EngineRequest):
 def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -> Generator[Engine]:
     """Yield the engine of a request; finished cases are stored in `keep`, or temporarily beside `out`.
 
-    The caller's block writes the results: after it, cases beside `out` are removed, and those in `keep` stay. An error
-    that ends the block early states how many cases `--resume` can reuse. Raises ParameterError for a request to resume
-    without either.
+    The block writes the results. Afterwards cases beside `out` are removed, and those in `keep` are retained. A
+    cancellation or lost workers raise an error with the number of cases that `--resume` can reuse. Raises
+    ParameterError for `resume` without `keep` or `out`.
     """
     store = _store(keep, out, resume=request.resume)
     engine = Engine.of(request.workers, request.scheduler, store)
@@ -52,16 +52,19 @@ def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -
         if store is None or not store.count:
             raise
         reason = "stopped" if isinstance(error, CancelledError) else error
+        # the class gives the exit code, so it stays that of the cause
         raise type(error)(
             Text(f"{reason}; finished cases in {store.place}: {store.count}; go on with --resume")
         ) from None
     if store is not None and keep is None:
+        # reached only if the results were written: until then the cases are the only copy
         store.clear()
 
 
 def _store(keep: Path | None, out: Path | None, *, resume: bool) -> Folder | None:
     if keep is not None:
-        return Folder(keep)  # a named directory is always continued
+        # who names a directory for finished cases wants them reused, without --resume
+        return Folder(keep)
     if out is not None:
         return Folder(out.parent / f"{out.name}_cases", resume)
     if resume:

@@ -37,7 +37,7 @@ WARNING = (
 
 
 class ExciteRequest(Request):
-    """The axis; the injection point, band and amplitude of the excitation; and its limits."""
+    """The axis, the injection point, band and amplitude of the excitation, and the limits to check."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     band: str = option("band in Hz, as 5..500")
@@ -46,7 +46,9 @@ class ExciteRequest(Request):
     where: str = option("signal that is excited: force or setpoint", default="force")
     resolution: float = option("distance from line to line", default=1.0, unit="Hz")
     periods: int = option("periods in steady state", default=8, least=2)
+    # the default of two: a second draw of the phases separates nonlinear distortion from noise
     realisations: int = option("number of repetitions with other phases", default=2, least=1)
+    # the default shows even and odd distortion on the lines left empty, with most lines excited
     grid: str = option("excited lines: full, odd, odd_odd or random_odd", default="random_odd")
     offset_velocity: float | None = option("velocity under the excitation; found if left out", unit="m/s", default=None)
     travel: float | None = option("limit of the travel", unit="m", default=None)
@@ -57,7 +59,7 @@ class ExciteRequest(Request):
 
     @property
     def name(self) -> str:
-        """The name of the excitation and its directory: the machine file's name, with the axis if it was given."""
+        """The name of the excitation and its directory: that of the machine file, with the axis if one was given."""
         return f"{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
 
     def usual_out(self) -> Path:
@@ -112,14 +114,15 @@ def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> P
     """Write `excitation_1.csv` ... to play, `simulated_1.parquet` ... and `report.html`; return the path of the report.
 
     An excitation file holds time, excitation and the set position of the underlying motion.  A simulated log holds all
-    that `feeddrive frf` needs.  Raises FileError.
+    channels that `feeddrive frf` needs.  Raises FileError if the directory cannot be written.
     """
     of_axis = turning if excitation.rotary else str
     with new_directory(out) as folder:
         for i, drawn in enumerate(excitation.drawings, start=1):
             sent = {"excitation": drawn.excitation, "set_position": drawn.set_position}
             units = {"excitation": excitation.unit, "set_position": of_axis("m")}
-            stamps = np.round(drawn.time, 12)  # readable file: 0.00015, not 0.00015000000000000001
+            # a readable file: 0.00015, not 0.00015000000000000001
+            stamps = np.round(drawn.time, 12)
             write_run_csv(folder / f"excitation_{i}.csv", stamps, sent, units)
             columns = {"excitation": drawn.excitation, **drawn.signals}
             units = {name: of_axis(UNITS.get(name, "m")) for name in columns} | {"excitation": excitation.unit}
@@ -131,13 +134,15 @@ def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> P
 def rehearsed(excitation: Excitation, output: str = "reading_load") -> tuple[FrequencyEstimate, FRF]:
     """Return the response estimated from the simulated measurement, and that of the linearized model."""
     estimate = estimate_frf(excitation.records(output), method="periodic", period=excitation.period)
+    # friction is linearized at a velocity, since dry friction has no slope at standstill
     velocity = excitation.offset_velocity or 0.05
+    # from the cut, where the loop is open: the response of the axis alone, whatever the control does
     model = linearize(excitation.loop, ["cut"], [output], velocity=velocity)
     return estimate, model.response(np.geomspace(estimate.frequency[0], estimate.frequency[-1], 1000))
 
 
 def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
-    """Return a sentence on lines with too much noise, where they begin, and the remedy; empty if there are none."""
+    """Return a sentence on the lines with too much noise and its remedy; empty if there are none."""
     good = np.flatnonzero(share < _USELESS)
     lost = share.size - good.size
     if lost == 0:
@@ -149,7 +154,7 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
 
 
 def excitation_report(excitation: Excitation, known: Mapping[str, str] | None = None) -> Report:
-    """Return the report of an excitation, with the expected measurement; `known`: facts on the machine."""
+    """Return the report of an excitation with the expected measurement; `known`: facts on the machine."""
     estimate, model = rehearsed(excitation)
     assert estimate.frf.variance is not None
     share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude

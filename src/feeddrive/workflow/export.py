@@ -17,12 +17,13 @@ from feeddrive.workflow.command import OUT, Outcome, Request, argument, command,
 
 
 def _those(has: Callable[[Target], Any]) -> str:
-    """Return the names of the targets for which `has` returns true, as the beginning of a help text."""
+    """List the targets for which `has` is true, as the beginning of a help text."""
     return ", ".join(name for name, target in TARGETS.items() if has(target))
 
 
 def _target_options() -> dict[str, tuple[str, Any]]:
     """Return the options of the targets, by the name of their field."""
+    # types without a default here are optional: None leaves the choice to the target
     defaults = {"bool": False, "tuple[str, ...]": ()}
     return {
         declared.asked or name: (
@@ -38,7 +39,7 @@ def _target_options() -> dict[str, tuple[str, Any]]:
 
 
 class ExportRequest(Request, more=_target_options(), after="together"):
-    """The axis, or all axes, and the target."""
+    """The axis (default: all axes), and the target of the export."""
 
     source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     target: str = option(f"{', '.join([*TARGETS][:-1])}, or {[*TARGETS][-1]}", short="-t")
@@ -54,10 +55,10 @@ class ExportRequest(Request, more=_target_options(), after="together"):
 
 @command(ExportRequest)
 def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, ...]]:
-    """Write the control of an axis as code for a target, which computes exactly what was simulated, bit for bit.
+    """Write the control of an axis as code for a target; its results equal those of the simulation bit for bit.
 
     Without an axis, the controls of all axes of the file are written; with `plant`, all axes and their couplings as one
-    plant.  Without `out` the output goes to results/export_MACHINE_AXIS_TARGET.  Raises as `write_export`.
+    plant.  Without `out` the output goes to results/export_MACHINE_AXIS_TARGET.  Raises the errors of `write_export`.
     """
     progress.step(f"export for {request.target}")
     written = write_all(
@@ -99,7 +100,7 @@ class VerifyRequest(Request):
 
 @command(VerifyRequest)
 def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
-    """Repeat the equivalence test of an export with this machine's compiler."""
+    """Repeat the equality proof of an export with this machine's compiler."""
     progress.step(f"verifying {request.directory}")
     verified = verify_export(
         request.directory, samples=request.samples, seed=request.seed, flags=request.flag, command=request.compiler

@@ -26,7 +26,7 @@ _NO_CLOCK = "{name}: has no clock: give the sample time, so that its rows have t
 
 
 class FollowRequest(Request):
-    """The source to follow, the window to save, and the timeout."""
+    """The source to follow, the trigger, the window to save, and the timeout."""
 
     source: Path = argument(
         "A table in text that grows, as a log that is being written; - for rows from a pipe, as of halsampler; or the "
@@ -56,7 +56,7 @@ class FollowRequest(Request):
         return Path("results") / f"window_{'pipe' if str(self.source) == PIPE else self.source.stem}.parquet"
 
     def trigger(self) -> Trigger | None:
-        """Return the declared trigger; None without a channel."""
+        """Return the requested trigger; None without a trigger channel."""
         if self.channel is None:
             return None
         return Trigger(self.channel, self.level, self.edge, self.hysteresis, self.hold)
@@ -76,6 +76,7 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
         while True:
             came = scope.feed(source)
             check_channel(scope)
+            # without channels no row has come yet, and the clock is not known
             if scope.channels and source.clock != "s":
                 raise ParameterError(_NO_CLOCK.format(name=source.name))
             shown = scope.caught if scope.trigger is not None else scope.last()
@@ -88,6 +89,7 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
                 progress.step(f"{source.name}: {state}")
                 reported = state
             progress.check()
+            # the last rows may still complete a window: a source has ended only once it gives none
             if time.monotonic() > until or (source.over and not came):
                 within = "" if source.over else Text(f" within {Quantity(request.timeout, 's'):6 SI}")
                 raise LogError(
@@ -123,8 +125,10 @@ def opened(
 
     inside  a folder that a file must not leave
 
-    Raises FileError and ParameterError for a drive file; a missing table is waited for, if its folder exists.
+    Raises FileError and ParameterError for an invalid drive file. A missing table is accepted if its folder exists:
+    the source then waits for it.
     """
+    # a file that a page offers from its folder must never open a bus, whatever its suffix
     if source.suffix.lower() == ".toml" and inside is None:
         from feeddrive.bus.drive_file import read_drive
         from feeddrive.bus.sampling import DriveSamples
@@ -137,7 +141,7 @@ def opened(
 
 
 def check_followed(sources: Collection[Path]) -> None:
-    """Raise an error for named sources that can never be followed: a missing folder, an invalid drive file."""
+    """Raise FileError or ParameterError for sources that can never be followed: a missing folder, a bad drive file."""
     for source in sources:
         if source.suffix.lower() == ".toml":
             from feeddrive.bus.drive_file import read_drive
@@ -170,6 +174,7 @@ def window_log(
     units = {channel: unit or (stated or {}).get(channel, "") for channel, unit in shown.channels.items()}
     names = [channel for channel in units if channels is None or channel in channels]
     values = {channel: shown.values[:, k] for k, channel in enumerate(units) if channel in names}
+    # overruns and lost frames are recorded as NaN
     lost = np.flatnonzero(np.any([~np.isfinite(row) for row in values.values()], axis=0)) if values else np.empty(0)
     if lost.size:
         at = float(shown.time[int(lost[0])]) - shown.zero
@@ -193,6 +198,7 @@ def window_log(
 def between(shown: Shown, a: float, b: float) -> Shown:
     """Return the part of a window between two times relative to its zero. Raise ParameterError if it is empty."""
     low, high = min(a, b), max(a, b)
+    # cursors are set in the time of the picture, which is 0 at the trigger
     kept = (shown.time - shown.zero >= low) & (shown.time - shown.zero <= high)
     if not kept.any():
         raise ParameterError(

@@ -26,7 +26,7 @@ SIGNALS = ("percent", "per-mille", "A", "V", "pid.output", "N m", "N")
 
 
 class ForceRequest(Request):
-    """The unit of a column, and the data of motor, drive and screw."""
+    """The signal and its unit, and the data of motor, drive and screw."""
 
     signal: str = argument(f"What the column is in: {', '.join(SIGNALS[:-1])} or {SIGNALS[-1]}")
     column: str = option("name of the column in the log", default="signal")
@@ -76,7 +76,8 @@ class ForceScale(Result):
         return Table(title, ["step", "for 1 of the signal", "unit"], rows)
 
     def line(self) -> str:
-        """Return the entry for a --channels file."""
+        """Return the line for a --channels file."""
+        # a JSON string is also a basic string of TOML
         return f"{self.role} = {{ column = {json.dumps(self.column, ensure_ascii=False)}, factor = {self.factor!r} }}"
 
     def option(self) -> str:
@@ -86,9 +87,9 @@ class ForceScale(Result):
 
 @command(ForceRequest)
 def force(request: ForceRequest, progress: Progress) -> Outcome[ForceScale]:
-    """Compute the factor from percent, A, V or pid.output to N or N m from data sheets; print the line to use it.
+    """Compute the factor from percent, A, V or pid.output to N or N m from data sheets, and print it for --channels.
 
-    Raises ParameterError that names a missing datum.
+    Raises ParameterError with the option that is missing.
     """
     progress.step("computing")
     result = scale(request)
@@ -141,11 +142,12 @@ def scale(request: ForceRequest) -> ForceScale:
         value = -value
         steps.append(("inverted", value, unit))
     steps = steps or [(f"as it is, in {unit}", value, unit)]
+    # the factor is pasted into files: `decimal` removes digits that are rounding errors only
     return ForceScale(request.column, "force" if unit == "N" else "torque", unit, units.decimal(value), tuple(steps))
 
 
 def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
-    """Parse `3.2:Nm` into number and unit: N m, N, A or percent. Raise ParameterError."""
+    """Parse `3.2:Nm` into a value and its unit: N m, N, A or, for --at-full, percent. Raise ParameterError."""
     if text is None:
         raise ParameterError(f"{flag} is missing: {what}; as {flag} {'12:A' if flag == '--at-full' else '3.2:Nm'}")
     number, _, suffix = text.partition(":")
@@ -153,6 +155,7 @@ def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
         value, unit = float(number), unit_of(suffix) or ""
     except ValueError:
         raise ParameterError(f"{flag} {text}: must be a number and a unit, as 3.2:Nm or 850:N") from None
+    # a reversed sign is the matter of --inverted alone
     if not (math.isfinite(value) and value > 0.0):
         raise ParameterError(f"{flag} {text}: must be > 0")
     for known in ("N m", "N", "A", *(("percent",) if flag == "--at-full" else ())):

@@ -54,12 +54,13 @@ _OUTPUTS = (
     ("speed_load", "speed_motor"),
 )
 _ONE_OUTPUT = ("position", "y", "x")
+# A and V stay as they are: the constant of the motor is not known here
 _SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A", "V")
 _FLAGS = {**dict.fromkeys((name for kind in _OUTPUTS for name in kind), "--output"), **dict.fromkeys(_INPUT, "--input")}
 
 
 class FrfRequest(Request):
-    """Logs of one measurement, the roles of their columns, and the method of estimation."""
+    """The logs of one measurement, the roles of their columns, and the estimator."""
 
     logs: tuple[LogLike, ...] = argument("Logs of the same measurement (MAT, CSV, Parquet), one a realisation")
     input: str | None = option("column of the input, name or name:unit", default=None)
@@ -109,7 +110,8 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
             skip=request.skip,
             segment=request.segment,
         )
-        if request.channels is None and "blows" not in estimate.counts:  # an impact test identifies modes, not the mass
+        # the sizes of a log with given roles were checked as it was read; an impact test identifies modes, not the mass
+        if request.channels is None and "blows" not in estimate.counts:
             doubted += _check_mass(read[0].name, estimate, of_input, output, progress)
         estimates.append(estimate)
         shown += [estimate.table(), *([levels(estimate)] if estimate.levels else [])]
@@ -139,7 +141,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
 
 
 def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
-    """Return the judgment on the first estimate that is incoherent on most lines; None if all are good."""
+    """Return the judgment on the first estimate with poor coherence on most lines; None if there is none."""
     for estimate in estimates:
         assert estimate.frf.coherence is not None
         poor = float(np.mean(estimate.frf.coherence <= TRUSTED))
@@ -154,9 +156,9 @@ def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
 def _read(
     files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress
 ) -> tuple[list[Log], list[str]]:
-    """Read the logs with the roles of a TOML file; guess the roles if none is named and no column has a usual name.
+    """Read the logs with the roles of a TOML file, or with guessed roles if neither options nor column names give them.
 
-    The returned sentences say why a log whose units were given is implausible.
+    Also return the reasons why a log with given units is implausible.
     """
     channels, time, sample_time, unit = request.channels, request.time, request.sample_time, request.unit
     doubted: list[str] = []
@@ -165,6 +167,7 @@ def _read(
         return logs, doubted
     time_ = None if time is None else Column.of(time)
     read = [whole_log(file, time_, sample_time, str(file)) for file in files]
+    # a log with a usual name for both input and output needs no guess
     usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
         *read[0].channels
     }
@@ -172,7 +175,8 @@ def _read(
         return read, doubted
     guess = guess_roles(read[0])
     show(guess, files[0], progress)
-    if not guess.mapping:  # all columns need a factor: keep them, so that the error names them
+    if not guess.mapping:
+        # all columns need a factor: keep them, so that the error names them
         return read, doubted
     told = {} if time_ is None else {"time": time_}
     roles = with_units(files[0], guess.mapping, unit)
@@ -184,7 +188,7 @@ def _read(
 def _check_sizes(
     file: OpenedFile, log: Log, roles: Mapping[str, Column], told: Collection[str], progress: Progress
 ) -> list[str]:
-    """Raise LogError for a log that is implausible for a feed drive; return the reason if its units were given."""
+    """Raise LogError for a log that is implausible for a feed drive; if its units were given, return the reason."""
     doubtful = doubt(file, log, roles, told, _FLAGS, steady=True)
     doubtful.stop(progress)
     return [doubtful.why] if doubtful.why else []
@@ -193,9 +197,9 @@ def _check_sizes(
 def _check_mass(
     where: str, estimate: FrequencyEstimate, of_input: str, of_output: str, progress: Progress
 ) -> list[str]:
-    """Raise LogError for a mass that is implausible for a feed drive; return the reason if the units were given.
+    """Raise LogError for a mass that is implausible for a feed drive; if the units were given, return the reason.
 
-    A response without a unit is in the numbers of the log, and is judged where it is used.
+    A response without a unit has the scale of the log and is checked by the command that uses it.
     """
     if not estimate.frf.unit:
         return []
@@ -228,7 +232,7 @@ def _by_roles(
 
 
 def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) -> Record:
-    """Return the record of the named channels of a log, in SI as far as their units are known."""
+    """Return the record of the named channels of a log, in SI where their units are known."""
     force, unit_in = _values(log, of_input)
     position, unit_out = _values(log, of_output)
     return Record(
@@ -244,12 +248,12 @@ def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) 
 
 
 def _input(log: Log) -> str:
-    """Return the first column with a usual name for the input."""
+    """Return the first column with a usual name for the input. Raise LogError if there is none."""
     return next((name for name in _INPUT if name in log.channels), None) or _missing(log, "input", _INPUT[0])
 
 
 def _outputs(log: Log) -> list[str]:
-    """Return the columns with usual encoder names: load and motor, or a single position."""
+    """Return the columns with usual encoder names: load and motor, or one position. Raise LogError without any."""
     kinds = [[name for name in kind if name in log.channels] for kind in _OUTPUTS]
     both = next((kind for kind in kinds if kind), [])
     one = [name for name in _ONE_OUTPUT if name in log.channels]
@@ -257,13 +261,13 @@ def _outputs(log: Log) -> list[str]:
 
 
 def _references(log: Log, told: Sequence[str]) -> list[str]:
-    """Return the names of the signals added to the loop; by default a channel with a usual name."""
+    """Return the columns of the signals added to the loop; by default the first one with a usual name, if any."""
     named = [*told] or [name for name in _REFERENCE if name in log.channels][:1]
     return [name for name in named if name != "none"]
 
 
 def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence[str]) -> list[str]:
-    """Return sentences on important missing information: a reference, and the units of input and output."""
+    """Return sentences on missing information: the units of input and output, and a reference."""
     missing: list[str] = []
     for role, names in columns.items():
         missing += [
@@ -272,6 +276,7 @@ def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence
             for name in names
             if not _values(log, name)[1]
         ]
+    # in closed loop force and position are correlated through the noise: without a reference the estimate is biased
     if not _references(log, references):
         missing.append("No reference was given: if the loop was closed, name what was added to it with --reference.")
     return missing
@@ -288,10 +293,11 @@ def _plain(named: str) -> str:
 
 
 def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
-    """Return a channel given as `name`, `name:unit`, `name*factor` or `name*factor:unit`, and its unit in SI."""
+    """Return the values of a channel, named as in `x`, `x:mm`, `x*2` or `x*2:mm`, in SI if possible, and their unit."""
     column = Column.of(named)
     if column.name not in log.channels:
         raise LogError(f"{log.name}: there is no column '{column.name}'{nearest(column.name, log.channels)}")
+    # `name*factor` leads to SI, `name*factor:unit` to that unit
     values, to_si = log[column.name], column.factor is not None and not column.unit
     unit = _known(named, column.unit) if column.unit else log.units.get(column.name, "") or unit_in_name(column.name)
     factor = 1.0 if column.factor is None else column.factor
@@ -306,7 +312,7 @@ def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
 
 
 def _known(named: str, unit: str) -> str:
-    """Return a unit from the command line as `language.units` writes it. Raise ParameterError for an unknown unit."""
+    """Return a unit in the spelling of `language.units`. Raise ParameterError for an unknown unit."""
     known = unit_of(unit)
     if known is None:
         raise ParameterError(f"'{named}': the unit '{unit}' is not known; give one as mm, N, Nm, A, mdeg or rad")
@@ -329,7 +335,7 @@ def estimate_report(estimate: FrequencyEstimate) -> Report:
 def estimates_report(
     estimates: Sequence[FrequencyEstimate], known: Mapping[str, str] | None = None, verdict: Advice | None = None
 ) -> Report:
-    """Return the report of one or several responses, a section for each; `known`: facts on the measurement."""
+    """Return the report of one or several responses, with a section for each; `known`: facts on the measurement."""
     verdict = _advice(estimates) if verdict is None else verdict
     heads = [estimate.frf.output for estimate in estimates]  # the user's column names
     keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(estimates))]
@@ -373,7 +379,7 @@ def _picture(key: str, estimate: FrequencyEstimate) -> Picture:
 
 
 def sentences(estimate: FrequencyEstimate) -> list[str]:
-    """Return sentences on the quality of an estimate: its standard deviation, and where its coherence is poor."""
+    """Return sentences on the quality of an estimate: its standard deviation, and the lines with poor coherence."""
     frf = estimate.frf
     assert frf.coherence is not None
     assert frf.variance is not None
@@ -402,7 +408,8 @@ def sentences(estimate: FrequencyEstimate) -> list[str]:
 def levels(estimate: FrequencyEstimate) -> Table:
     """Tabulate noise and distortion relative to the response, as the median in each of six frequency bands."""
     f, size = estimate.frequency, estimate.frf.magnitude
-    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)  # the upper edge is exclusive: keep the last line below it
+    # the upper edge is exclusive: keep the last line below it
+    edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)
     rows: list[list[Cell]] = []
     for low, high in pairwise(edges):
         row: list[Cell] = [Text(f"{span(low, high, 'Hz', between='..')}")]
@@ -412,6 +419,7 @@ def levels(estimate: FrequencyEstimate) -> Table:
             if level is None or inside is None or not np.any(np.isfinite(level.response[inside])):
                 row.append(None)
                 continue
+            # the levels are known on other lines than the response, some of them not excited
             share = level.response[inside] / np.interp(level.frequency[inside], f, size)
             row.append(float(np.nanmedian(share)))
         rows.append(row)

@@ -1,4 +1,4 @@
-"""`feeddrive friction`: a friction curve from logs at constant velocity, its report, and the machine file with it."""
+"""`feeddrive friction`: a friction curve from logs at constant velocity, its report, and the machine file."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _OPEN = 0.5  # standard error over value beyond which a parameter counts as unde
 
 
 class FrictionRequest(DriveLogsRequest):
-    """Logs at constant velocity, and the columns of the motion."""
+    """The logs at constant velocity, and the columns of the motion."""
 
     logs: tuple[Path, ...] = argument("Logs of constant speeds; one log may hold several")
     velocity: str | None = option("column along the table: name:unit or name*factor:unit", default=None)
@@ -56,7 +56,7 @@ class FrictionRequest(DriveLogsRequest):
         return Path("results") / f"friction_{drive_logs.logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an omitted option."""
+        """Return the column options by role; None for an omitted option."""
         return {
             "velocity_load": self.velocity,
             "position_load": self.position,
@@ -68,7 +68,7 @@ class FrictionRequest(DriveLogsRequest):
 
 @command(FrictionRequest)
 def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCurve]:
-    """Identify the friction curve from runs at constant velocity: models by evidence, parameters with errors.
+    """Identify a friction curve from runs at constant velocity: select a model by evidence, estimate its parameters.
 
     Raises LogError for an unusable log, NotIdentifiableError for logs without a section of constant velocity.
     """
@@ -124,6 +124,7 @@ def _runs(
         try:
             steady.append(friction_curve.steady_runs([(velocity, force)], rotary=rotary, names=[path.path.name]))
         except NotIdentifiableError:
+            # one log without a constant speed, such as a run-up, must not discard the others
             without.append(
                 f"{path.path.name} holds no constant speed for {friction_curve.LEAST_ROWS} rows and is left out"
             )
@@ -136,6 +137,7 @@ def _runs(
     joined = (
         np.concatenate([getattr(part, name) for part in steady]) for name in ("velocity", "force", "error", "rows")
     )
+    # all logs are in one frame, since they were read with the same roles
     runs = SteadyRuns(
         *joined, frame=steady[0].frame, remarks=tuple(remark for part in steady for remark in part.remarks)
     )
@@ -167,14 +169,14 @@ def friction_report(
 
 
 def tables(curve: FrictionCurve) -> list[Table]:
-    """Tabulate the models by evidence, then the parameters of the selected model."""
+    """Tabulate the models, best first, and the parameters of the selected model."""
     comparison = curve.comparison()
     rows = [[f"{row[0]} (taken)" if row[0] == curve.model.name else row[0], *row[1:]] for row in comparison.rows]
     return [Table(comparison.title, comparison.columns, rows), curve.table()]
 
 
 def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
-    """Return remarks on the curve and on the changes to the machine file."""
+    """Return remarks on the curve and on the effect on the machine file."""
     texts = list(curve.remarks)
     for name, value in curve.values.items():
         if name.startswith("viscous") and value < 0.0:
@@ -191,6 +193,7 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
         )
     if axis is None:
         return texts
+    # the dampers of the plant and the friction block add up, so the block gets only the remainder
     own = own_viscous(axis)
     least = min(value for name, value in curve.values.items() if name.startswith("viscous"))
     if least < own:
@@ -230,7 +233,7 @@ def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
 
 
 def advice(curve: FrictionCurve) -> Advice:
-    """Return the judgment on the curve, or on what to measure next, with one sentence and its reason."""
+    """Return the judgment on the curve with one sentence: the reason, or the next measurement."""
     share = _share(curve)
     if share > _POOR:
         return Judgment.DO_NOT_USE_CURVE.because(
@@ -249,7 +252,8 @@ def advice(curve: FrictionCurve) -> Advice:
 
 
 def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
-    """Return the machine file with friction and constant force, comments kept; without a file, the sections alone."""
+    """Return the text of the machine file with the friction, comments kept; without a file, the sections alone."""
+    # a new constant force must be significant; one that the file already has is updated in any case
     gravity = curve.gravity() if curve.is_pulled or (machine and _weight(machine.loop(axis).axis)) else None
     if machine is None:
         place = "friction_load"
@@ -268,6 +272,7 @@ def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -
             _gravity(edit, axis, before, gravity)
     block = _without(curve.block(), own)
     for estimate in curve.estimates:
+        # the offset is no parameter of the friction block: it is written as the constant force below
         if estimate.name == "offset":
             continue
         key = edit.set(("axis", axis, place, estimate.name), float(getattr(block, estimate.name)), estimate.unit)
@@ -285,7 +290,8 @@ def _place(axis: Axis) -> str:
 
 
 def _friction(edit: TomlEdit, key: tuple[str | int, ...], before: Friction | None, after: Friction) -> None:
-    """Replace the section if the kind of friction changes; otherwise change its values in place."""
+    """Write a friction block: edit the values of a block of the same kind in place, and replace any other section."""
+    # another exponent of the Stribeck curve is another law, in which the old parameters mean something else
     same = type(before) is type(after) and getattr(before, "exponent", 0) == getattr(after, "exponent", 0)
     if not same:
         edit.replace(key, to_toml(after, ".".join(map(str, key))))
@@ -319,8 +325,9 @@ def _force(gravity: Gravity, axis: str) -> str:
 
 
 def _without(friction: Friction, viscous: float) -> Friction:
-    """Return the friction without the viscous part that the plant's own dampers already model."""
+    """Return the friction without the viscous part that the dampers of the plant already model."""
     changes = {
+        # a block accepts no negative viscous friction
         parameter.name: max(0.0, float(getattr(friction, parameter.name)) - viscous)
         for parameter in fields(friction)
         if parameter.name.startswith("viscous")
@@ -330,12 +337,14 @@ def _without(friction: Friction, viscous: float) -> Friction:
 
 def _share(curve: FrictionCurve) -> float:
     """Return the RMS of the residual relative to that of the force."""
+    # the floor avoids 0/0 for a force of 0 throughout
     return float(np.sqrt(np.mean(curve.residual**2) / max(float(np.mean(curve.runs.force**2)), 1e-300)))
 
 
 def _against(curve: FrictionCurve) -> str:
     """Return the reason for preferring this model to the next best one."""
     own = next(model for model in curve.compared if model.name == curve.model.name)
+    # "two curves, ...", one for each direction, is only a check: no block can represent it
     others: list[Compared] = [
         model for model in curve.compared if model is not own and not model.name.startswith("two ")
     ]
@@ -345,12 +354,13 @@ def _against(curve: FrictionCurve) -> str:
     if best.criterion < own.criterion:
         return f"it is the simplest of those that the runs cannot tell apart ({best.name} is no better than by 2)"
     gap = best.criterion - own.criterion
+    # a difference of 6 is strong evidence (Kass & Raftery 1995)
     strength = "clearly " if gap > 6.0 else ""
     return Text(f"the runs speak {strength}against the next one, {best.name} (criterion worse by {Quantity(gap):.1f})")
 
 
 def _missing(curve: FrictionCurve) -> tuple[str, str]:
-    """Return what the runs do not determine, and the parameter concerned; both empty if everything is determined."""
+    """Return why a parameter is undetermined by the runs, and its name; both empty if all are determined."""
     unknown = [
         estimate
         for estimate in curve.estimates
@@ -387,6 +397,7 @@ def _next(curve: FrictionCurve, name: str) -> str:
     top = float(np.max(np.abs(curve.runs.velocity)))
     slow = float(np.min(np.abs(curve.runs.velocity)))
     vs = curve.values.get("stribeck_velocity", slow)
+    # coulomb is the level at speed, breakaway that at standstill, and the shape lies around the Stribeck velocity
     if name.startswith("coulomb"):
         speeds = [0.5 * top, 0.75 * top, top]
     elif name.startswith("breakaway"):

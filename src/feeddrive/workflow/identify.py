@@ -1,4 +1,4 @@
-"""`feeddrive identify`: identify mass, friction and dead time of a drive from a log of one motion.
+"""`feeddrive identify`: mass, friction and dead time of a drive from a log of one motion.
 
 Identified values are written into an existing machine file, whose comments are kept, or into a new one, with a report.
 """
@@ -55,13 +55,14 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
 
     The result is an `Identified`, for frequency responses `AxisFits` or a `ModalFit`.
 
-    Raises LogError for an unusable log, NotIdentifiableError for one without the required information.
+    Raises LogError for an unusable log, NotIdentifiableError for one that lacks the required information.
     """
     progress.step(f"reading {called(request.log)}")
     if isinstance(request.log, FRF):
         return identify_responses(request, read_frfs(request.log), progress)
     if isinstance(request.log, MotionLog):
         return _identify_motion(request, request.log, progress)
+    # opened once, so that both readers below share the parsed content
     file = OpenedFile(request.log)
     responses = responses_in(file)
     if responses is not None:
@@ -121,7 +122,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
 
 
 def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str, Any]) -> bool:
-    """Return True if the axis of the log is rotary, by the machine file or by --rotary."""
+    """Return True for a rotary axis, by machine file or option. Raise ParameterError if lead or log contradict it."""
     turns = request.rotary or (loop is not None and loop.axis.rotary)
     if turns and request.lead is not None:
         raise ParameterError("--lead belongs to a screw, and the axis turns: leave out --lead, or rotary = true")
@@ -154,8 +155,9 @@ def _identified(
     columns: Mapping[str, Column],
     progress: Progress,
 ) -> Identified:
-    """Identify the drive. Raise NotIdentifiableError for swapped columns, LogError for implausible magnitudes."""
+    """Identify the drive. Raise NotIdentifiableError for interchanged columns, LogError for implausible magnitudes."""
     try:
+        # without a mass the fit comes first: swapped columns or noise explain implausible sizes better than wrong units
         if doubt.moves:
             doubt.stop(progress)
         motion = MotionLog(**channels)
@@ -163,6 +165,7 @@ def _identified(
         identified = identify_motion(
             motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear
         )
+        # before the machine file is written: implausible units must not reach it
         doubt.stop(progress)
     except LogError:
         if swapped(channels):
@@ -179,9 +182,9 @@ def _identified(
 
 
 def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> dict[str, Any]:
-    """Return the fields of a `MotionLog`: position and force of the log, at the table or at the shaft.
+    """Return the fields of a `MotionLog`, with position and force both at the table or both at the shaft.
 
-    If one is at the table and the other at the shaft, both are converted to the table by the lead of the screw.
+    If only one of them is at the shaft, it is converted to the table by the lead of the screw.
     """
     moving, acting = _chosen(file, log, drive, named)
     limit = None if drive.loop is None else drive.loop.control.force_limit
@@ -199,13 +202,14 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
         "force": force,
         "set_position": set_position,
         "sample_time": log.sample_time,
+        # the limit of a control is in N at the table, so it does not bound a torque at a shaft
         "force_limit": None if limit is None or rotary else float(limit),
         "rotary": rotary,
     }
 
 
 def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> tuple[str, str]:
-    """Return the roles of motion and force: named ones first, then those that need no lead to relate them."""
+    """Return the roles of motion and force: named ones, if possible a pair that needs no lead for conversion."""
     motions, forces = (
         [role for role in there if role in named] or there
         for there in ([role for role in roles if role in log.channels] for roles in ((*_POSITIONS, *_ANGLES), _FORCES))
@@ -216,6 +220,7 @@ def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) ->
         roles = ("force", "torque", "command", "current")
         raise no_column(file, log, roles, "the force", "--force, --torque or --command")
     pairs = [(moving, acting) for moving in motions for acting in forces if drive.knows(log, acting)]
+    # preferred: position and force at the table, or angle and torque at the shaft, which need no lead
     together = [pair for pair in pairs if drive.acting(file, log, pair[1])[1] == (pair[0] in _ANGLES)]
     return next(iter([*together, *pairs]), (motions[0], forces[0]))
 
@@ -228,7 +233,7 @@ def machine_text(identified: Identified, machine: MachineFile | None, axis: str)
 
 
 def estimates_of(identified: Identified) -> tuple[Estimate, ...]:
-    """Return the estimates for the file: from the closed loop if available, else from the inverse dynamics."""
+    """Return the estimates for the machine file: from the closed loop if available, else from the inverse dynamics."""
     return identified.rigid.estimates if identified.refinement is None else identified.refinement.estimates
 
 
@@ -259,19 +264,20 @@ def _edited(identified: Identified, machine: MachineFile, axis: str) -> str:
 
 
 def _forces(edit: TomlEdit, axis: str, before: tuple[Block, ...], after: tuple[Block, ...]) -> None:
-    """Write the constant force if it was changed, added or removed; keep the other forces."""
+    """Write the forces of the axis: changed values in place, or the whole list if a force was added or removed."""
     if len(before) == len(after) and all(type(a) is type(b) for a, b in zip(before, after, strict=True)):
         for k, (old, new) in enumerate(zip(before, after, strict=True)):
             _values(edit, ("axis", axis, "forces", k), old, new)
         return
     sections = [to_toml(force, f"axis.{axis}.forces", listed=True) for force in after]
+    # a force that is added or removed shifts the indices of the others, so the whole list is written anew
     edit.remove(("axis", axis, "forces"))
     for section in sections:
         edit.add(section)
 
 
 def _values(edit: TomlEdit, key: tuple[str | int, ...], before: Block, after: Block) -> None:
-    """Set every parameter that changed."""
+    """Write the changed parameters of a block."""
     for name, declared in declarations(type(after)).items():
         old, new = getattr(before, name), getattr(after, name)
         if declared.role == "parameter" and new is not None and new != old:
@@ -296,16 +302,18 @@ def _new(identified: Identified, axis: str) -> str:
 def _say_errors(edit: TomlEdit, identified: Identified, axis: str, loop: Loop) -> None:
     """Write the estimates, with their standard errors in comments."""
     for estimate in estimates_of(identified):
+        # the closed-loop fit names parameters by their path, the inverse dynamics by bare names
         name = estimate.name if estimate.name in tree.parameters(loop) else _place(loop, estimate.name)
         if name is None:
             continue
         parts = [int(part) if part.isdigit() else part for part in name.split(".")]
+        # parts 0 and 1 are `axis` and the name of the loop, which may differ from the axis name in the file
         key = edit.set(("axis", axis, *parts[2:]), float(tree.get(loop, name)), estimate.unit)
         edit.comment(key, f"standard error {Quantity(estimate.error, estimate.unit):2 SI}")
 
 
 def _place(loop: Loop, parameter: str) -> str | None:
-    """Return the path in a loop of a parameter of the inverse dynamics; None if the loop has none."""
+    """Return the path in the loop for a parameter of the inverse dynamics; None if the loop has no such parameter."""
     own = loop.place_of("axis")
     if parameter == "offset":
         return next((path for path in tree.parameters(loop) if path.startswith(f"{own}.forces.")), None)
@@ -319,6 +327,7 @@ def _place(loop: Loop, parameter: str) -> str | None:
 
 
 def _plain(name: str) -> str:
+    # quotes and backslashes would break the string in the TOML file
     return "".join(c for c in Path(name).name if c.isprintable() and c not in '"\\')
 
 
@@ -342,12 +351,12 @@ def identified_report(identified: Identified, known: Mapping[str, str] | None = 
 
 
 def _estimates(identified: Identified) -> int:
-    """Return the number of tables of estimates: from the inverse dynamics, and from the closed loop if available."""
+    """Return how many of the first tables hold estimates: one, or two with a fit in closed loop."""
     return 1 if identified.refinement is None else 2
 
 
 def tables(identified: Identified) -> list[Table]:
-    """Tabulate all estimates with their errors."""
+    """Tabulate the estimates with their errors, then dead time, residuals and validation."""
     shown = [identified.rigid.table()]
     if identified.refinement is not None:
         shown.append(identified.refinement.table())

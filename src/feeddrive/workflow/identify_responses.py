@@ -1,4 +1,4 @@
-"""`feeddrive identify FRF.csv`: fit masses, springs and modes to responses; report, and plant for a machine file."""
+"""`feeddrive identify FRF.csv`: a fit of masses, springs and modes to responses, its report, and the machine file."""
 
 from __future__ import annotations
 
@@ -45,9 +45,10 @@ _DECIBEL = 8.686  # dB per unit of ln
 
 
 def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
-    """Return the frequency responses of a file; None for a log. Raise the error of a file that lists frequencies."""
+    """Return the frequency responses of a file; None for a log. Raise FeeddriveError for unreadable responses."""
     try:
         return read_frfs(path)
+    # a file without responses may be a log; one with a column of frequencies was meant as responses: its error counts
     except FeeddriveError:
         if names_frequency(path):
             raise
@@ -55,12 +56,13 @@ def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
 
 
 def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], progress: Progress) -> Outcome[Any]:
-    """Fit masses, springs and modes to the responses of a file; write report and machine file on request."""
+    """Fit masses, springs and modes to the responses of a file; write report and machine file if requested."""
     path, out = Path(called(request.log)), request.out
     model = request.model or ("modal" if request.modes else "auto")
     chosen = _chosen(path, responses, request, model)
     machine = None if request.machine is None else read_machine(request.machine)
     axis = None if machine is None else machine.loop(request.axis).axis
+    # with a factor still to be applied the response is not in m/N, and its mass is no mass yet
     judged = chosen.values() if request.force_constant is None and request.lead is None else ()
     doubts = [doubtful for frf in judged if (doubtful := check_response(str(path), frf, bool(request.unit), progress))]
     result = _fit(chosen, request, model, axis, progress)
@@ -112,13 +114,13 @@ def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> d
 
 
 def _silent(chosen: Mapping[str, FRF]) -> list[str]:
-    """Return a remark on responses without a unit, which are assumed to be in m/N."""
+    """Return a remark on responses without a unit, for which m/N is assumed."""
     silent = " and ".join(role for role, frf in chosen.items() if not frf.unit)
     return [f"no unit is stated for {silent}: m/N is taken; say another one with --unit, as (m/s)/N"] if silent else []
 
 
 def _chosen(path: Path, responses: Mapping[str, FRF], request: IdentifyRequest, model: str) -> dict[str, FRF]:
-    """Return the responses by role: named ones, also from separate files, otherwise by their usual names."""
+    """Return the responses by role: those named, also from separate files, or else those with usual names."""
     named: dict[str, FRF] = {}
     for role, name in (("motor", request.motor), ("load", request.load)):
         if name is None:
@@ -135,6 +137,7 @@ def _chosen(path: Path, responses: Mapping[str, FRF], request: IdentifyRequest, 
                 f"{path}: there is no response '{name}'{nearest(name, responses)}: name one of "
                 f"{', '.join(responses)}, or a file with one, with --{role}"
             )
+    # plain modes need no roles: each response is an output of its own
     if not named and model == "modes":
         named = dict(responses)
     elif not named:
@@ -152,6 +155,7 @@ def _chosen(path: Path, responses: Mapping[str, FRF], request: IdentifyRequest, 
     for role, frf in named.items():
         if told is not None and frf.unit and units.response(frf.unit) != units.response(told):
             raise ParameterError(f"{path}: the response of {role} is in {frf.unit}, as its file says, not {told}")
+    # responses of one file have one unit, so a stated one also holds for those without
     known = {frf.unit for frf in named.values() if frf.unit}
     unit = told or (known.pop() if len(known) == 1 else None)
     return {role: frf if unit is None or frf.unit else replace(frf, unit=unit) for role, frf in named.items()}
@@ -173,6 +177,7 @@ def _fit(
         modes=request.modes,
         fixed=_fixed(request.fix, None if axis is None else axis.plant),
         structure=None if model == "auto" else model,
+        # a measured force has no hold, dead time or current loop before it
         held=not request.measured_input,
         band=band,
         force_per_unit=request.force_constant,
@@ -182,14 +187,16 @@ def _fit(
 
 
 def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
-    """Parse `mass_motor=85` or `stiffness_N_per_um=150` into SI values by name. Raise ParameterError."""
+    """Parse texts such as `mass_motor=85` and `stiffness_N_per_um=150` into SI values by name. Raise ParameterError."""
     of_all = [plant] if plant is not None else []
+    # the values do not matter: only names and units of the parameters are read
     usual = TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=1.0)
     known = {name: tree.declaration(block, name).unit for block in (usual, *of_all) for name, _ in tree.leaves(block)}
     fixed: dict[str, float] = {}
     for text in texts:
         key, _, number = text.partition("=")
         key = key.strip()
+        # the longest name that fits: a parameter may be the beginning of another one's name
         name = key if key in known else max((n for n in known if key.startswith(f"{n}_")), key=len, default="")
         if not name:
             raise ParameterError(f"--fix {text}: there is no parameter '{key}'{nearest(key, known)}")
@@ -286,7 +293,7 @@ def told_by(fit: PlantFit | ModalFit) -> str:
 
 
 def advice(result: AxisFits | ModalFit) -> Advice:
-    """Return the judgment on the model, with one sentence and its reason."""
+    """Return the judgment on the model with one sentence that gives the reason."""
     fit = result if isinstance(result, ModalFit) else result.fit
     unused = _DECIBEL * fit.agreement.unused
     if fit.agreement.unused > _POOR:
@@ -316,7 +323,7 @@ def advice(result: AxisFits | ModalFit) -> Advice:
 
 
 def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: bool = True) -> str:
-    """Return the machine file with the fitted plant, comments kept; with `drive` also dead time and current loop."""
+    """Return the text of the machine file with the fitted plant and, with `drive`, dead time and current loop."""
     plant, actuator = fit.blocks()
     section, place = to_toml(plant, f"axis.{axis}.plant"), ("axis", axis, "plant")
     if machine is None:
@@ -325,12 +332,14 @@ def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: b
     else:
         edit = TomlEdit(machine.file.text, machine.file.name)
         before = machine.loop(axis).axis
+        # numbers of the same structure are changed in place, which keeps units and comments of the file
         if type(before.plant) is type(plant) and fit.plant.kind == "two_mass":
             for estimate in fit.estimates:
                 if hasattr(plant, estimate.name):
                     edit.set((*place, estimate.name), estimate.value, estimate.unit)
         else:
             edit.replace(place, section)
+        # a lag that the lines do not show apart is part of the fitted dead time: an old value would count it twice
         if drive and "current_loop" in fit.not_identifiable and actuator.current_loop is None:
             before = replace(before, actuator=replace(before.actuator, current_loop=None))
             edit.silence(("axis", axis, "actuator", "current_loop"), "Hz")
@@ -352,7 +361,8 @@ def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: b
 
 
 def _actuator(edit: TomlEdit, axis: str, before: Actuator, after: Actuator) -> None:
-    """Set dead time and current loop where they changed; keep the motor."""
+    """Write dead time and current loop, and keep the motor."""
+    # a response knows nothing of the motor's constants and limits
     kept = replace(after, motor=before.motor, current_loop=after.current_loop or before.current_loop)
     key = ("axis", axis, "actuator")
     if not edit.has(key):
@@ -408,7 +418,7 @@ class IdentifyRequest(Request):
         return Path("results") / f"identify_{Path(called(self.log)).name.split('.')[0]}"
 
     def named(self) -> dict[str, str | None]:
-        """Return the column texts of the options by role; None for an omitted option."""
+        """Return the column options by role; None for an omitted option."""
         return {
             "setpoint_position": self.set_position,
             "position_load": self.position,

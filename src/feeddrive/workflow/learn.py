@@ -1,4 +1,4 @@
-"""`feeddrive iterate`, `prefilter` and `setpath`: learn feedforward, prefilters and set paths from data or models."""
+"""`feeddrive iterate`, `prefilter` and `setpath`: feedforward, prefilters and set paths from logs or models."""
 
 from __future__ import annotations
 
@@ -51,6 +51,7 @@ MOVE = SnapLimitedMove(
     acceleration=3.0,
     jerk=60.0,
     snap=15e3,
+    # friction can be separated from a constant force only by a reversal
     back=True,
     dwell_before=0.02,
     dwell_between=0.2,
@@ -59,7 +60,7 @@ MOVE = SnapLimitedMove(
 
 
 class IterateRequest(Request):
-    """A log of one trial, or a machine on which trials are simulated, and the step size."""
+    """A log of one trial, or a machine for simulated trials, and the settings of the learning step."""
 
     source: MachineLike | Log = argument(
         "A log of set position and position (MAT, CSV, Parquet), or a machine to simulate trials"
@@ -91,7 +92,7 @@ class IterateRequest(Request):
 
     @property
     def machine(self) -> MachineLike:
-        """The machine file of the loop."""
+        """The machine file of the loop. Raises ParameterError for a log without `controller`."""
         source = self.source if self.controller is None else self.controller
         if isinstance(source, Log):
             raise ParameterError(f"{source.name}: is a log: say with --controller which machine ran it")
@@ -99,7 +100,7 @@ class IterateRequest(Request):
 
     @property
     def wanted(self) -> tuple[str, ...] | None:
-        """The parameters to tune; None for those of the loop."""
+        """The names of the parameters to tune; None for those of the loop."""
         if self.columns is None:
             return None
         return tuple(name.strip() for name in self.columns.split(",") if name.strip())
@@ -107,7 +108,7 @@ class IterateRequest(Request):
 
 @command(IterateRequest)
 def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials]:
-    """Learn the feedforward of mass, viscous and dry friction from the error of a trial: a log, or simulated trials.
+    """Learn the feedforward of mass, viscous and dry friction from the error of a logged trial, or of simulated trials.
 
     The outcome has the next parameters and the section for the machine file.  With a job that runs several axes, such
     as a part program, and without an axis, all moving axes learn from the same runs, and the contour error is reported.
@@ -148,7 +149,7 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
 
 
 def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
-    """Run learning trials by simulation on the machine."""
+    """Simulate learning trials on the machine."""
     remedy = "give the log itself, with --controller"
     references = [_reference(job, remedy) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
@@ -178,7 +179,7 @@ def _together(request: IterateRequest) -> Job | None:
 
 
 def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
-    """Simulate learning trials of a job in which all axes of the machine learn together."""
+    """Simulate learning trials of a job, from which all axes of the machine learn together."""
     file = read_machine(request.machine)
     machine = file.machine()
     paths = {file.named(job.axis): job.reference, **{name: other.reference for name, other in job.others.items()}}
@@ -210,6 +211,7 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
         progress.step("writing")
         write_whole(request.out, section)
         files["Written"] = request.out
+    # axes that follow with different dynamics leave a contour error, even where each tracks well
     remarks = [*trials.remarks, *matched_dynamics(trials.machine).remarks()]
     if not request.prefilter:
         remarks += [
@@ -237,11 +239,12 @@ def _replaced(loop: Loop, section: str) -> list[str]:
 
 
 def _compensated_loop(request: IterateRequest) -> tuple[Loop, str]:
-    """Return the loop with a compensator that has the required basis functions, and the name of its axis."""
+    """Return the loop with a compensator for the requested parameters, and the name of its axis."""
     machine = read_machine(request.machine)
     loop = machine.loop(request.axis)
     axis = loop.name
     has = any(isinstance(block, DisturbanceCompensator) for block in loop.control.feedforward)
+    # a compensator of the file keeps its parameters: it is the starting point of the next step
     if has and request.wanted is None and request.stribeck_velocity is None:
         return loop, axis
     columns = request.wanted
@@ -262,6 +265,7 @@ def _trial(request: IterateRequest, loop: Loop, progress: Progress) -> Trial:
     force = measured.channels.get("force")
     if force is None and "command" in measured.channels:
         scale = drive_with(None, loop, request.axis).force_per_unit(measured.units["command"])
+        # the force only marks saturated samples, so a trial without it is still usable
         force = None if scale is None else scale * measured["command"]
     return measured_trial(
         loop,
@@ -275,7 +279,7 @@ def _trial(request: IterateRequest, loop: Loop, progress: Progress) -> Trial:
 
 
 class PrefilterRequest(Request):
-    """The log, the allowed derivatives of the set position, and known data of the loop that ran it."""
+    """The log, the allowed derivatives of the set position, and known data of the loop that was logged."""
 
     log: LogLike = argument("A log of set position and position (MAT, CSV, Parquet)")
     regressors: str = option("derivatives of the reference that may be used", default="v,a,j,s")
@@ -326,12 +330,14 @@ def _fit(
     file = OpenedFile(request.log)
     measured, set_position, position = _tracked(file, request, progress)
     present = None if loop is None else loop.control.prefilter
+    # the fit adds its parameters to those of the present prefilter, which must therefore have the same ones
     if present is not None and not isinstance(present, TrajectoryPrefilter):
         raise ParameterError(
             f"control.prefilter of the controller is a {present.kind}; the log of a loop without it, or with a "
             f"trajectory_prefilter, can be used"
         )
     return fit_prefilter_to_log(
+        # the reference of a job starts at t = 0, the clock of a log anywhere
         measured.time - measured.time[0],
         set_position,
         position,
@@ -354,9 +360,10 @@ def _controlled_loop(controller: MachineLike | None, axis: str | None) -> tuple[
 
 
 def _chosen(regressors: str) -> list[str]:
-    """Parse `v,a,j,s` or full names into the names of regressors."""
+    """Parse abbreviations (`v,a,j,s`) or full names into names of regressors. Raise ParameterError."""
     chosen: list[str] = []
     for word in (part.strip() for part in regressors.split(",")):
+        # `word and`: an empty word is the beginning of every name
         name = next((regressor for regressor in REGRESSORS if word and regressor.startswith(word)), None)
         if name is None:
             raise ParameterError(f"--regressors: '{word}' is none of v, a, j, s ({', '.join(REGRESSORS)})")
@@ -402,6 +409,7 @@ def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedRefer
     else:
         changed = filtered_splines(loop, reference, spacing=request.spacing, window=request.window)
     progress.step("runs of both paths")
+    # simulated with the full axis, friction included: the linear model alone would flatter the changed path
     rows = [
         ["as it was", *_left(loop, reference, reference)],
         ["changed", *_left(loop, changed.reference, changed.wanted)],
@@ -441,10 +449,11 @@ def _text(changed: ChangedReference) -> str:
 def _tracked(
     file: OpenedFile, request: IterateRequest | PrefilterRequest, progress: Progress
 ) -> tuple[Log, np.ndarray, np.ndarray]:
-    """Return the log of a tracked motion with its set position and its position, m.
+    """Return the log of a tracking motion, its set position and its position, both in m.
 
     The position is that of the load encoder or, without one, of the motor encoder.
     """
+    # a prefilter request has no option for a command in the drive's unit
     named = {role: getattr(request, name) for role, name in _OPTIONS.items() if hasattr(request, name)}
     roles = (*named, "position_motor")
     read = mapped(file, named, request.channels, roles, request.sample_time, progress, request.unit)
@@ -456,7 +465,7 @@ def _tracked(
 
 
 def _reference(job: JobLike, remedy: str) -> Reference:
-    """Return the reference of a job. Raise ParameterError with the remedy for a job that has only a log."""
+    """Return the reference of a job. Raise ParameterError with a remedy for a job that has only a log."""
     reference = read_job(job).reference
     if reference is None:
         raise ParameterError(f"{called(job)}: has no [reference], only a log: {remedy}")

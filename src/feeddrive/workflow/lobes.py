@@ -28,12 +28,13 @@ from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, option, stem
 
-_SPEEDS, _HELICAL = 120, 40  # default numbers of speeds; a helical cutter needs separate segments at each depth
+# default numbers of speeds: fewer for a helical cutter, which needs separate segments at each depth and is slower
+_SPEEDS, _HELICAL = 120, 40
 _MOST = 5000  # largest number of speeds
 
 
 class LobesRequest(Request):
-    """A machine with a milling cut among its couplings, the spindle speeds, and known modes of the tool."""
+    """The machine with a milling cut among its couplings, the spindle speeds, and known modes of the tool."""
 
     machine: MachineLike | JobLike = argument("A machine file or a job (TOML) with a milling_cut among its couplings")
     speeds: str | None = option(
@@ -80,7 +81,7 @@ class LobesRequest(Request):
 def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
     """Compute the chatter-free depths of a milling cut over the spindle speed, and judge the machine's cut.
 
-    Raises ParameterError for a machine without a cut, for invalid speeds, and as `stability_lobes`.
+    Raises ParameterError for a machine without a cut and for invalid speeds, and the errors of `stability_lobes`.
     """
     machine = _machine(request.machine)
     try:
@@ -95,8 +96,10 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
     progress.step("the machine at the tool")
     tool = tool_modes(*modes) if request.rigid else tool_point(machine)
     if modes and not request.rigid:
+        # drives and modes transmit the same cutting force, so their compliances add
         tool = tool + tool_modes(*modes)
     turn = request.direction if request.direction is not None else float(cut.direction or 0.0)
+    # the stability analysis has the feed along the first direction of the tool point
     tool = tool.turned(turn) if turn else tool
     result = stability_lobes(
         tool,
@@ -108,6 +111,7 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
         depth=depth,
         progress=progress,
     )
+    # written beside the limits for comparison: Altintas & Budak 1995, without flip borders
     simple = zero_order(tool, teeth, speeds)
     files: dict[str, str | Path] = {}
     known = {
@@ -147,8 +151,9 @@ def _machine(source: MachineLike | JobLike) -> Machine:
 
 
 def _is_job(path: str | Path) -> bool:
-    """Return True for a file that names a machine instead of containing axes, or a bundled name that only a job has."""
+    """Return True if a file contains no axes, as a job does, or if a bundled name is that of a job only."""
     try:
+        # machines first: a bundled name may be that of a machine and of a job
         place = find_bundled(path, "machines")
     except FileError:
         try:
@@ -170,12 +175,13 @@ def _teeth(request: LobesRequest, cut: MillingCut) -> Regeneration:
 
 
 def _speeds(text: str | None, own: float, count: int) -> np.ndarray:
-    """Parse `first:last:count` in rpm. Raise ParameterError."""
+    """Parse `first:last:count` in rpm; by default half to double the speed `own`. Raise ParameterError."""
     if text is None:
         return np.linspace(0.5 * own, 2.0 * own, count)
     try:
         first, last, *rest = text.split(":")
         low, high, count = float(first), float(last), int(rest[0]) if rest else count
+        # written as a chain, so that nan fails too
         if len(rest) > 1 or not 0.0 < low < high < math.inf or not 2 <= count <= _MOST:
             raise ValueError
     except ValueError:
@@ -187,7 +193,7 @@ def _speeds(text: str | None, own: float, count: int) -> np.ndarray:
 
 
 def _modes(text: str) -> list[ToolMode]:
-    """Parse `Hz:damping ratio:kg` into modes in both directions, or with :x or :y in one. Raise ParameterError."""
+    """Parse `Hz:damping ratio:kg`, with :x or :y appended for one direction, into modes. Raise ParameterError."""
     numbers = text.split(":")
     direction = numbers.pop() if numbers[-1] in ("x", "y") else ""
     try:

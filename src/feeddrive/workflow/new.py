@@ -16,7 +16,8 @@ from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
 
 _TEMPLATES = files("feeddrive.workflow") / "templates" / "my_law"
-_SUFFIX = ".txt"  # of a template, which becomes code in the written package
+# templates are stored as text, so that no tool of this package takes them for its own modules and tests
+_SUFFIX = ".txt"
 
 
 class NewRequest(Request):
@@ -36,6 +37,7 @@ class NewRequest(Request):
                 f"'{self.name}' cannot be the name of a law: letters, digits and single _, a letter first, no word of "
                 f"Python, as in smith_law"
             )
+        # single letters are lost in CamelCase: a_b becomes AB, whose kind is ab
         if snake_case(_class(self.name)) != kind:
             raise ParameterError(
                 f"'{self.name}' would be the class {_class(self.name)}, of another kind: take longer words"
@@ -56,7 +58,7 @@ class NewRequest(Request):
 def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
     """Create a package for a user-defined law: its file, a test with the battery, a machine file, an entry point.
 
-    The result is its directory. Raises FileError if it exists already: an existing law is never replaced.
+    The result is the directory. Raises FileError if it exists and is not empty: an existing law is never replaced.
     """
     kind = snake_case(request.name)
     out = request.out if request.out is not None else request.usual_out()
@@ -77,7 +79,8 @@ def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
                 name, text = name.replace(word, own), text.replace(word, own)
             (folder / name).write_text(text, encoding="utf-8")
             written[name] = out / name
-    (out / MARKER).unlink()  # the user's code from now on, which no command may replace
+    # the directory is the user's code from now on: without the marker no command replaces it
+    (out / MARKER).unlink()
     here = out / f"{kind}.py"
     return Outcome(out, verdict=f"Write the equations into {here}, then follow {out / 'README.md'}.", files=written)
 

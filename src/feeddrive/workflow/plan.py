@@ -1,4 +1,4 @@
-"""`feeddrive plan`: plan a part program as setpoints that provably keep the limits of a machine.
+"""`feeddrive plan`: setpoints of a part program that provably keep the limits of a machine.
 
 The output files are written by `files/part_program.py`.
 """
@@ -88,7 +88,7 @@ class PlanRequest(Request):
 def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     """Plan a part program within the limits of each axis, prove it, and write setpoints, plan and report.
 
-    Raises ProgramError with file, line, column and word for what cannot be read or executed.
+    Raises ProgramError, with file, line, column and word, for a block that cannot be read or executed.
     """
     machine = None if request.machine is None else read_machine(request.machine)
     limits = planned_limits(machine, request.limits)
@@ -101,7 +101,8 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
         sample_time = float(next(iter(machine.loops.values())).sample_time)
     override = None if request.override is None else read_steps(request.override)
     names = request.program.name, called(request.machine if machine is None else machine.name)
-    with contextlib.closing(_moves(request, limits, progress)) as moves:  # always closes the program file
+    # a generator that an error leaves suspended would keep the program file open
+    with contextlib.closing(_moves(request, limits, progress)) as moves:
         setpoints = Setpoints(moves, limits, sample_time, override)
         if request.out is None:
             return _outcome(planned_of(setpoints, *names), None, machine)
@@ -115,7 +116,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
 
 
 def _differing(machine: MachineFile, letters: str) -> list[str]:
-    """Return remarks on axes with different tracking dynamics; none for a law without a linear model."""
+    """Return remarks on axes with different tracking dynamics; empty if a law has no linear model."""
     names = [name for name, loop in machine.loops.items() if name.upper() in letters and not loop.axis.rotary]
     with contextlib.suppress(NoSlopeError):
         return matched_dynamics(machine.machine(), names).remarks()
@@ -123,9 +124,10 @@ def _differing(machine: MachineFile, letters: str) -> list[str]:
 
 
 def _into(writer: SetpointWriter) -> Take:
-    """Return the function that writes the proven samples."""
+    """Return a function that passes proven samples and stops to the writer, and drops all others."""
 
     def write(samples: Samples, stops: Sequence[Standstill]) -> None:
+        # samples that violate a limit must never reach a machine
         if samples.proven:
             writer.add(samples)
             writer.stops(stops)
@@ -151,7 +153,9 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> G
     with contextlib.closing(moves):
         for count, move in enumerate(stated):
             yield move
+            # a subroutine or a loop goes back in the file; the progress bar must not
             farthest = max(farthest, move.source.number)
+            # the clock is read for few moves only: a program may have millions of short ones
             if count % 64:
                 continue
             now = monotonic()
@@ -164,12 +168,13 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> G
 
 
 def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
-    """Yield the moves; the tolerance applies to continuous-path modes for which the program states none."""
+    """Yield the moves, with the tolerance in every continuous path mode for which the program states none."""
     begun = False
     for move in moves:
         if isinstance(move, PathMode) and move.mode == "continuous" and move.tolerance == 0.0:
             yield replace(move, tolerance=tolerance)
         else:
+            # the tolerance must hold from the first motion on, also in a program that never states a path mode
             if not begun and not isinstance(move, PathMode):
                 yield PathMode(move.source, "continuous", tolerance)
             yield move
@@ -177,7 +182,7 @@ def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
 
 
 def _lines_of(program: Path) -> int:
-    """Return the number of lines of a file; 0 if it is unreadable, which its reader reports better."""
+    """Return the number of lines of a file; 0 if it is unreadable, which the reader of the program reports."""
     with contextlib.suppress(OSError), program.open("rb") as file:
         return sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b"")) + 1
     return 0
@@ -190,6 +195,7 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None) ->
     causes = sorted(planned.seconds.items(), key=lambda item: -item[1])
     told = joined(
         ", ",
+        # a program without motion has a cycle time of 0
         (f"{name} {Quantity(seconds / max(planned.cycle_time, 1e-9), 'share'):3}" for name, seconds in causes[:6]),
     )
     sentences: list[str] = []

@@ -40,7 +40,7 @@ T = TypeVar("T")
 
 
 class PlayRequest(Request):
-    """The profiles, their drives, the fraction of the amplitude, and how the motion starts."""
+    """The profiles and their drives, the fraction of the amplitude, and the options for the start of the motion."""
 
     profiles: tuple[Path, ...] = argument(
         "Files to be sent that `feeddrive excite` wrote, one a log; or the directory that `feeddrive plan` wrote"
@@ -77,7 +77,7 @@ class PlayRequest(Request):
 
 
 class ListenRequest(Request):
-    """The drive to log, and the duration."""
+    """The drive to log, and the duration of the log."""
 
     drive: Path = option("a drive file (TOML): bus, scaling, limits")
     seconds: float = option("duration of the log", default=1.0, unit="s", least=0.001, most=3600.0)
@@ -93,7 +93,7 @@ def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
     """Play an excitation on a drive over EtherCAT or CANopen within limits, and log the motion of the axis.
 
     All profiles are read and checked before the bus is opened.  The user must confirm unless `yes` is set.  The log of
-    an aborted motion is also kept; the reason of the abort is the error of the outcome.
+    an aborted motion is kept too; the reason for the abort is the error of the outcome.
     """
     if request.plan is not None:
         return _play_plan(request, request.plan, progress)
@@ -104,9 +104,11 @@ def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
     _ask(request, file.name, progress)
     for profile in profiles:
         try:
+            # a fault that appears during the series must stop it, not be reset
             reset = request.reset_fault and not done
             done.append(_play(progress, file, profile, request.unpaced, reset, first=not done))
         except FeeddriveError as error:
+            # an error ends the series, but the logs of the profiles before it are results worth keeping
             trouble = error
         if trouble is not None or done[-1].aborted:
             break
@@ -128,7 +130,8 @@ def listen(request: ListenRequest, progress: Progress) -> Outcome[Played]:
 
 
 def _ask(request: PlayRequest, name: str, progress: Progress) -> None:
-    """Ask before opening the bus: a drive in operation cannot wait for an answer."""
+    """Ask for confirmation before the bus is opened: a drive in operation cannot wait for an answer."""
+    # an unpaced cycle is for a virtual drive only, where nothing can be hurt
     if request.yes or request.unpaced:
         return
     progress.remark(f"- {WARNING}")
@@ -153,6 +156,7 @@ def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Out
     profiles = read_plan_profiles(setpoints, {axis: file.drive for axis, file in named.items()})
     name = ", ".join(file.name for file in files)
     _ask(request, name, progress)
+    # one EtherCAT master for all axes: their targets travel in the same frame
     segment = Segment(files[0].interface) if files[0].drive.bus == "ethercat" else None
     clients = [
         DriveClient(
@@ -182,7 +186,7 @@ def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Out
 def _play(
     progress: Progress, file: DriveFile, profile: Profile, unpaced: bool, reset_fault: bool, *, first: bool
 ) -> Played:
-    """Play a profile. The drive is opened for each profile, so that none waits while a log is written."""
+    """Play a profile. The bus is opened for each profile anew, so that no drive waits while a log is written."""
     played: Played | None = None
     try:
         with _named(file), _client(file, unpaced) as client:
@@ -194,7 +198,8 @@ def _play(
     except BusError as error:
         if played is None:
             raise
-        return replace(played, aborted=str(error))  # disconnecting failed: keep the log of the motion
+        # disconnecting failed: keep the log of the motion
+        return replace(played, aborted=str(error))
     return played
 
 
@@ -214,7 +219,7 @@ def _named(file: DriveFile) -> Generator[None]:
 
 
 def _greet(progress: Progress, client: DriveClient) -> None:
-    """Report the identity of the drive and its state."""
+    """Show the identity and the state of the drive."""
     known = client.identity
     text = ", ".join(f"{key} {known[key]:#x}" for key in ("vendor", "product", "revision") if key in known)
     state = client.state
@@ -229,7 +234,7 @@ def _greet(progress: Progress, client: DriveClient) -> None:
 def _outcome(
     result: T, done: Sequence[Played], out: Path | None, trouble: FeeddriveError | None, names: Sequence[str] = ()
 ) -> Outcome[T]:
-    """Return tables and remarks of all logs, and their paths, by number or by axis."""
+    """Return the outcome with tables, remarks and paths of all logs, which are named by axis or else by number."""
     lines: list[Table | str] = []
     written = [] if out is None else _write(out, done, names or [str(k) for k in range(1, len(done) + 1)])
     for k, played in enumerate(done):
@@ -243,6 +248,7 @@ def _outcome(
 
 def _write(out: Path, done: Sequence[Played], called: Sequence[str]) -> list[Path]:
     names = [
+        # a log that ends early must not be taken for a measurement
         f"{'aborted' if played.aborted else 'measured'}_{label}.parquet"
         for label, played in zip(called, done, strict=True)
     ]
@@ -296,7 +302,7 @@ class VirtualDriveRequest(Request):
 
 @command(VirtualDriveRequest)
 def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[int]:
-    """Act as a CiA 402 drive with the plant and the control of a machine file, until Ctrl-C or a cancel.
+    """Act as a CiA 402 drive with the plant and the control of a machine file, until Ctrl-C or cancellation.
 
     The result is the number of cycles.
     """
@@ -325,15 +331,18 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
         progress.remark(f"Ready on {request.interface}; Ctrl-C ends it.")
 
     firmwares = list(drives.values())
+    # Ctrl-C only sets a flag: an exception within a bus cycle would leave a frame unanswered
     with interruption() as interrupted:
 
         def stopped() -> bool:
             return interrupted() or progress.cancelled
 
+        # before serving, which blocks until the end: a master needs the file to connect
         if request.drive_file is not None:
             for place, (name, firmware) in enumerate(drives.items()):
                 file = request.drive_file
                 path = file if len(drives) == 1 else file.with_stem(f"{file.stem}_{name}")
+                # EtherCAT counts stations by their position on the segment, CANopen by a number that is set
                 station = 1 + place if request.bus == "ethercat" else request.station
                 described = (request.bus, request.master or request.interface, station, firmware.cycle_time)
                 text = drive_text(loops[name], firmware.scaling, *described)

@@ -1,6 +1,6 @@
 """The report function of each type of result, by name, so that nothing is imported before `result.report()`.
 
-The analysis packages do not know of reports; a command adds facts that only it knows, such as the source of a log.
+The analysis packages do not depend on reports.  A command adds facts to its report, such as the source of a log.
 """
 
 from importlib import import_module
@@ -31,12 +31,13 @@ REPORTS = {
 
 
 def register_report(kind: type) -> None:
-    """Register the report function of a type of result, or of its nearest listed base class."""
+    """Register the report functions that are listed for a type of result and its base classes."""
     for base in kind.__mro__:
         name = f"{base.__module__.removeprefix('feeddrive.')}:{base.__qualname__}"
         if name in REPORTS and base not in report_of.registry:
             module, function = REPORTS[name].split(":")
 
+            # bound as defaults: a closure would read the last values of the loop
             def report(result: object, module: str = module, function: str = function) -> object:
                 return getattr(import_module(f"feeddrive.{module}"), function)(result)
 

@@ -1,6 +1,6 @@
 """`feeddrive run`, `demo` and `cosimulate`: simulate the laws of a job.
 
-report.html          for people
+report.html          the report
 summary.json         every figure in SI, by law; versions, seed, digest of the log
 runs/LAW.parquet     all signals over time, with units
 runs/LAW.csv         the same as text, for runs of up to 100,000 rows
@@ -58,7 +58,7 @@ class RunRequest(EngineRequest):
 
 
 DEMOS = {"axis": "emps", "mill": "circle_diamond_square"}
-"""The bundled job of each demo."""
+"""The bundled job of each demo, by name."""
 
 
 class DemoRequest(Request):
@@ -73,7 +73,7 @@ class DemoRequest(Request):
 
 @command(RunRequest)
 def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
-    """Run the laws of a job on the same task; write report, summary and signals to a directory, if one is named.
+    """Run the laws of a job on the same task; write report, summary and signals if an output directory is named.
 
     Raises UnstableError for a law with an unstable loop, DivergedError for one whose run diverges, and LogError for a
     log that does not match the job.
@@ -88,6 +88,7 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
         progress.step("report")
         files["Report"] = write_results(result, request.out)
     tables = [result.table(), *([] if (others := result.others()) is None else [others])]
+    # a run that ended in the safe force has figures, but they are not those of the motion
     judgment = Judgment.TRIPPED if any(_tripped(job, row) for row in result.rows) else Judgment.RAN
     remarks = [remark for remark in (job.rule, *result.remarks) if remark]
     return Outcome(
@@ -115,7 +116,7 @@ def demo(request: DemoRequest, progress: Progress) -> Outcome[JobResult]:
 
 
 def write_results(result: JobResult, out: str | Path) -> Path:
-    """Write the results directory atomically, and return the path of the report.
+    """Write the directory of results atomically, and return the path of the report.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -127,6 +128,7 @@ def write_results(result: JobResult, out: str | Path) -> Path:
         (folder / "job.toml").write_text(repeatable(result), encoding="utf-8")
         (folder / "machine.toml").write_text(result.job.machine.file.text, encoding="utf-8")
         if (program := program_of(result)) is not None:
+            # byte for byte: line ends and encoding of the program stay as they are
             (folder / program.name).write_bytes(program.read_bytes())
         runs = folder / "runs"
         runs.mkdir()
@@ -142,18 +144,20 @@ def write_results(result: JobResult, out: str | Path) -> Path:
 
 
 def program_of(result: JobResult) -> Path | None:
-    """Return the file of the part program that is copied with the job; None without one."""
+    """Return the path of the part program, which is copied with the job; None if the job has none."""
     return None if result.job.program is None else result.job.program.file
 
 
 def repeatable(result: JobResult) -> str:
-    """Return the job text with references to the copies of machine and part program, and absolute paths otherwise."""
+    """Return the text of the job with the copies of machine and part program, and absolute paths otherwise."""
     job = result.job
     edit, folder, program = TomlEdit(job.file.text, job.file.name), Path(job.file.name).parent, program_of(result)
     if edit.has(("machine",)):
         edit.set(("machine",), "machine.toml")
     if job.log is not None:
+        # the log itself is not copied, so the copy of the job must find it from any folder
         edit.set(("log", "file"), str(job.log.path.resolve()))
+    # relative names in a job count from its folder, and the copy stands in another one
     for name in FILES if job.program is not None else ():
         written = job.file.content["program"].get(name)
         if written is not None:
@@ -163,7 +167,7 @@ def repeatable(result: JobResult) -> str:
 
 
 def summary(result: JobResult) -> dict[str, Any]:
-    """Return all figures as plain numbers; a figure that does not occur is null."""
+    """Return all figures as plain numbers for JSON; a figure that does not occur is None."""
     job = result.job
     figures: dict[str, Any] = {
         "title": job.title,
@@ -215,7 +219,7 @@ class CosimulateRequest(Request):
 
 @command(CosimulateRequest)
 def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimulation]:
-    """Run the laws of a job on an external model of the machine: an FMU in place of the plant."""
+    """Run the laws of a job on an external model of the machine, an FMU in place of the plant."""
     job = read_job(request.job)
     values = {name: _number(name, text) for name, text in _pairs("--set", request.set).items()}
     cosimulation = run_against(

@@ -1,4 +1,4 @@
-"""The kinds of user-written files, by their top-level section, and their JSON Schemas.
+"""The kinds of files that users write, each with its top-level section type, and their JSON Schemas.
 
 python -m feeddrive.workflow.schemas docs/schema
 """
@@ -27,7 +27,7 @@ FILES: Mapping[str, type[Section]] = {
     "limits": LimitsSection,
     "rules": Rules,
 }
-"""The section that is the content of a file, by what people call the file."""
+"""The section type at the top level of each kind of file, by the name of the kind."""
 
 
 def schemas() -> dict[str, Schema]:
@@ -40,6 +40,7 @@ def write_schemas(folder: str | Path) -> list[Path]:
     written: list[Path] = []
     for name, schema in schemas().items():
         written.append(Path(folder) / f"{name}.schema.json")
+        # editors show the texts of a schema as they stand, so µ and Ω are not escaped
         write_whole(written[-1], json.dumps(schema, indent=2, ensure_ascii=False) + "\n")
     return written
 

@@ -44,7 +44,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
     """Run all variants of a study on the cores of this machine, or on a Dask cluster.
 
     Finished chunks are kept if the sweep ends early, and `resume` computes the rest.  Raises ParameterError without an
-    output for the rows, and as `feeddrive.study.sweep`.
+    output for the rows, and the errors of `feeddrive.study.sweep`.
     """
     if request.out is None:
         raise ParameterError("out: a sweep needs a place for its rows: a directory, or an address of fsspec")
@@ -61,6 +61,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
         told = answers_of(swept.store, swept.study, progress)
         progress.step("report")
         files = {"Report": write_report(told, request.out), "Rows": swept.store.address}
+    # the rows are complete by now: only the report is missing, which --resume makes without a run
     except (CancelledError, KeyboardInterrupt):
         raise CancelledError(f"stopped; all rows are in {swept.store.address}: --resume makes the report") from None
     bad = swept.bad

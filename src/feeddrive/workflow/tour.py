@@ -61,6 +61,7 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
             "position_load": moved["reading_load"][rows],
             "position_motor": moved["reading_motor"][rows],
         }
+        # to 1 nm, a tenth of a count of the encoders
         columns: dict[str, np.ndarray] = {name: np.round(1e3 * signal, 6) for name, signal in millimetres.items()}
         columns["force"] = np.round(moved["force"][rows], 3)
         with new_directory(request.out) as folder:
@@ -83,7 +84,7 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
 
 
 def axis() -> Loop:
-    """Return the loop of the axis that is measured on the tour, under today's control."""
+    """Return the loop that is measured in the tour: the bundled axis with its changes, under today's control."""
     loop = read_machine(MACHINE).loop("x")
     place = loop.place_of("axis")
     more = {"plant.mass_load": WORKPIECE, "friction_motor.coulomb": DRIER, "friction_motor.breakaway": DRIER}
@@ -110,5 +111,6 @@ def strokes(sample_time: float) -> np.ndarray:
         )
         for distance, velocity, acceleration in _STROKES
     ]
+    # rounded: the quotient of a whole number of samples may come out just below it
     times = [np.arange(round(move.duration / sample_time)) * sample_time for move in moves]
     return np.concatenate([move.at(time).position for move, time in zip(moves, times, strict=True)])

@@ -53,6 +53,7 @@ def _limit_options() -> dict[str, tuple[str, Any]]:
         limit = figure.limit
         assert limit is not None
         options[limit.option] = (
+            # annotations as text: `fields_of` resolves them like those written in the class
             "float" if limit.usual is not None else "float | None",
             option(
                 limit.meaning,
@@ -67,9 +68,9 @@ def _limit_options() -> dict[str, tuple[str, Any]]:
 
 
 class TuneRequest(Request, more=_limit_options(), after="recipe"):
-    """An axis or its measured response, the goal of the tuning, and the limits to keep.
+    """The axis or its measured response, the goal of the tuning, and the limits to keep.
 
-    Limits are in SI here: compliance in m/N, measurement noise in m; the command line takes um/N and nm.
+    Limits are in SI here: compliance in m/N, measurement noise in m. On the command line they are in um/N and nm.
     """
 
     source: MachineLike | Loop | FRF | OperatingPoint | None = argument(
@@ -145,15 +146,16 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
     def limits(self) -> Limits:
         """Return the limits of the tuned loop."""
         bounds = {figure.key: bound for figure, bound in self._bounds()}
+        # the noise gain is defined for white noise of equal size in both readings
         noise = (self.reading_noise, self.reading_noise)
         return Limits((), reading_noise=noise, snap_force=self.step_force, **bounds)
 
     def _bounds(self) -> list[tuple[Figure, float | None]]:
-        """Return the limits by figure; None for an unset limit."""
+        """Return each figure that can be limited with its limit; None for an unset limit."""
         return [(figure, getattr(self, figure.limit.option)) for figure in limitable() if figure.limit is not None]
 
     def sources(self) -> Sources:
-        """Return the sources of the axis at all named positions and loads."""
+        """Return the sources of the axis at all given positions and loads."""
         return Sources(
             self.source,
             self.at,
@@ -172,11 +174,11 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
 
 @command(TuneRequest)
 def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
-    """Tune gains and filters of an axis within limits; machine file, certificate and report on request.
+    """Tune gains and filters of an axis within limits; write machine file, certificate and report on request.
 
     The result is a `Tuned`, for a study a `Robust`.
 
-    The failure of the outcome says that the tuning does not keep its limits or proofs; then no machine file is written.
+    If the tuned loop violates a limit or a proof fails, no machine file is written and the outcome has a bad judgment.
     """
     progress.step("reading")
     if request.study is not None:
@@ -196,6 +198,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     proof = [(line.holds, Text(f"proof, {line.what}: {verdict[line.holds]} ({line.text})")) for line in tuned.proof]
     remarks: list[str] = [claim for holds, claim in proof if not holds]
     remarks += [*story.remarks, *(Text(f"held back by {held.sentence()}") for held in tuned.held), *tuned.advice]
+    # the last table is the proof, which is shown as sentences instead
     shown = tables(tuned, story)[:-1]
     first = 1 + len(tuned.after)  # the values, and the figures at each point
     details = [
@@ -221,7 +224,8 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
 
 def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     """Tune one control for the machines of a study."""
-    from feeddrive.study.robust import RobustTuner  # imports sweeps, which tuning one axis does not need
+    # imported on use: it loads the sweeps, which tuning one axis does not need
+    from feeddrive.study.robust import RobustTuner
     from feeddrive.workflow.tune_study import tuned_study
 
     assert request.study is not None
@@ -251,6 +255,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     base = machine if request.baseline is None else read_machine(request.baseline)
     direct = request.source if isinstance(request.source, Loop) else None
     loop = direct if base is None else base.loop(request.axis)
+    # an entered sample time need not have the bits of that in the file
     if loop is not None and request.sample_time and abs(request.sample_time / float(loop.sample_time) - 1.0) > 1e-6:
         raise ParameterError(
             f"--sample-time {Quantity(request.sample_time, 's'):6 SI} is not that of the machine file, "
@@ -291,6 +296,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
             progress=progress,
         )
     rules: tuple[JudgedRecipe, ...] = ()
+    # the rules of the trade give the gains of a P-PI cascade only
     if tuned.control.law.kind == "cascade_ppi":
         rules = judged_recipes(points, control, limits, progress)
     what = f"{base.name}, axis {name}" if base is not None else Path(called(request.source)).name
@@ -308,6 +314,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     }
     text = None if base is None or not tuned.holds else machine_text(base, name, tuned.control)
     progress.step("certificate")
+    # a control that violates a limit is not proposed, so it needs no proof
     certificate, facts["Certificate"] = certified(tuned.control, points, text, name) if tuned.holds else (None, "")
     rotary = loop is not None and loop.axis.rotary
     noted = tuple(remarks)
@@ -318,7 +325,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:
-    """Return axis and control of the machine file, old and new, if they are stable at every operating point."""
+    """Return the loop of the machine file under the old and the new control, each if stable at every point."""
     if loop is None:
         return {}
     both = {"today": (loop, tuned.before), "new": (replace(loop, control=tuned.control), tuned.after)}

@@ -41,9 +41,9 @@ from feeddrive.workflow.certify import write_certificate
 
 
 def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe]) -> dict[str, Any]:
-    """Return all figures as plain numbers; a figure that does not occur is null.
+    """Return all figures as plain numbers for JSON; a figure that does not occur is None.
 
-    remarks  on the tuning
+    remarks  remarks on the tuning
     rules    tuning rules for comparison
     """
     return {
@@ -72,7 +72,7 @@ def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe])
 
 
 def _usual(quantity: Quantity | None) -> float | None:
-    """Return a value in its customary unit, which these files have used from the first version."""
+    """Return a value in its customary unit, which these files have used since the first version."""
     return None if quantity is None else USUAL.of(quantity.unit)[1] * float(quantity.value)
 
 
@@ -93,11 +93,11 @@ _DIGITS = 7
 
 @dataclass(frozen=True)
 class Story:
-    """The context of a tuning report: what was tuned, how, tuning rules for comparison, and remarks.
+    """The context of a tuning report: the tuned axis, facts, tuning rules for comparison, and remarks.
 
-    today   the name of the first row of each comparison
+    today   the name of the old control in each comparison
     rotary  True for a rotary axis
-    loops   axis and control of the machine file, today and new, by name; empty if unknown
+    loops   the stable loops of the machine file under the old and the new control, by name; empty without an axis
     """
 
     what: str
@@ -112,7 +112,7 @@ class Story:
 def write_tuned(
     tuned: Tuned, machine: str | None, axis: str, out: str | Path, story: Story, certificate: Certificate | None
 ) -> Path:
-    """Write report, summary, the control and, if the tuning holds, machine file and certificate into a directory.
+    """Write report and summary and, if the tuning holds, control, machine file and certificate into a directory.
 
     Return the path of the report. Raise FileError if `out` cannot be written.
     """
@@ -121,6 +121,7 @@ def write_tuned(
         figures = summary_text(summary(tuned, story.remarks, story.rules), rotary=story.rotary)
         (folder / "summary.json").write_text(figures, encoding="utf-8")
         if tuned.holds:
+            # only a control that keeps its limits is written in a form that can be copied into a machine
             (folder / "control.toml").write_text(to_toml(tuned.control, f"axis.{axis}.control"), encoding="utf-8")
             if machine is not None:
                 (folder / "machine.toml").write_text(machine, encoding="utf-8")
@@ -136,7 +137,8 @@ def tuned_report(tuned: Tuned, story: Story | None = None) -> Report:
     picture, *others = [*_pictures(tuned, story), *timed]
     known = {**story.facts, "Old and new in time": reason} if reason else story.facts
     shown = tables(tuned, story)
-    first = len(shown) - min(2, len(tuned.cascade)) - 1  # the cascade, loop by loop, and the proof are details
+    # the cascade, loop by loop, and the proof are details
+    first = len(shown) - min(2, len(tuned.cascade)) - 1
     return Report(
         Text(f"{story.what}: {marked(tuned.rule).split(' subject to ')[0].split(';')[0]}"),
         "feeddrive tune",
@@ -162,7 +164,7 @@ def _active_limits(tuned: Tuned) -> Remarks:
 
 
 def tables(tuned: Tuned, story: Story) -> list[Table]:
-    """Tabulate old and new: values, figures at each point, tuning rules, the cascade loop by loop, the proof."""
+    """Tabulate old and new: parameters, figures at each point, tuning rules, the cascade loop by loop, the proof."""
     rows: list[Sequence[Cell]] = []
     for name, value in tuned.tunables.items():
         started, unit = tuned.started[name], tree.declaration(tuned.control, name).unit
@@ -201,7 +203,7 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
 
 
 def _compared(tuned: Tuned, story: Story) -> Table:
-    """Tabulate today's control, every tuning rule and the new control, each at its worst operating point."""
+    """Tabulate today's control, every tuning rule and the new control by the worst figures of all operating points."""
     shown = [(story.today, tuned.before), *((rule.name, rule.figures) for rule in story.rules), ("new", tuned.after)]
     rows = [[name, *_cells(row, tuned.limits)] for name, row in shown]
     title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"
@@ -223,6 +225,7 @@ def _cells(row: Sequence[Figures], limits: Limits) -> list[Cell]:
         return [*nothing, "no gains"]
     if not all(figures.stable for figures in row):
         return [*nothing, "unstable"]
+    # a loop gain that never crosses 1 has no phase margin
     phases = [p for figures in row if (p := figures.margins.phase_margin_deg) is not None]
     return [
         max(figures.margins.sensitivity_peak for figures in row),
@@ -246,25 +249,28 @@ _LONG = 10.0  # periods of the slowest crossover to show
 
 
 def _timed(tuned: Tuned, story: Story) -> tuple[list[Picture], str]:
-    """Return the picture of old and new in the time domain, or none and the reason."""
+    """Return the picture of old and new in the time domain; without one, an empty list and the reason."""
     crossovers = [c for _, figures in _rows(tuned, story.today) if (c := figures.margins.crossover)]
     if not story.loops or not crossovers:
         return [], "not simulated: no axis is known; give a machine file with --baseline"
     try:
         return [old_and_new(story, min(crossovers))], ""
     except FeeddriveError as error:
+        # the pictures in time are an extra: a run that diverges must not cost the report
         return [], Text(f"not simulated: {error}")
 
 
 def old_and_new(story: Story, crossover: float) -> Picture:
-    """Return the simulated setpoint step, rope-snap test and move, with friction, quantization and force limit."""
+    """Return the picture of a setpoint step, the rope-snap test and a move, simulated with friction and force limit."""
     duty = duty_of(next(iter(story.loops.values())))
     long, begin, move = _LONG / crossover, duty.begin, duty.move
     T = float(next(iter(story.loops.values())).sample_time)
     steps = np.where(np.arange(math.ceil((begin + long) / T) + 2) * T < begin, 0.0, _STEP)
+    # the set velocity stays 0: the derivative of a step would be an impulse of one sample
     step = Recorded(position=steps, velocity=np.zeros(steps.size), sample_time=T)
     rows: list[dict[str, tuple[np.ndarray, np.ndarray]]] = [{}, {}, {}]
     for name, loop in story.loops.items():
+        # a guard that trips under one control would leave nothing to compare
         free = replace(loop, control=replace(loop.control, guard=None))
         ran = [
             simulate(free, step, duration=begin + long),
@@ -296,7 +302,7 @@ def old_and_new(story: Story, crossover: float) -> Picture:
 
 
 def _rows(tuned: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
-    """Return the figures of the stable loops, with a name for each."""
+    """Return name and figures of each stable loop, old and new, at each operating point."""
     many = len(tuned.after) > 1
     return [
         (f"{name}, {figures.point}" if many else name, figures)
@@ -347,7 +353,7 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """Return the text of the machine file with another control of one axis.
 
     A law of the same kind is edited parameter by parameter; for another kind the section is replaced, likewise for a
-    prefilter.  Numbers of guard, force limit and delay are set, and kept if the control has none.  In a list of blocks,
+    prefilter.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of blocks,
     retained blocks are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
@@ -375,7 +381,9 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
             edit.set((*where, name), float(after), tree.declaration(control, name).unit, _DIGITS)
     for name in _LISTS:
         before, after = getattr(old, name), getattr(control, name)
+        # a removed and a new block at one index are two blocks: comments of the old one must not stay on the new one
         kept = aligned(before, after)
+        # from the end, so that the indices of the blocks before stay valid
         for place in reversed(range(len(before))):
             if place not in kept:
                 edit.remove((*where, name, place))
@@ -387,18 +395,19 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
 
 
 def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block) -> None:
-    """Set the changed numbers of a block."""
+    """Write the changed parameters of a block, each with its old value in a comment."""
     before = dict(tree.leaves(old))
     for name, value in tree.leaves(new):
         if before.get(name) != value:
             unit = tree.declaration(new, name).unit
             written = edit.set((*key, *key_of(name)), float(value), unit, _DIGITS)
-            if name in before:  # a comment on the old number must not be read as one on the new number
+            # a comment on the old number must not be read as one on the new number
+            if name in before:
                 scale = _scale(str(written[-1]), key_of(name)[-1], unit)
                 edit.comment(written, f"was {number(before[name] / scale, 7)}")
 
 
 def _scale(written: str, name: str | int, unit: str) -> float:
-    """Return the factor from a number in a file to its declared unit: 1000 for Kp_kN_s_per_m, 1 for Kp."""
+    """Return the factor from the unit in a file's key to the declared unit: 1000 for Kp_kN_s_per_m, 1 for Kp."""
     stated = written.removeprefix(f"{name}_")
     return 1.0 if stated == written else units.factor(stated, unit)

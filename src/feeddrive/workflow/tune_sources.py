@@ -1,4 +1,4 @@
-"""The inputs of a tuning: machine files, and measured responses by role, in m/N, checked for common mistakes."""
+"""The inputs of a tuning: machine files, and measured responses in m/N by role, checked for common mistakes."""
 
 import math
 from collections.abc import Sequence
@@ -32,15 +32,19 @@ LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
 _BASELINE = "the plant of the baseline"
 _NONE = "none"  # --motor none: the axis has one encoder
-_SIZE = 3.0  # factor to the baseline's plant beyond which the unit of a response is doubted
+# factor to the baseline's plant beyond which the unit of a response is doubted: a wrong mass of the baseline is
+# within it, a wrong prefix of the unit (1000) far beyond
+_SIZE = 3.0
 _BACKWARD = (math.radians(45.0), math.radians(150.0))  # phase of velocity/force: wrong sign
-_OF_A_FIT = 250  # lines of a modal fit
+# lines of a modal fit: over three decades they are 2.8 % apart, and a mode with a damping ratio of 2 % is 4 % wide at
+# half of its power
+_OF_A_FIT = 250
 _APART = 0.25  # relative difference of motor and load beyond which one encoder is not enough
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """The responses at one position and load: of the load, of the motor (file, name or none), and to a hammer."""
+    """The responses at one position and load: of load and motor (file, name or none), and to a hammer at the table."""
 
     load: FrfLike
     motor: str | None = None
@@ -49,7 +53,7 @@ class Measurement:
 
     @property
     def name(self) -> str:
-        """The file of the load response, which names the measurement in errors."""
+        """The display name of the load response, used for the measurement in errors."""
         return called(self.load)
 
 
@@ -57,11 +61,11 @@ class Measurement:
 class Sources:
     """An axis at one or several positions and loads: machines, loops, points, and measured responses.
 
-    source, at   what is tuned, and the same axis at other positions and loads
-    axis         the axis of machine files with several
+    source, at   the axis to tune, and the same axis at other positions and loads
+    axis         axis name in machine files with several axes
     motor        responses of the motor encoder: files or names; `none` if there is one encoder
-    disturbance, disturbance_motor  responses to a force on the table
-    unit, sample_time, delay        of the responses, if the files do not state them
+    disturbance, disturbance_motor  responses of load and motor to a force on the table
+    unit, sample_time, delay        data of the responses that the files do not state
     """
 
     source: MachineLike | Loop | FrfLike | OperatingPoint | None
@@ -76,7 +80,7 @@ class Sources:
 
 
 def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[list[OperatingPoint | Loop], list[str]]:
-    """Return the operating points, from machines, loops, points and measurements, and remarks on them."""
+    """Return the operating points of all sources, and remarks on them."""
     first, *others = (
         source if isinstance(source, OperatingPoint) else loop_or_response(source, sources.axis)
         for source in (sources.source, *sources.at)
@@ -107,8 +111,8 @@ def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
     """Return the initial control of a search: today's, another law on the same axis, or a P-PI by robust margins.
 
-    Today's law given by name gets an integral if today's control has none. The text names the replacement for a missing
-    control of today.
+    If today's law is requested by name and has no integral action, it is started with one where possible. The text
+    names the tuning rule that replaces a missing control; else it is empty.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
@@ -122,7 +126,7 @@ def first_control(law: str | None, loop: Loop | None, points: Sequence[Operating
 
 
 def has_integral(control: Control, sample_time: float) -> bool:
-    """Return True if a constant force on the table causes no steady-state error."""
+    """Return True if the control has integral action: a constant force on the table causes no steady-state error."""
     return ControlResponse(control, float(sample_time), ()).integrates(())
 
 
@@ -133,6 +137,7 @@ def machine_of(source: object) -> MachineFile | None:
     if not isinstance(source, str | Path):
         return None
     path = Path(source)
+    # a bare name that is no file can only be a bundled machine
     bundled = not path.suffix and not path.exists()
     if path.suffix.lower() == ".toml" or (bundled and (BUNDLED / "machines" / f"{source}.toml").exists()):
         return read_machine(source)
@@ -145,7 +150,7 @@ def machine_of(source: object) -> MachineFile | None:
 
 
 def loop_or_response(source: MachineLike | Loop | FrfLike, axis: str | None) -> Loop | FrfLike:
-    """Return the loop of a machine's axis; a loop or a measured response is returned unchanged."""
+    """Return the loop of a machine's axis; return a loop or a measured response unchanged."""
     if isinstance(source, Loop | FRF):
         return source
     machine = machine_of(source)
@@ -164,7 +169,7 @@ def point_of(
     unit: str | None,
     progress: Progress,
 ) -> tuple[OperatingPoint, list[str]]:
-    """Return the measured operating point and remarks on it. Raise ParameterError, with the remedy, for a mismatch."""
+    """Return a measured operating point and remarks. Raise ParameterError, with the remedy, for inconsistent data."""
     turns = loop is not None and loop.axis.rotary
     responses = {key: in_metres(measurement.name, frf, unit, turns) for key, frf in read_frfs(measurement.load).items()}
     load, motor = _roles(measurement, responses, unit, turns)
@@ -211,7 +216,7 @@ def point_of(
 def _roles(
     measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool
 ) -> tuple[FRF, FRF | None]:
-    """Return the response of the load, and of the motor if there is one, from one or two files."""
+    """Return the responses of load and motor from one or two files; None for the motor if there is one encoder."""
     by_output = {frf.output: key for key, frf in responses.items()}
     names = {**by_output, **{key: key for key in responses}}
     if measurement.motor is None and len(responses) > 1:
@@ -249,7 +254,7 @@ def _only(source: FrfLike, unit: str | None, turns: bool) -> FRF:
 def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
     """Convert a response to m/N; for a rotary axis to rad/(N m), which is stored under the same unit m/N.
 
-    A velocity is integrated.  Raises ParameterError for a response that is not of such an axis.
+    A velocity or acceleration is integrated.  Raises ParameterError for a response in a unit of another kind.
     """
     stated = unit or frf.unit
     f = frf.frequency
@@ -257,7 +262,8 @@ def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
     wanted = {
         units.turning(response_unit) if turns else response_unit: whole for response_unit, whole in by_order.items()
     }
-    if stated in ("", "m/N"):  # responses of models are in m/N even for rotary axes
+    # responses of models are in m/N even for rotary axes
+    if stated in ("", "m/N"):
         return frf
     known = units.response(unit_of(stated) or stated)
     if known is not None and known[0] in wanted:
@@ -275,8 +281,9 @@ def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
 
 
 def _check_sign(path: str, frf: FRF) -> None:
-    """Raise ParameterError for a response of wrong sign: velocity lags force by 90° for a free mass, 0° by friction."""
+    """Raise ParameterError for a response of wrong sign. Velocity lags force by 0° (friction) to 90° (free mass)."""
     lines = slice(0, max(5, frf.frequency.size // 20))
+    # j f x is the velocity; the sum over the lowest lines, where the axis is rigid, averages the noise of each
     turned = np.angle(np.sum(frf.frequency[lines] ** 2 * frf.response[lines] * 1j / frf.frequency[lines]))
     if _BACKWARD[0] < turned < _BACKWARD[1]:
         raise ParameterError(
@@ -287,8 +294,9 @@ def _check_sign(path: str, frf: FRF) -> None:
 
 
 def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -> None:
-    """Raise ParameterError for a response without a unit that is off by a factor > 3 from the baseline's plant."""
+    """Raise ParameterError for a response without a unit that differs from the baseline's plant by a factor > 3."""
     model = linearize(loop, ["cut"], READINGS)
+    # on the lowest lines modes and delays do not matter yet: the ratio is that of mass and friction
     low = point.frequency <= 3.0 * point.frequency[0]
     true = model.response(point.frequency[low], READINGS[1], "cut").response
     ratio = float(np.median(np.abs(point.by_force[1, low] / true)))
@@ -303,13 +311,15 @@ def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -
 
 
 def _check_encoders(path: str, loop: Loop) -> None:
-    """Raise ParameterError if one response is insufficient: the law reads both encoders of an elastic axis."""
+    """Raise ParameterError if the law reads both encoders of an axis on which they differ: one response is too few."""
     T = float(loop.sample_time)
     model = linearize(loop, ["cut"], READINGS)
     lines = np.geomspace(1.0, 0.3 / T, 60)
     motor, load = (model.response(lines, reading, "cut").response for reading in READINGS)
     C = ControlResponse(loop.control, T, ()).at((), lines).value
+    # only lines near or above the crossover decide on stability
     near = np.abs(C[0] * motor + C[1] * load) > 0.3
+    # a law that reads one encoder leaves a response of rounding errors to the other
     both = bool(np.max(np.abs(C[0])) > 1e-6 * np.max(np.abs(C[1])))
     if both and np.any(np.abs(motor / load - 1.0)[near] > _APART):
         raise ParameterError(
@@ -322,7 +332,7 @@ def _check_encoders(path: str, loop: Loop) -> None:
 def _on_the_table(
     point: OperatingPoint, loop: Loop | None, load: FRF, motor: FRF | None, step: float
 ) -> tuple[OperatingPoint, list[str]]:
-    """Complete the point with the response to a table force, by the baseline's plant or a fit to both encoders."""
+    """Add the response to a force on the table, from the baseline's plant or a modal fit to both encoders."""
     remarks: list[str] = []
     if loop is not None:
         completed, words = with_table_force(point, loop, _BASELINE)
@@ -342,12 +352,14 @@ def _on_the_table(
             point, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes", run=False
         )
     except FeeddriveError as error:
+        # the point is still usable: it is then judged against a force at the drive
         return point, [*remarks, Text(f"no plant could be fitted for a force on the table: {error}")]
     return completed, [words] if not completed.at_drive else [*remarks, words]
 
 
 def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]) -> list[Measurement]:
-    """Return the measurements at all positions; a motor file belongs to one position, a motor name to all."""
+    """Return the measurements at all positions. A motor file belongs to one position, a motor name to all of them."""
+    # a file has a suffix, the name of a response in a file has none
     named = [motor for motor in motors if motor == _NONE or not Path(motor).suffix]
     if len(motors) > 1 and (named or len(motors) != 1 + len(others)):
         raise ParameterError(
@@ -365,7 +377,7 @@ def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]
 
 
 def _fewer(frf: FRF) -> FRF:
-    """Return the response on fewer lines, evenly spaced in ln f, for a modal fit within a second or two."""
+    """Return the response on fewer lines, evenly spaced in ln f, so that a modal fit takes a second or two."""
     x = np.log(frf.frequency)
     kept = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], _OF_A_FIT)).clip(0, x.size - 1))
     variance = None if frf.variance is None else frf.variance[kept]

@@ -1,7 +1,7 @@
-"""`feeddrive tune --study`: tune one controller for the machines of a study, law by law; verify on fresh machines.
+"""`feeddrive tune --study`: one controller for all machines of a study, tuned law by law, proven on fresh machines.
 
 report.html    the result, the spread of figures over fresh machines, the machines that decide
-summary.json   the same as numbers
+summary.json   the same figures as numbers
 machine.toml   the study's machine file with the new control, if it holds and is better
 control.toml   the new control alone
 """
@@ -33,9 +33,10 @@ EVERY = "every"  # in place of a law name: all laws that can control the axis
 
 @dataclass(frozen=True, eq=False)
 class Laws:
-    """The laws tuned on the same machines, by name, best first; and why others were refused.
+    """The laws tuned on the same machines by name, best first, and the reasons why others were refused.
 
-    The best law is good on the most fresh machines; ties are broken by the 95 % quantile of the rope-snap error.
+    The best law meets the specification on most fresh machines; ties go to the smaller 95 % quantile of the rope-snap
+    error.
     """
 
     tuned: Mapping[str, Robust]
@@ -67,9 +68,9 @@ def _cells(fresh: Measured) -> list[Cell]:
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
-    """Tune a law (default: today's), or every law of the catalogue that can control the axis.
+    """Tune one law (default: today's), or with `every` all laws of the catalogue that can control the axis.
 
-    Raises UnstableError if none keeps the limits.
+    Raises UnstableError if none of them keeps the limits.
     """
     refused: dict[str, str] = {}
     starts: dict[str, Control] = {}
@@ -78,6 +79,7 @@ def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
         usable, unusable = candidates(tuner.loop)
         refused |= {candidate.name: candidate.reason for candidate in unusable if " + " not in candidate.name}
         starts |= {candidate.name: candidate.loop.control for candidate in usable if " + " not in candidate.name}
+        # a law without tunable parameters would be tuned to what it is
         starts = {name: control for name, control in starts.items() if law_tunables(control)}
     else:
         kind = today.law.kind if law is None else law
@@ -89,6 +91,7 @@ def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
         except FeeddriveError as error:
             if law != EVERY:
                 raise
+            # one law without a result must not end a search over all of them
             refused[name] = str(error)
     if not tuned:
         raise UnstableError(f"no law keeps {tuner.limits.sentence()} on the machines of the study: {_first(refused)}")
@@ -103,7 +106,7 @@ def _first(refused: Mapping[str, str]) -> str:
 
 
 def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Mapping[str, str]) -> Outcome[Any]:
-    """Return the outcome of the command; `again`: facts on how to repeat it."""
+    """Tune for a study and return the outcome of the command; `again`: facts on how to repeat it."""
     laws = tune_laws(tuner, law)
     best = laws.best
     text = _machine(best)
@@ -135,7 +138,8 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
 
 
 def _machine(best: Robust) -> str | None:
-    """Return the text of the machine file with the new control; None if it should not be taken."""
+    """Return the text of the machine file with the new control; None if it does not hold or is not better."""
+    # the bases differ in the choices of the study only: the first one stands for the machine file
     base = next(best.study.bases())
     if not best.tuned.holds or not best.better:
         return None
@@ -162,7 +166,7 @@ def _remarks(laws: Laws) -> list[str]:
 
 
 def _values(best: Robust) -> Table:
-    """Tabulate the values of the control, old and new."""
+    """Tabulate the parameters of the control, old and new."""
     return tables(best.tuned, Story(best.study.title, {}))[0]
 
 
@@ -198,7 +202,7 @@ def robust_report(best: Robust, laws: Laws | None = None, known: Mapping[str, st
     """Return the report of one control for the machines of a study.
 
     laws   all laws that were tuned on these machines, of which this is the best; None: only this one
-    known  facts that only the command knows
+    known  facts on the command
     """
     laws = laws or Laws({best.tuned.control.law.kind: best}, {})
     values, *_, proof = tables(best.tuned, Story(best.study.title, {}))
@@ -243,7 +247,7 @@ def robust_report(best: Robust, laws: Laws | None = None, known: Mapping[str, st
 
 
 def _deciding(best: Robust) -> Table:
-    """Tabulate the figures of the machines that decide, under the new control."""
+    """Tabulate the figures of the machines that limit the tuning, under the new control."""
     rows = [
         [
             figures.point,
