@@ -1,4 +1,4 @@
-"""The bench: the axis tuned on the page, at one or more operating points, measured or modelled, with its control."""
+"""The bench: the axis that is tuned on the page, with its control and its measured or modelled operating points."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -111,10 +111,11 @@ class Bench:
         """
         reference, load, duration = self.work
         loop = replace(self.needed_loop(), control=control)
+        # only the signals that are drawn: a run has some 70,000 samples
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
 
     def snap(self, control: Control, name: str) -> Run:
-        """Simulate a table at rest pulled by a rope that is cut at `duty.begin`; with friction, quantization, limits.
+        """Simulate the rope-snap test under a control: a force on the table at rest, released at `duty.begin`.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -128,8 +129,9 @@ class Bench:
 
     @cached_property
     def mechanics(self) -> StateSpace:
-        """The linearized axis without control, from the command to both readings. Raises ParameterError without a
-        machine.
+        """The linearized axis without control, from the command to both readings.
+
+        Raises ParameterError without a machine.
         """
         return linearize(self.needed_loop(), ["cut"], READINGS)
 
@@ -147,6 +149,7 @@ class Bench:
             self._frictions[units] = friction_chart(self.loop, measured=self.friction, units=units)
         return self._frictions[units]
 
+    # the dataclass is frozen, so caches that grow are cached properties
     @cached_property
     def _frictions(self) -> dict[Units, Chart]:
         return {}
@@ -159,14 +162,17 @@ class Bench:
         f, loop = point.frequency, point.loop or self.loop
         model = None if loop is None else linearize(loop, ["cut"], READINGS)
         for k, reading in enumerate(READINGS):
+            # with one encoder both readings have the same response
             if k == 0 and one_encoder(point):
                 continue
+            # a sampled model has no response above its Nyquist frequency
             own = None if model is None else model.response(f[f <= 0.5 / model.sample_time], reading, "cut")
             measured = None
             if not self.from_machine:
                 variance = None if point.variance is None else through(point, 0, np.eye(2)[[k]].T * np.ones(f.size))
                 T, coherence = point.sample_time, point.coherence
                 measured = FRF(f, point.by_force[k], "force", reading, "m/N", T, coherence, variance)
+            # an error between measurement and model needs both on the same lines
             same = own is not None and own.frequency.size == f.size
             yield Overlay(reading.replace("_", " of the "), measured, own if same else None, own)
 
@@ -187,7 +193,7 @@ def bench_of(
 
     at  machine files of the same axis at other positions or loads
 
-    Raises the errors of `read_machine`; ParameterError for the axis.
+    Raises the errors of `read_machine`, and ParameterError for an unknown axis.
     """
     file = read_machine(machine)
     name = file.named(axis)
@@ -196,6 +202,7 @@ def bench_of(
     names = told_apart((other.name, stem(other)) for other in files)
     loops = [loop, *(other.loop(axis or name) for other in files[1:])]
     points = [
+        # one control for all positions, whatever gains the other files hold
         modelled_point(replace(modelled, control=loop.control), named)
         for modelled, named in zip(loops, names, strict=True)
     ]
@@ -251,5 +258,5 @@ def bench_of_responses(
 
 
 def _named(machine: MachineLike) -> str | Path:
-    """Return the path or bundled name by which commands refer to a machine."""
+    """Return the path or the bundled name of a machine, for use in commands."""
     return machine.file.name if isinstance(machine, MachineFile) else machine

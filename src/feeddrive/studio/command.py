@@ -1,7 +1,7 @@
-"""`feeddrive studio`: the page of an axis, opened in a browser, until Ctrl-C.
+"""`feeddrive studio`: serve the page of an axis and open it in a browser, until Ctrl-C.
 
-Every user of the machine can read command lines (`ps`), and thus a token in the address with which a browser is
-started.  The token is therefore stored in a redirect page that only this user can read.
+Every user of a machine can read command lines (`ps`), and thus a token in the address with which a browser is started.
+The browser therefore opens a redirect page that only this user can read, and that contains the token.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _OFTEN = 0.5  # s
 
 
 def write_redirect(address: str, places: Iterable[str | Path | None]) -> list[Path]:
-    """Write a page that redirects to an address into a folder that no other user can read; return its path.
+    """Write a page that redirects to an address into a folder that no other user can read; return a list with its path.
 
     places  candidate parent folders, of which the first suitable one is used; None: the system's temporary folder
 
@@ -55,6 +55,7 @@ def write_redirect(address: str, places: Iterable[str | Path | None]) -> list[Pa
         except OSError:
             continue
         path = folder / "feeddrive_studio.html"
+        # private from the first moment, and never a file that somebody else has put there
         with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
             if _private(folder) and _private(path):
                 file.write(_REDIRECT.format(address=escape(address)))
@@ -74,9 +75,9 @@ def _private(path: Path) -> bool:
 
 
 def at_enter(act: Callable[[], None], ended: threading.Event) -> bool:
-    """Call `act` at each Enter in the terminal until `ended` is set; return False without a terminal.
+    """Call `act` whenever Enter is pressed in the terminal until `ended` is set; return False without a terminal.
 
-    A background process does not read from its terminal, since the system would stop it.
+    In the background nothing is read, since the system would stop the process.
     """
     if os.name != "posix" or not sys.stdin or not sys.stdin.isatty():
         return False
@@ -84,11 +85,13 @@ def at_enter(act: Callable[[], None], ended: threading.Event) -> bool:
 
     def listen() -> None:
         while not ended.is_set():
+            # with a timeout, so that the thread ends with the server
             there, _, _ = select.select([handle], [], [], _OFTEN)
             if not there:
                 continue
             if os.tcgetpgrp(handle) != os.getpgrp():
                 ended.wait(_OFTEN)
+            # nothing to read means that the terminal was closed
             elif not os.read(handle, 1024):
                 return
             else:
@@ -98,12 +101,12 @@ def at_enter(act: Callable[[], None], ended: threading.Event) -> bool:
     return True
 
 
-HOST = "127.0.0.1"  # who is not on this machine does not reach the page
+HOST = "127.0.0.1"  # reachable from this machine only
 _EVERY = ("0.0.0.0", "::")  # all addresses of the machine
 
 
 def _local(host: str) -> bool:
-    """Return True if an address can be reached from this machine only."""
+    """Return True for an address that only this machine can reach."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -111,7 +114,7 @@ def _local(host: str) -> bool:
 
 
 def _prepare(bench: Bench, folder: Path) -> None:
-    """Compute the initial pictures once, so that imports and compilation are complete before the first request."""
+    """Compute the initial pictures, so that imports and compilation are complete before the first request."""
     desk = Desk(folder)
     desk.put(bench)
     Tune(desk).show()
@@ -167,8 +170,8 @@ class StudioRequest(Request):
 def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
     """Serve a page on which an axis is imported, inspected, tuned, proven and exported, until Ctrl-C.
 
-    Raises MissingExtraError without the extra `studio`; ParameterError for a port that is taken, and where the page was
-    not built.
+    Raises MissingExtraError without the extra `studio`, and ParameterError if the port is in use or the page was not
+    built.
     """
     bench, brought = None, tuple[Path, ...]()
     if request.source is not None:
@@ -198,7 +201,7 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
 
 @contextmanager
 def writable(folder: Path) -> Generator[None]:
-    """Create the folder and use it for the temporary files of readers during the block.
+    """Create the folder, and direct temporary files into it during the block.
 
     Raises FileError with a remedy if it cannot be written.
     """
@@ -208,7 +211,8 @@ def writable(folder: Path) -> Generator[None]:
         place = tempfile.mkdtemp(prefix="temporary_", dir=folder.resolve())
     except OSError as error:
         raise FileError(f"--folder {refusal(folder, 'written', error)}") from None
-    os.environ["TMPDIR"] = place  # of the processes that read and compute
+    # inherited by the processes that read and compute, so that they write nothing elsewhere
+    os.environ["TMPDIR"] = place
     try:
         yield
     finally:
@@ -219,15 +223,15 @@ def writable(folder: Path) -> Generator[None]:
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """Return a socket bound to an address. Raises ParameterError if the port is in use or the address is not local to
-    this machine.
+    """Return a listening socket at an address of this machine.
+
+    Raises ParameterError if the port is in use or the address belongs to another machine.
     """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         server = socket.socket(family)
-        if (
-            os.name == "posix"
-        ):  # a port that was in use a moment ago is free; Windows would share it with another server
+        # makes a port usable that a server left a moment ago; on Windows it would share the port with another server
+        if os.name == "posix":
             server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             server.bind(address)
@@ -256,6 +260,7 @@ def serve_at(
     named = f"[{request.host}]" if ":" in request.host else request.host
     every = port if request.host in _EVERY else None
     hosts = tuple(f"{host_name}:{port}" for host_name in (named, "localhost", socket.gethostname()))
+    # the name of the machine in the network is accepted only if others may connect
     door = Door(hosts if password else hosts[:2], password, every)
     address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 
@@ -278,7 +283,8 @@ def serve_at(
         if not password and pipe is None and at_enter(lambda: progress.remark(fresh()), ended):
             progress.remark("It opens the page once; the browser that it opened stays in. Enter prints another one.")
         if not request.no_browser:
-            threading.Thread(target=browse, daemon=True).start()  # a browser of a terminal stays until it is left
+            # in a thread, since a text browser in the terminal returns only when it is left
+            threading.Thread(target=browse, daemon=True).start()
 
     def forget() -> None:
         while redirects:
@@ -286,6 +292,7 @@ def serve_at(
 
     def browse() -> None:
         if not password:
+            # the folder of the page first; it may be on a file system without permissions
             places = (os.environ.get("TMPDIR"), os.environ.get("XDG_RUNTIME_DIR"), None)
             redirects.extend(write_redirect(fresh(forget), places))
         if not password and not redirects:
@@ -296,7 +303,8 @@ def serve_at(
 
     app = make_app(bench, door, request.folder, brought=brought, live=live, tour=request.tour)
     try:
-        with suppress(KeyboardInterrupt):  # its usual end
+        # Ctrl-C is the usual end
+        with suppress(KeyboardInterrupt):
             serve(app, at, ready)
     finally:
         ended.set()

@@ -1,4 +1,4 @@
-"""The shared state of a page, and the base class of its rooms: the parts of the page with their actions."""
+"""The shared state of a page, and the base class of its rooms, which are the parts of the page with their actions."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _MARK = "studio_act"
 
 @dataclass(frozen=True)
 class Said:
-    """The answer of a room to the page.
+    """The answer of a room to a request of the page.
 
-    words   content of the header, as JSON
+    words   content of the message header, as data for JSON
     charts  charts by name
     """
 
@@ -47,7 +47,7 @@ class Said:
 
 
 class Asked:
-    """The parameters of a request from the page. A missing value or one of another type raises ParameterError."""
+    """The parameters of a request of the page. Its methods raise ParameterError for a missing or mistyped value."""
 
     def __init__(self, parameters: Mapping[str, Any]) -> None:
         self.parameters = parameters
@@ -66,7 +66,8 @@ class Asked:
             raise ParameterError(f"{name} must be a number, not {entry!r:.60}")
         try:
             value = float(entry)
-        except OverflowError:  # a whole number of any length
+        except OverflowError:
+            # JSON allows whole numbers of any length
             value = math.inf
         if not math.isfinite(value):
             raise ParameterError(f"{name} must be a finite number, not {entry!r:.60}")
@@ -115,7 +116,7 @@ def act(method: F) -> F:
 
 
 class Room:
-    """A part of the page with its own state; state that rooms share is on the desk.
+    """A part of the page with its own state; the `Desk` holds the state that rooms share.
 
     An action takes an `Asked` and returns a `Said`, or None for `show()`.
     """
@@ -134,6 +135,7 @@ class Room:
 
     def do(self, name: str, asked: Asked) -> Said:
         """Run an action, by name. Raises ParameterError for an unknown one."""
+        # looked up in the class, since a property of the instance would be evaluated
         known = [attribute for attribute in dir(self) if getattr(getattr(type(self), attribute, None), _MARK, False)]
         if name == "show":
             return self.show()
@@ -152,6 +154,7 @@ _ANOTHER = "This result belongs to an earlier control. Run it again for the curr
 
 def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
     """Return a path in a folder that is unused or already has this content: name.toml, name_2.toml, ..."""
+    # equal content may be reused: repeating a step then gives the same commands
     path, count = folder / name, 1
     while path.exists() and (content is None or not path.is_file() or path.read_bytes() != content):
         count += 1
@@ -255,7 +258,8 @@ class Desk:
         return self.bench
 
     def change(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:
-        """Change parameters; only the first change of a drag `begins` an undo step. Raises ParameterError."""
+        """Change parameters; with `begins` as a new undo step, else as part of a drag. Raises ParameterError."""
+        # first of all: values out of bounds must raise before anything has changed
         control = self.needed.by_hand.control(wanted)
         self._begins = self._begins or begins
         if dict(wanted) == self.values:
@@ -293,7 +297,7 @@ class Desk:
         return self.keep("begun.toml", bench.text(self.values).encode(), _NOT_MADE)
 
     def keep(self, name: str, content: bytes, what: str) -> Path:
-        """Write a file that no command writes, and record in the recipe that it must be kept.
+        """Write a file that no command writes, and mark it in the recipe as one to be kept.
 
         A number is appended to the name if another file has it.
         """
@@ -308,13 +312,14 @@ class Desk:
         return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
 
     def said_of(self, held: Held, words: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the result of a control, marked by a sentence if the current control is different."""
+        """Return the data of a result, with a remark if it belongs to another control than the current one."""
         same = held.same(self.held())
         return {**words, "said": [*([] if same else [_ANOTHER]), *words["said"]]}
 
     def results(self) -> dict[str, str]:
-        """Return the result directories of this source by name, latest last, with a sentence for those of another
-        control.
+        """Return the result directories of this source by name, latest last.
+
+        The value is a remark for a result of another control, else empty.
         """
         directories = dict[str, str]()
         for step in self.done:
@@ -335,7 +340,7 @@ class Desk:
 
     @contextmanager
     def tried(self) -> Generator[None]:
-        """Run a block; if it raises, restore the previous control and its steps."""
+        """Run a block; if it raises, restore the previous control with its undo and redo steps."""
         if self.bench is None:
             yield
             return
@@ -343,6 +348,7 @@ class Desk:
         try:
             yield
         except Exception:
+            # after a fault, too, the page must have a control that can be computed
             if not held.same(self.held()):
                 self._become(held)
                 self.undo, self.redo = undo, redo
@@ -380,6 +386,7 @@ class Desk:
         also  add it after the step instead of replacing it
         """
         place = next(k for k, step in enumerate(self.done) if step.request is known)
+        # `also` as an index: if true, the slice is empty and the step before it stays
         self.done[place + also : place + 1] = [replace(self.done[place], request=request)]
 
     def take(self, control: Control, file: Path | None = None) -> None:
@@ -393,6 +400,7 @@ class Desk:
             and not (changes.removed or changes.added)
             and changes.values.keys() <= self.values.keys()
         ):
+            # equal blocks with other numbers: the traced control can be kept, a new one takes half a second to compile
             self.change({name: float(value) for name, value in tree.leaves(control) if name in self.values})
         else:
             self.exchange(control, file)
@@ -401,6 +409,7 @@ class Desk:
     def control(self) -> Control:
         """The current control."""
         by_hand, known = self.needed.by_hand, self._made
+        # `values` is always replaced and never modified, so its identity tells whether it has changed
         if known is None or known[0] is not by_hand or known[1] is not self.values:
             known = self._made = by_hand, self.values, by_hand.control(self.values)
         return known[2]
@@ -414,7 +423,8 @@ class Desk:
         bench.needed_loop()
         assert self.written is not None
         fields = adjusting(self.written, self.control)
-        assert fields is not None  # `exchange` has seen to it
+        # `exchange` selects a machine file from which edits lead to the control
+        assert fields is not None
         if not any(fields.values()):
             return None
         return AdjustRequest(
@@ -439,13 +449,14 @@ class Desk:
         return path
 
     def not_yet_done(self) -> AdjustRequest | None:
-        """Return the request that writes the current control, or None if the last step that wrote the file did so.
+        """Return the request that writes the current control; None if the last step that wrote the file already did.
 
         Raises ParameterError without a machine.
         """
         request = self.adjusted()
         if request is None:
             return None
+        # only the last writer counts: after an undo and other changes the file holds another control
         writers = [step.request for step in self.done if getattr(step.request, "out", None) == request.out]
         return None if writers and writers[-1] == request else request
 
@@ -498,6 +509,7 @@ class Desk:
 
     def close(self) -> None:
         """Stop the running job and all followers."""
+        # a job that cannot be ended must not keep the sources of the page open
         with suppress(Exception):
             if self.job is not None:
                 self.job.kill()

@@ -1,4 +1,4 @@
-"""Long-running jobs of the page, in separate processes that can be canceled and may crash safely."""
+"""Long-running jobs of the page, in separate processes that can be canceled and may crash without harm."""
 
 from __future__ import annotations
 
@@ -28,9 +28,13 @@ _OFTEN = 0.05  # s between two reports of a step
 _DRAWN = 0.2  # s between two reports of what is best so far
 _PATIENCE = 1.5  # s in which canceled work may end by itself
 _ASKED = 0.01  # s between two looks whether the work was canceled
-_PLACES = threading.BoundedSemaphore(os.cpu_count() or 1)  # of all pages together
-_BEGIN = threading.Lock()  # one process begins at a time, and none while all are ended
-_GOING = set["Job"]()  # jobs that have not ended; their processes are no daemons: some begin processes of their own
+# of all pages together: more jobs than processors would only slow each other down
+_PLACES = threading.BoundedSemaphore(os.cpu_count() or 1)
+# one process begins at a time, since `one_thread` changes the environment of the server; and none while all are ended
+_BEGIN = threading.Lock()
+# jobs that have not ended, for `end_all`: daemons would end with the server, but may not start processes themselves
+_GOING = set["Job"]()
+# a child forked from a server with threads could inherit a lock that nobody releases
 _CONTEXT = multiprocessing.get_context("spawn")
 
 
@@ -101,7 +105,8 @@ class Job:
     ) -> None:
         self.state = JobState(room, what)
         self._work, self._heard, self._found, self._ended = work, heard, improved, ended
-        self._stop = threading.Event()  # of this process: one that is killed may leave a shared one locked
+        # an event of this process alone: a child that is killed may leave a shared one locked
+        self._stop = threading.Event()
         self._over = threading.Event()
         self._begun = time.monotonic()
         self._process: Any = None
@@ -114,13 +119,13 @@ class Job:
         self._thread.start()
 
     def cancel(self) -> None:
-        """Ask the job to stop, and terminate its process if it does not."""
+        """Signal the job to stop, and terminate its process if it has not stopped within 1.5 s."""
         if not self._stop.is_set():
             self._stop.set()
             threading.Thread(target=self._end, daemon=True).start()
 
     def kill(self) -> None:
-        """Terminate the process immediately, when the server stops; a queued job is never started."""
+        """Terminate the process immediately; a queued job is never started."""
         with _BEGIN:
             self._stop.set()
             if self._process is not None:
@@ -131,9 +136,11 @@ class Job:
         self._thread.join(seconds)
 
     def _end(self) -> None:
-        with _BEGIN, contextlib.suppress(OSError):  # it may have ended meanwhile
+        # the process may have ended meanwhile
+        with _BEGIN, contextlib.suppress(OSError):
             if self._pipe is not None:
                 self._pipe.send("stop")
+        # a search that stops by itself sends its best result, one that is killed sends none
         if not self._over.wait(_PATIENCE):
             self.kill()
 
@@ -143,6 +150,7 @@ class Job:
 
     def _follow(self) -> None:
         try:
+            # with a timeout, so that a job in the queue can be canceled
             while not _PLACES.acquire(timeout=0.1):
                 if self._stop.is_set():
                     self._say(state=CANCELLED)
@@ -168,6 +176,7 @@ class Job:
             self._say(state=FAILED, error=f"{self.state.what} cannot begin: {reason}; close other programs")
             return
         finally:
+            # with a copy of the far end open here, `recv` would wait forever for a child that has crashed
             theirs.close()
         if self._process is None:
             self._say(state=CANCELLED)
@@ -182,10 +191,12 @@ class Job:
             else:
                 message = f"{self.state.what} ended without a word: it was killed, or memory ran out; begin it again"
                 self._say(state=FAILED, error=message)
-        except Exception as error:  # in what a room made of a report
+        except Exception as error:
+            # a fault in a room that handled a report: the job must not go on without a listener
             self.kill()
             self._say(state=FAILED, error=fault(error))
         finally:
+            # under the lock, since `_end` may be about to send through the pipe
             with _BEGIN:
                 self._pipe = None
                 ours.close()
@@ -217,7 +228,7 @@ class Job:
 
 
 class _Reporting(Progress):
-    """The progress object within the process, which sends reports to the page, steps at a limited rate."""
+    """The progress object in the process of a job: it sends reports to the page, steps at a limited rate."""
 
     def __init__(self, pipe: Connection) -> None:
         super().__init__()
@@ -228,9 +239,11 @@ class _Reporting(Progress):
     @property
     def cancelled(self) -> bool:
         now = time.monotonic()
+        # inner loops ask all the time, and each look at the pipe is a system call
         if now - self._looked > _ASKED and not self._cancelled.is_set():
             self._looked = now
-            with contextlib.suppress(OSError):  # the server has ended, and `follow_parent` ends this process
+            # an error means that the server has ended, and `follow_parent` ends this process
+            with contextlib.suppress(OSError):
                 if self._pipe.poll():
                     self._cancelled.set()
         return self._cancelled.is_set()
@@ -244,6 +257,7 @@ class _Reporting(Progress):
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
         self.flush()
         now = time.monotonic()
+        # the last step of a count is always sent, so that the bar ends full
         if (what, part) == self._last and now - self._told < _OFTEN and done != of:
             return
         self._last, self._told = (what, part), now
@@ -269,12 +283,14 @@ def fault(error: Exception) -> str:
 
 def _child(work: Work, pipe: Connection) -> None:
     follow_parent()
+    # the server was killed: nobody reads the result
     with contextlib.suppress(BrokenPipeError):
         progress = _Reporting(pipe)
         try:
             try:
                 result = work(progress)
             finally:
+                # the best result of a search is kept also if it is canceled
                 progress.flush()
         except CancelledError:
             pipe.send(("canceled",))
@@ -282,7 +298,8 @@ def _child(work: Work, pipe: Connection) -> None:
             pipe.send(("failed", str(error)))
         except MemoryError:
             pipe.send(("failed", "memory ran out: close other programs, or take a smaller piece of the file"))
-        except Exception as error:  # a fault of feeddrive: the page stays usable, and says what to report
+        except Exception as error:
+            # a fault of feeddrive: the page stays usable and shows what to report, the console has the traceback
             pipe.send(("failed", fault(error)))
             raise
         else:

@@ -1,4 +1,4 @@
-"""The live sources of the room Scope, and the thread that follows one for a page."""
+"""The live sources of the room Scope, and the thread that follows one of them for a page."""
 
 import os
 import threading
@@ -15,9 +15,11 @@ from feeddrive.studio.jobs import fault
 from feeddrive.workflow.follow import PIPE, opened
 
 _OFTEN = 0.025  # s between two looks at the source
-_DESERTED = 10.0  # s without an open page after which a source is let go
+# s without an open page after which a source is released: it must outlive a reload of the page
+_DESERTED = 10.0
 _MANY = 50  # files of the folder that are offered, the newest
 _TABLES = (".csv", ".txt", ".tsv", ".dat", ".log", ".asc", "")
+# weak references: a follower that has ended may go with its page
 _GOING = weakref.WeakSet["Following"]()  # of all pages
 _FILE, _DRIVE, _OF_PIPE = "table that grows", "drive, sampled and not moved", "pipe"
 
@@ -57,8 +59,10 @@ class Followable:
             sources[str(path)] = Offered(path, kind)
         if self._folder is not None and self._folder.is_dir():
             with os.scandir(self._folder) as listed:
+                # a symbolic link could lead to a file outside of the folder
                 there = [(entry.stat(follow_symlinks=False).st_mtime, entry.path) for entry in listed if _table(entry)]
             for _, path in sorted(there, reverse=True)[:_MANY]:
+                # a table named on the command line keeps its own entry, which is not confined to the folder
                 sources.setdefault(path, Offered(Path(path), _FILE, self._folder))
         return sources
 
@@ -133,7 +137,8 @@ class Following:
                     self.rate, counted, since = counted / (now - since), 0, now
         except FeeddriveError as error:
             self.failed = str(error)
-        except Exception as error:  # a fault of feeddrive: the page says that nothing is followed any longer
+        except Exception as error:
+            # a fault of feeddrive: the page shows that nothing is followed any longer
             self.failed = fault(error)
         finally:
             self.source.close()

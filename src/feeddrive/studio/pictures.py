@@ -44,7 +44,7 @@ class Parts:
 
     @cached_property
     def snap(self) -> Run | None:
-        """The response to a rope pulling on the table that is cut."""
+        """The rope-snap test: the response of the table to a force that is released."""
         return self._if_there(lambda: self.bench.snap(self.control, self.name))
 
     @cached_property
@@ -71,14 +71,14 @@ _LOOP = "loop"  # loop.0, loop.1: poles of the closed loop
 
 
 class HeldPoles:
-    """The movable poles of the current control. Closed-loop poles keep their names while they move."""
+    """The movable poles of the current control. A closed-loop pole keeps its name while it moves."""
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
         self._named: dict[str, complex] = {}
 
     def shown(self, units: Units) -> tuple[list[dict[str, Any]], str]:
-        """Return the handles, with abscissa in Hz and height in the unit of the picture, and an explanatory sentence.
+        """Return the handles, with abscissa in Hz and ordinate in the unit of the picture, and an explanatory sentence.
 
         Both are empty without a machine.
         """
@@ -100,11 +100,12 @@ class HeldPoles:
         return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in loop_poles], sentence
 
     def moved(self, name: str, s: complex) -> Values:
-        """Return the gains that move a pole as close as possible to a position (1/s). Raises ParameterError."""
+        """Return the gains that move a pole as near as possible to `s`, 1/s. Raises ParameterError if it is unknown."""
         if not np.isfinite(abs(s)):
             raise ParameterError("a pole must be taken to a finite place")
         if not name.startswith(f"{_LOOP}."):
             return placed_dragged(self.desk.control, name, s)
+        # a page that was reloaded may send a pole that was not yet computed
         if name not in self._named:
             self._of_loop()
         if name not in self._named:
@@ -122,7 +123,7 @@ class HeldPoles:
         return now
 
     def stepped(self, name: str, across: float, up: float) -> Values:
-        """Return the gains after moving a pole by keys, in steps of 2 % of its magnitude."""
+        """Return the gains after moving a pole with the keyboard, in steps of 2 % of its magnitude."""
         now = self.at(name)
         return self.moved(name, now + _ACROSS * abs(now) * complex(across, up))
 
@@ -136,7 +137,8 @@ class HeldPoles:
 
         def model(gains: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             modelled = bench.by_hand.model({**values, **dict(zip(names, gains, strict=True))}, names)
-            assert modelled is not None  # `_of_loop` has seen to it
+            # `_of_loop` returns no movable poles for such a control
+            assert modelled is not None
             return modelled
 
         return bench.mechanics, model, np.array([values[name] for name in names])
@@ -148,6 +150,7 @@ class HeldPoles:
             return []
         there, before = list[LoopPole](loop_poles(*self._loop())), dict(self._named)
         self._named = {}
+        # the closest pairs first: a pole that hardly moved keeps its name, whatever the others do
         for name, s in sorted(before.items(), key=lambda item: _distance(there, item[1])):
             nearest = nearest_pole(there, s)
             if nearest is not None:
@@ -178,6 +181,7 @@ def _distance(poles: Sequence[LoopPole], s: complex) -> float:
 
 
 Thing = TypeVar("Thing", Curve, Mark, Disc, Note, Band)
+# `found` and `best so far` are never drawn together, so they may share a color
 NUMBERS = {"today": 0, "now": 1, "A": 2, "B": 3, "C": 4, "found": 5, "best so far": 5}
 _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no friction and moves no axis"
 
@@ -196,7 +200,7 @@ class View:
 
     @property
     def leading(self) -> dict[str, Figures]:
-        """The worst operating point of each control: an unstable one, or that with the largest Ms."""
+        """The critical operating point of each control, see `Look.leading`."""
         return {name: look.leading for name, look in self.looks.items()}
 
     @property
@@ -205,7 +209,7 @@ class View:
         return {name: figures for name, figures in self.leading.items() if figures.stable}
 
     def of_stable(self, part: Callable[[Parts], T | None]) -> dict[str, T]:
-        """Return one simulation result for each stable control for which it is available."""
+        """Return a simulation result of each stable control for which it is available."""
         stable = {name: self.parts[name] for name, look in self.looks.items() if look.stable and name in self.parts}
         available = {name: part(value) for name, value in stable.items()}
         return {name: value for name, value in available.items() if value is not None}
@@ -245,6 +249,7 @@ def _step(view: View) -> Chart | None:
 
 
 def _poles(view: View) -> Chart | None:
+    # unstable loops too: their growing poles are what a reader looks for
     loops = {name: parts.linear for name, parts in view.parts.items() if parts.linear is not None}
     return plane_chart(loops, view.units) if loops else None
 

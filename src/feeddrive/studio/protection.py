@@ -114,7 +114,9 @@ class Tokens:
     def redeem(self, token: str) -> bool:
         """Redeem a token; return False for one that was used or never issued."""
         with self._lock:
+            # in constant time: the duration must not reveal how much of a guess is right
             equal = [other for other in self._open if hmac.compare_digest(other.encode(), token.encode())]
+            # under the same lock: of many requests with one token only one is admitted
             called = [self._open.pop(other) for other in equal]
         for used in called:
             used()
@@ -164,11 +166,13 @@ class Protected:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass permitted requests to the app, and refuse all others with a one-line reason."""
+        # lifespan events come from the server itself
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
         status, reason = self._refusal(scope, headers)
+        # checked also with a valid cookie: the token is then used up, and leaves the address bar
         if status in (0, 403) and self._redeems(scope, headers):
             await self._enter(send)
             return
@@ -199,6 +203,7 @@ class Protected:
 
     @property
     def _cookie(self) -> tuple[bytes, bytes]:
+        # HttpOnly: no script can read it; SameSite=Strict: no foreign site makes the browser send it
         cookie = f"{self._door.cookie}={self._door.secret}; Path=/; HttpOnly; SameSite=Strict"
         return b"set-cookie", cookie.encode()
 
@@ -213,19 +218,21 @@ class Protected:
         reason = "This page is protected."
         if scope.get("method") == "POST" and scope.get("path") == "/enter":
             attempt = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
+            # one attempt at a time for all visitors, so that parallel connections do not shorten the delay
             async with self._trying:
                 if hmac.compare_digest(attempt.encode(), self._door.password.encode()):
                     await _answer(send, 303, "", ((b"location", b"/"), self._cookie))
                     return
                 await asyncio.sleep(_PAUSE)
             reason = "This is not the password."
+        # only the login page may submit a form
         form = POLICY.replace("form-action 'none'", "form-action 'self'").encode()
         headers = [(b"content-type", b"text/html; charset=utf-8"), (_HEADERS[0][0], form), *_HEADERS[1:]]
         await send({"type": "http.response.start", "status": 401, "headers": headers})
         await send({"type": "http.response.body", "body": ENTER.format(reason=reason).encode()})
 
     def _from_here(self, scope: Scope, headers: dict[str, str]) -> bool:
-        """Return True if a request comes from a page of this server, or opens one."""
+        """Return True if a request opens a page, or comes from a page of this server."""
         if scope.get("method") in ("GET", "HEAD"):
             return True
         return headers.get("origin", "").partition("://")[2] == headers.get("host", "")
@@ -235,15 +242,17 @@ class Protected:
         host, origin = headers.get("host", ""), headers.get("origin")
         if not self._door.own(host):
             return 421, "this server answers under its own address only: use the one that feeddrive studio printed"
+        # browsers do not apply the same-origin policy to WebSockets, so the server must check their origin
         changes = scope["type"] == "websocket" or scope.get("method") not in ("GET", "HEAD")
         if changes and (origin is None or origin.partition("://")[2] != host):
             return 403, "the request comes from another page"
         return (0, "") if self._knows(headers) else (403, _CLOSED)
 
     def _knows(self, headers: dict[str, str]) -> bool:
-        """Return True if a request has the cookie of this server run."""
+        """Return True if a request carries the cookie that this run of the server issued."""
         try:
             kept = SimpleCookie(headers.get("cookie", "")).get(self._door.cookie)
+        # browsers send the cookies of all servers on this host, some of which may be malformed
         except CookieError:
             kept = None
         return kept is not None and hmac.compare_digest(kept.value.encode(), self._door.secret.encode())
@@ -263,6 +272,7 @@ async def _body(receive: Receive) -> bytes:
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
     if scope["type"] == "websocket":
+        # ASGI: the connect event must be received before the connection is closed
         await receive()
         await send({"type": "websocket.close", "code": 1008, "reason": reason})
         return

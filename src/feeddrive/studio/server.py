@@ -47,14 +47,16 @@ Window = tuple[float, float]
 def message(
     words: Mapping[str, Any], charts: Mapping[str, Chart] | None = None, windows: Mapping[str, Window] | None = None
 ) -> bytes:
-    """Encode one message: its words, and charts by name.
+    """Encode one message: JSON data and charts by name.
 
-    windows  visible range of x, by label of x, in which curves over that x have their points
+    windows  visible range of x by label of x, over which the points of the curves are distributed
     """
     numbers, windows = list[np.ndarray](), windows or {}
     shown = {name: _chart(chart, numbers, windows.get(chart.label)) for name, chart in (charts or {}).items()}
     content = json.dumps({**words, "charts": shown}, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
-    header = plain(content).encode("utf-8", "replace")  # a lone surrogate has no bytes
+    # "replace", since a lone surrogate has no encoding
+    header = plain(content).encode("utf-8", "replace")
+    # a Float32Array of the browser must begin at a multiple of 4 bytes
     header += b" " * (-len(header) % 4)
     body = np.concatenate(numbers).astype("<f4").tobytes() if numbers else b""
     return struct.pack("<I", len(header)) + header + body
@@ -108,6 +110,7 @@ def _curve(
 ) -> dict[str, Any]:
     x, y = np.asarray(curve.x, np.float64), np.asarray(curve.y, np.float64)
     each_point = [row for row in (curve.heat, curve.reach) if row is not None]
+    # an envelope would separate points from their heat or reach
     if x.size > POINTS and not each_point:
         x, y = _thinned(x, y, chart, panel, window)
     at = _append((x, y, *each_point), numbers)
@@ -127,6 +130,7 @@ def _append(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
     """Append rows of numbers; return the index of the first number."""
     at = sum(block.size for block in numbers)
     for row in rows:
+        # beyond single precision a value becomes infinite, and then a gap in the curve
         with np.errstate(over="ignore"):
             small = row.astype(np.float32)
         numbers.append(np.where(np.isfinite(small), small, np.float32(np.nan)))
@@ -162,10 +166,12 @@ def _thinned(
                     envelope(u, v, max(2, POINTS * u.size // x.size)) if np.all(np.diff(u) > 0.0) else (u, v)
                 )
             else:
-                thinned.append((np.array([np.nan]), np.array([np.nan])))  # one point of each gap
+                # one point is enough to interrupt the curve
+                thinned.append((np.array([np.nan]), np.array([np.nan])))
         return np.concatenate([u for u, _ in thinned]), np.concatenate([v for _, v in thinned])
     if np.all(np.diff(x) > 0.0):
-        if window is not None:  # and one point more on either side
+        # one more point on either side, so that the curve reaches the edges of the window
+        if window is not None:
             first, last = np.searchsorted(x, window)
             x, y = x[max(0, first - 1) : last + 1], y[max(0, first - 1) : last + 1]
         return envelope(x, y, POINTS)
@@ -184,6 +190,7 @@ def _in_plane(
     steps = np.hypot(np.diff(x) / wide, np.diff(y) / tall) * POINTS / np.maximum(off[1:], off[:-1]) ** 2
     place = np.floor(np.concatenate([[0.0], np.cumsum(steps)]))
     kept = np.concatenate([[True], np.diff(place) > 0.0])
+    # the point before each kept one, too, so that a jump is not drawn as a slope
     kept |= np.concatenate([kept[1:], [True]])
     return x[kept], y[kept]
 
@@ -201,7 +208,8 @@ FIELDS = {
     "--force-constant": "N per unit of the command",
 }
 Push = Callable[[str, bytes], None]
-_WINDOWS = 50  # parts of x that are looked at: labels come from the page
+# zoomed ranges of x: labels come from the page, and without an end they would fill the memory
+_WINDOWS = 50
 
 
 class Session:
@@ -230,6 +238,7 @@ class Session:
         self._pushes = list[Push]()
         self._windows: dict[tuple[str, str], Window] = {}  # by room and label of x
         self.desk.watched = lambda: self.heard
+        # re-entrant: an action may push the state of another room
         self._lock = threading.RLock()
         if bench is not None:
             self.desk.put(bench)
@@ -242,6 +251,7 @@ class Session:
         number = sent if isinstance(sent, int) else 0
         name, _, act = str(asked.get("do")).partition(".")
         try:
+            # without the lock, which a long action may hold: a cancellation must not wait
             if name == "job":
                 self._job(act)
                 return self._message(number, "", Said())
@@ -255,13 +265,15 @@ class Session:
                 return self._message(number, name, shown)
         except FeeddriveError as error:
             error_text = str(error)
-        except Exception as error:  # the page goes on, and says what to report
+        except Exception as error:
+            # the page stays usable and shows what to report
             error_text = fault(error)
         return self._message(number, name if name in self.rooms else "", Said({"error": error_text}))
 
     def listen(self, push: Push) -> Callable[[], None]:
         """Subscribe to unsolicited messages, each with its kind; return a function that unsubscribes."""
-        self._windows.clear()  # a page that has just been loaded looks at all
+        # a page that has just been loaded shows the full range
+        self._windows.clear()
         self._pushes.append(push)
         return lambda: self._pushes.remove(push)
 
@@ -291,7 +303,7 @@ class Session:
         self.desk.cancel()
 
     def _view(self, act: str, asked: Asked) -> str:
-        """Zoom all pictures of a room to a range of x, or to the full range; return the room name."""
+        """Zoom all pictures of a room with this label of x to a range, or to the full range; return the room name."""
         if act != "window":
             raise ParameterError(f"a view has a window, and not '{act:.60}'")
         room = asked.choice("shows", self.rooms)
@@ -327,7 +339,8 @@ class Session:
 
         def ended(result: Any) -> None:
             with self._lock:
-                job.state = replace(job.state, state=DONE)  # the desk is free for what follows
+                # `then` may start the next job, for which the desk must be free
+                job.state = replace(job.state, state=DONE)
                 then(result)
 
         job = Job(room, what, work, heard, met, ended)
@@ -359,11 +372,13 @@ class Session:
         folder = self.desk.folder
         between = re.escape(os.sep)
         text = re.sub(rf"{re.escape(str(folder))}{between}(brought{between}(\d+{between})?)?", "", text)
-        if "feeddrive " in text:  # a command to enter elsewhere
+        # a command to be entered in a terminal keeps its options
+        if "feeddrive " in text:
             return text
         return re.sub(r"--([a-z-]+)", lambda match: f"'{FIELDS.get(match[0]) or match[1].replace('-', ' ')}'", text)
 
     def _send(self, of: str, content: bytes) -> None:
+        # a copy, since another thread may unsubscribe meanwhile
         for push in tuple(self._pushes):
             push(of, content)
 
@@ -413,7 +428,8 @@ def make_app(
 
     async def file(request: Any) -> Any:
         name = request.path_params.get("name") or "index.html"
-        path = page / name  # a route's name has no slash, so that it stays in the folder
+        # the name in a route has no slash, so the path stays in the folder
+        path = page / name
         if path.suffix not in _TYPES or not path.is_file():
             return PlainTextResponse("there is no such file\n", 404)
         return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
@@ -424,7 +440,8 @@ def make_app(
             desk = sessions.named(query.get("session", "")).desk
             into = desk.folder / "brought"
             name = query.get("name", "")
-            if query.get("ask"):  # whether it may be sent: nothing of it has come
+            # the page asks before it sends: a file that is too large need not be transferred
+            if query.get("ask"):
                 kept = place_of(name, into, int(query["ask"]) if _WHOLE.fullmatch(query["ask"]) else None)
             else:
                 kept = await keep(name, request.stream(), into, int(size) if _WHOLE.fullmatch(size) else None)
@@ -467,6 +484,7 @@ def make_app(
                         waiting.put(message({"number": asked.get("number"), "error": str(error)}))
                         continue
                     leave = session.listen(lambda of, content: _put(loop, waiting, of, content))
+                # in a thread, so that the other pages are answered meanwhile
                 waiting.put(await asyncio.to_thread(session.answer, asked))
         except _LeftError:
             pass
@@ -486,7 +504,7 @@ def make_app(
 
 
 class Sessions:
-    """The sessions of all pages; if there are too many, the least recently used one without an open page is ended."""
+    """The sessions of all pages. If there are too many, the least recently used one without an open page is ended."""
 
     def __init__(self, make: Callable[[], Session]) -> None:
         self._make, self._lock = make, threading.Lock()
@@ -498,6 +516,7 @@ class Sessions:
         Raises ParameterError if too many pages are open, FileError if the folder cannot be written.
         """
         with self._lock:
+            # taken out and put back at the end: the dict is in order of last use
             session = self._held.pop(name[:_KEY], None)
             if session is None:
                 if len(self._held) >= _SESSIONS:
@@ -521,7 +540,7 @@ class Outbox:
         self._there = asyncio.Event()
 
     def put(self, content: bytes, of: str = "") -> None:
-        """Queue a message; it replaces a waiting one with the same `of`."""
+        """Queue a message, which replaces a waiting one with the same nonempty `of`."""
         self._count += 1
         self._held.pop(of, None)
         self._held[of or self._count] = content
@@ -536,8 +555,9 @@ class Outbox:
 
 
 def _put(loop: asyncio.AbstractEventLoop, waiting: Outbox, of: str, content: bytes) -> None:
-    """Queue a message from another thread; ignored if the server has ended."""
+    """Queue a message from another thread; do nothing if the server has ended."""
     with contextlib.suppress(RuntimeError):
+        # an event of asyncio may be set in its own loop only
         loop.call_soon_threadsafe(waiting.put, content, of)
 
 
@@ -556,7 +576,7 @@ def _asked(received: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 class _LeftError(Exception):
-    """The page was closed."""
+    """Raised when the page was closed."""
 
 
 def serve(app: App, listening: socket.socket, ready: Callable[[], None]) -> None:
@@ -566,6 +586,7 @@ def serve(app: App, listening: socket.socket, ready: Callable[[], None]) -> None
     except ImportError as error:
         raise MissingExtraError("uvicorn", "studio", "the studio") from error
 
+    # uvicorn has no other hook that is called once the socket accepts connections
     class Server(uvicorn.Server):
         async def startup(self, sockets: Any = None) -> None:
             await super().startup(sockets)
@@ -578,10 +599,12 @@ def serve(app: App, listening: socket.socket, ready: Callable[[], None]) -> None
         access_log=False,
         ws="websockets-sansio",
         ws_max_size=_LARGEST,
-        ws_per_message_deflate=False,  # numbers hardly shrink, and it took 10 ms of the 40
+        # numbers hardly shrink, and compression took 10 ms of the 40
+        ws_per_message_deflate=False,
         lifespan="off",
         server_header=False,
         date_header=False,
+        # open WebSockets would delay the end after Ctrl-C without a limit
         timeout_graceful_shutdown=1,
     )
     Server(config).run(sockets=[listening])

@@ -42,7 +42,8 @@ class Understood:
     guess       guessed roles of the columns of a log
     columns     time and values of a log's preview, by column name
     units       units of the columns, as stated in the file
-    wrong       error with remedy
+    responses   names of the frequency responses
+    wrong       error with remedy; empty if the file could be read
     """
 
     name: str
@@ -59,13 +60,14 @@ class Understood:
 
 
 def understand(paths: Sequence[Path], progress: Progress) -> list[Understood]:
-    """Inspect files without raising: errors are reported with their file."""
+    """Inspect files. Errors are not raised but stored with the content of their file."""
     contents = list[Understood]()
     for i, path in enumerate(paths):
         progress.step(f"reading {path.name}", i, len(paths))
         try:
             contents.append(_understood(path, progress))
         except FeeddriveError as error:
+            # users know the file by its name, not by its place on the server
             contents.append(Understood(path.name, UNKNOWN, wrong=str(error).replace(str(path), path.name)))
         except Exception as error:
             contents.append(Understood(path.name, UNKNOWN, wrong=fault(error)))
@@ -98,6 +100,7 @@ def _machine(path: Path) -> Understood:
     from feeddrive.files.machine import read_machine
     from feeddrive.files.toml_file import read_toml
 
+    # checked first: a job or study would be rejected for a key, and not for what it is
     if read_toml(path).root().optional("axis") is None:
         raise ParameterError(
             f"{path.name}: has no [axis.NAME], so that it is no machine file; a job or a study names other files, "
@@ -108,6 +111,7 @@ def _machine(path: Path) -> Understood:
 
 
 def _program(path: Path) -> Understood:
+    # any encoding will do: only the lines are counted here
     text = path.read_text(encoding="utf-8", errors="replace")
     lines = sum(1 for line in text.splitlines() if line.strip())
     if not lines:
@@ -134,9 +138,12 @@ def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) 
 
 LARGEST = 256_000_000  # bytes of one file
 MANY = 64  # files of one session
-_LONGEST = 200  # bytes of a name: file systems take 255, of which a temporary file wants some
+# bytes of a name: file systems allow 255, part of which the name of a temporary file needs
+_LONGEST = 200
+# the first character excludes hidden files and names that a command would take for an option
 _NAME = re.compile(r"[^\W_][\w .()+,=@~-]{0,119}")
-_DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[\d¹²³]) *(\..*)?", re.IGNORECASE)  # what Windows takes for devices
+# names that Windows reserves for devices, with any extension
+_DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[\d¹²³]) *(\..*)?", re.IGNORECASE)
 
 
 def safe_name(name: str) -> str:
@@ -151,7 +158,7 @@ def safe_name(name: str) -> str:
 
 
 def stem_of(name: str) -> str:
-    """Return a name without its extension, for use in other names; strips blanks and dots, as Windows does."""
+    """Return a name without its extension and without trailing blanks and dots, which Windows strips."""
     return Path(name).stem.rstrip(" .")
 
 
@@ -186,6 +193,7 @@ async def keep(name: str, pieces: AsyncIterator[bytes], folder: Path, promised: 
         size = 0
         async for piece in pieces:
             size += len(piece)
+            # counted while it arrives: the announced size may be missing or wrong
             if size > LARGEST:
                 raise _too_large(path)
             file.write(piece)

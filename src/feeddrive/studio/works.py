@@ -1,4 +1,4 @@
-"""Long-running jobs of the page that produce texts and pictures: each runs in its own process and returns little."""
+"""Long-running jobs of the page: each runs in its own process and returns the texts and pictures to show."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from feeddrive.workflow.tune import TuneRequest
 
 _PLACES = 8  # worst places of a part program, and quadrant peaks of circles, that can be looked at
-_TURN = 12.0  # degrees on both sides of a quadrant peak
+# degrees on both sides of a quadrant peak: its reversal is in view, and no other one
+_TURN = 12.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
     with drawn_in(units):
         pictures = [picture for picture in report.pictures if drawn is None or picture.key in drawn]
         charts = {picture.key: picture.chart().shown(units) for picture in pictures}
+    # the others are in the report, which the user can export
     charts = {key: chart for key, chart in charts.items() if _drawable(chart)}
     record = report.record(units, rendered=True)
 
@@ -78,7 +80,8 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
     failure, bad = resolve(outcome.failure, units), outcome.judgment.bad
     if bad and not failure and not verdict:
         failure = sentence(outcome.judgment.says)
-    notes = () if outcome.page is None else outcome.notes  # a report made of the outcome has them
+    # a general report, made from the outcome, already contains the notes
+    notes = () if outcome.page is None else outcome.notes
     words = {
         "verdict": verdict,
         "failure": "" if failure in verdict else failure,
@@ -91,18 +94,18 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
 
 
 def _drawable(chart: Chart) -> bool:
-    """Return True if the page can draw a chart: it has neither boxes nor fields, nor named ticks, and one abscissa."""
+    """Return True if the page can draw a chart: one abscissa, without boxes, fields and named ticks."""
     plain = (not (panel.boxes or panel.ticks or panel.field or panel.abscissa) for panel in chart.panels)
     return not chart.ticks and all(plain)
 
 
 def reported(command: str, request: Request, progress: Progress) -> Shown:
-    """Run a command, and show its report with all pictures."""
+    """Run a command, and return its report with all pictures."""
     return shown(perform(command, request, progress))
 
 
 def fitted(command: str, request: Request, progress: Progress) -> Shown:
-    """Identify a model or frequency responses from logs."""
+    """Run an identification, and show its report with files and friction."""
     outcome = perform(command, request, progress)
     progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
@@ -114,17 +117,18 @@ def tuned(request: TuneRequest, progress: Progress) -> Shown:
     outcome = perform("tune", request, progress)
     progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
+    # the control alone: all that a job returns is pickled
     return replace(shown(outcome, ("cascade",)), files=files, result=outcome.result.control)
 
 
 def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:
-    """Return charts with their texts in the drawing units of an outcome."""
+    """Return charts with their texts in the units of an outcome."""
     units = replace(outcome.units, typographic=True)
     return {name: chart.shown(units) for name, chart in charts.items()}
 
 
 def toured(request: TourRequest, progress: Progress) -> list[Understood]:
-    """Write and read the log of the tour."""
+    """Write the log of the tour, and read it like an upload."""
     from feeddrive.studio.uploads import understand
 
     outcome = perform("tour", request, progress)
@@ -158,6 +162,7 @@ def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
     """Run a part program on the machine, and show the contour error on the path and its worst places."""
+    # imported on use: this runs in the process of the job
     from feeddrive.plot.part_program import contour_on_path_chart, part_zoom_chart, place_chart, place_view
 
     outcome = perform("run", request, progress)
@@ -219,6 +224,7 @@ def packed(folder: Path) -> Path:
     archive = folder.with_name(f"{folder.name}.zip")
     with written_whole(archive) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as file:
         for path in sorted(folder.rglob("*")):
+            # a symbolic link could bring files from elsewhere into the archive
             if path.is_file() and not path.is_symlink():
                 file.write(path, Path(folder.name) / path.relative_to(folder))
     return archive

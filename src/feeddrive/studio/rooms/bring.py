@@ -43,7 +43,7 @@ class Bring(Room):
         self._began = False
 
     def show(self) -> Said:
-        """Return the bundled machines, the files, and the columns of the open file."""
+        """Return the bundled machines, the files, the columns of the open file, and the last identification."""
         if self.desk.brought and not self._began:
             self._began = True
             self._read([name.name for name in self.desk.brought])
@@ -76,12 +76,12 @@ class Bring(Room):
 
     @act
     def pick(self, asked: Asked) -> None:
-        """Open a file in the room."""
+        """Select a file for display in the room."""
         self.open = self._known(asked).name
 
     @act
     def drop(self, asked: Asked) -> None:
-        """Remove a file from the list."""
+        """Remove a file from the list; the file itself is kept."""
         file = self._known(asked)
         del self.files[file.name]
         self.desk.files.pop(file.name, None)
@@ -126,6 +126,7 @@ class Bring(Room):
         if guess is None or column not in known:
             raise ParameterError(f"{file.name} has no column {column!r:.60}{nearest(column, known)}")
         role = asked.choice("role", ["", *ROLES])
+        # a column has one role and a role one column: both earlier assignments end
         columns = {key: assigned for key, assigned in guess.mapping.items() if assigned.name != column and key != role}
         reasons = {key: guess.mapping.reasons.get(key, "") for key in columns}
         if role:
@@ -135,7 +136,7 @@ class Bring(Room):
 
     @act
     def identify(self, asked: Asked) -> None:
-        """Identify masses, friction and dead time, or modes; a machine file is written if the law is known."""
+        """Identify masses, friction and dead time, or modes. A machine file is written if the law is known."""
         file = self._known(asked)
         path, out = self._path(file.name), self._free(f"identified_{stem_of(file.name)}")
         unit = asked.text_or_none("unit")
@@ -211,6 +212,7 @@ class Bring(Room):
         if load is None:
             return path
         there = read_frfs(path)
+        # under the names by which the tuner recognizes the encoders
         chosen = [replace(there[asked.choice("load", there)], output=LOAD[0])]
         if asked.text_or_none("motor") is not None:
             chosen.append(replace(there[asked.choice("motor", there)], output=MOTOR[0]))
@@ -253,6 +255,7 @@ class Bring(Room):
         self.machine = next((path for path in places.values() if path.name == "machine.toml"), None)
         responses = [path for path in places.values() if path.suffix in (".csv", ".parquet") and path.is_file()]
         self.identified = shown
+        # read in this process, unlike uploads: feeddrive has just written these files
         for path, content in zip(responses, understand(responses, Progress()), strict=True):
             # what was estimated is a file like one that was brought, by the name of its directory: all are frf.csv
             self._show(content, path.parent.name + path.suffix, path)
@@ -265,7 +268,7 @@ class Bring(Room):
             self.desk.programs[name] = path
 
     def _free(self, name: str) -> Path:
-        """Return an unused path for a result; earlier files are never replaced, since an undo may return to them."""
+        """Return an unused path for a result. Earlier files are never replaced, since an undo may return to them."""
         return free_name(self.desk.folder, name)
 
     def _known(self, asked: Asked) -> Understood:
@@ -277,6 +280,7 @@ class Bring(Room):
     def _path(self, name: str) -> Path:
         """Return the path of a file that was uploaded, computed or named on the command line."""
         path = self.desk.files.get(safe_name(name))
+        # a symbolic link put into the folder could lead to any file
         if path is None or not path.is_file() or path.is_symlink():
             raise ParameterError(f"no file {name!r:.80} was brought")
         return path
@@ -333,7 +337,7 @@ def _bundled() -> list[str]:
 
 
 def _preview(content: Understood) -> Chart:
-    """Plot the columns with a role over time; all columns if none has a role."""
+    """Plot up to six columns with a role over time, or the first four columns if none has a role."""
     assert content.guess is not None
     roles: Mapping[str, str] = {column.name: role for role, column in content.guess.mapping.items() if role != "time"}
     names = [name for name in content.columns if name in roles][:6] or list(content.columns)[:4]

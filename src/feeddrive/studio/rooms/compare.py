@@ -55,10 +55,11 @@ class Compare(Room):
 
     @act
     def choose(self, asked: Asked) -> None:
-        """Select laws, by name; P-PI, the reference of the comparison, is always included."""
+        """Select laws by name. P-PI, the reference of the comparison, is always included."""
         known = [candidate.name for candidate in self._candidates()[0]]
         wanted = asked.texts("laws")
-        if any(":" in wanted_law for wanted_law in wanted):  # the page runs no code that somebody names
+        # the page never runs code that a request names
+        if any(":" in wanted_law for wanted_law in wanted):
             raise ParameterError("a law of a module is compared by the command line alone: feeddrive compare --law")
         for wanted_law in wanted:
             if wanted_law not in known:
@@ -69,11 +70,12 @@ class Compare(Room):
 
     @act
     def start(self, asked: Asked) -> None:
-        """Tune and evaluate the selected laws; completed ones are reused in the next comparison."""
+        """Tune and evaluate the selected laws. Completed ones are reused in the next comparison."""
         bench = self.desk.needed
         bench.needed_loop()
         names = [candidate.name for candidate in self._candidates()[0]]
         wanted = tuple(law for law in names if law not in self.left_out)
+        # taken now: the control may be changed while the comparison runs
         machine = self.desk.machine()
         request = CompareRequest(
             self.desk.machine_path(),
@@ -96,6 +98,7 @@ class Compare(Room):
         if self.shown is None or name not in self.shown.controls:
             raise ParameterError(f"the comparison has no law '{name:.60}'")
         control = self.shown.controls[name]
+        # today's control needs no new file: that of the source holds it
         if name == TODAY or self._asked is None or self._machine is None:
             self.desk.take(control)
         else:
@@ -104,9 +107,10 @@ class Compare(Room):
         return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _written(self, name: str, control: Control, asked: CompareRequest, machine: MachineFile) -> Path:
-        """Write the machine file with this law, as the comparison would, and record the request as done."""
+        """Write the machine file with a law of the comparison, and record the request that would write it."""
         law = re.sub(r"\W+", "_", name).strip("_").lower() or "law"
-        out = free_name(self.desk.folder / "compared", law)  # one that was taken before stays what it was
+        # a law that was taken before keeps its file, to which an undo may return
+        out = free_name(self.desk.folder / "compared", law)
         axis = machine.named(asked.axis)
         with new_directory(out) as folder:
             (folder / TAKEN).write_text(taken(machine, axis, control), encoding="utf-8")

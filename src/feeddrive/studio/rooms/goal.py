@@ -1,4 +1,4 @@
-"""The room Goal: automatic tuning for a goal and limits, which can also be set in the pictures, with live progress."""
+"""The room Goal: automatic tuning within limits, which can also be dragged in the pictures, with live progress."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Goal(Room):
 
     @act
     def set(self, asked: Asked) -> None:
-        """Set a field from the text typed by the user; empty: the default value."""
+        """Set a field from the text that the user entered; an empty text restores the default."""
         field = FIELDS[asked.choice("field", FIELDS)]
         text = asked.text("value").strip()
         settings = {key: value for key, value in self.settings.items() if key != field.name}
@@ -94,12 +94,13 @@ class Goal(Room):
 
     @act
     def level(self, asked: Asked) -> None:
-        """Set a limit from a height in a picture: sensitivity in dB, or dynamic stiffness."""
+        """Set a limit to an ordinate in a picture: a sensitivity in dB, or a dynamic stiffness in N/um."""
         height = asked.number("value")
         name = asked.choice("field", (_PEAK, _SOFT))
         if name == _PEAK:
             settings: dict[str, Any] = {
                 **self.settings,
+                # the exponent is capped, since a power beyond 308 overflows; an Ms of 1 or less is no valid limit
                 name: units.rounded(max(10.0 ** min(height / 20.0, 300.0), 1.02), 3),
             }
         else:
@@ -116,6 +117,7 @@ class Goal(Room):
         self.costs, self.best, self.result = [], None, None
 
         def met(report: Found) -> None:
+            # several searches report in turn: only an improvement on all of them counts
             if not self.costs or report.cost < min(self.costs):
                 self.costs.append(report.cost)
                 self.best = report.best
@@ -137,7 +139,7 @@ class Goal(Room):
         return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _best(self) -> Control | None:
-        """Return the best control, as rounded in the machine file if one was written."""
+        """Return the best control, with its parameters as rounded in the machine file if one was written."""
         written = self._written()
         return self.best if written is None else read_machine(written).loop(self.desk.needed.axis).control
 
@@ -155,13 +157,15 @@ class Goal(Room):
 
     def _take(self, settings: dict[str, Any]) -> None:
         """Adopt goal and limits; the limits also apply to manual tuning."""
-        self.desk.limits = TuneRequest("ball_screw", **settings).limits()  # refuses what it cannot be
+        # any machine would do: the request raises ParameterError for settings that are invalid
+        self.desk.limits = TuneRequest("ball_screw", **settings).limits()
         self.settings = settings
 
     def _request(self) -> TuneRequest:
         bench = self.desk.needed
         source = bench.sources
-        out = free_name(self.desk.folder, "tuned")  # one that was accepted stays what it was
+        # a result that was accepted keeps its directory, to which an undo may return
+        out = free_name(self.desk.folder, "tuned")
         settings: dict[str, Any] = {**self.settings, "out": out, "at": tuple(source.at), "axis": bench.axis or None}
         if bench.from_machine:
             return TuneRequest(self.desk.machine_path(), **settings)
@@ -177,7 +181,7 @@ class Goal(Room):
         )
 
     def _begins(self) -> str:
-        """Return a remark to be shown before the search; empty if none applies."""
+        """Return a remark on the start of the search, to be shown before it; empty if there is none."""
         bench = self.desk.needed
         if bench.loop is None:
             return _BY_RULE
@@ -186,6 +190,7 @@ class Goal(Room):
         if declared is None or not declared.returns or law is not None:
             return ""
         control = bench.by_hand.control(self.desk.values)
+        # kept with its control: the room is shown again at each report of a search
         if self._integral is None or self._integral[0] != control:
             self._integral = control, has_integral(control, bench.loop.sample_time)
         return "" if self._integral[1] else _NO_INTEGRAL
@@ -195,6 +200,7 @@ class Goal(Room):
         if field.kind is str:
             return text
         try:
+            # a decimal comma is what many users type
             number = float(text.replace(",", "."))
         except ValueError:
             raise ParameterError(f"{field.flag}: '{text:.40}' is no number") from None
@@ -220,7 +226,7 @@ class Goal(Room):
         }
 
     def _levels(self, drawn: Mapping[str, Chart]) -> list[dict[str, Any]]:
-        """Return the limits that can be dragged in the pictures, each with its field and height."""
+        """Return the limits that can be dragged in the pictures, each with its field and ordinate."""
         levels = list[dict[str, Any]]()
         peak = self.settings.get(_PEAK, FIELDS[_PEAK].default)
         if "sensitivity" in drawn:
@@ -228,6 +234,7 @@ class Goal(Room):
             levels.append({"field": _PEAK, "picture": "sensitivity", "at": at, "text": text})
         if "stiffness" in drawn:
             stiffness = self.settings.get(_SOFT)
+            # the setting is a compliance in m/N, the picture shows its inverse in N/um
             at = self._least(drawn["stiffness"]) if stiffness is None else 1e-6 / stiffness
             text = "no limit of stiffness: drag it up"
             if stiffness is not None:
@@ -237,7 +244,7 @@ class Goal(Room):
         return levels
 
     def _up_to_limit(self, chart: Chart) -> Chart:
-        """Extend the sensitivity axis to include the limit, unless it is far above all curves, so it can be dragged."""
+        """Extend the sensitivity axis up to the limit, so that it can be dragged, unless it is far above all curves."""
         first, *others = chart.panels
         limit = self._peak_limit()
         top = max(float(np.nanmax(curve.y)) for curve in first.curves)
@@ -250,6 +257,7 @@ class Goal(Room):
 
     @staticmethod
     def _least(chart: Chart) -> float:
+        # without a limit the handle starts below all curves, where it limits nothing
         return 0.5 * min(float(np.nanmin(curve.y)) for curve in chart.panels[0].curves)
 
     def _look(self, name: str, control: Control) -> Look:

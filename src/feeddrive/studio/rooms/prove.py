@@ -53,6 +53,7 @@ class Prove(Room):
         bench = self.desk.needed
         bench.needed_loop()
         request = CertifyRequest(self.desk.machine_path(), axis=bench.axis, out=self.desk.folder / "certificate")
+        # the control may change while the job runs: the result belongs to the one at its start
         held = self.desk.held()
 
         def then(shown: Shown) -> None:
@@ -74,6 +75,7 @@ class Prove(Room):
 
         def then(shown: Shown) -> None:
             self.desk.did("circle", request, held.control)
+            # circles of another radius or plane cannot be drawn over these
             alike = [circle for circle in self.circles if not circle[0].same(held) and _alike(circle[1], shown)]
             self.circles = (*alike[-1:], (held, shown))
             before = None if len(self.circles) < 2 else self.circles[0][1].result
@@ -89,9 +91,11 @@ class Prove(Room):
         name = asked.choice("name", [*_bundled(), *self.desk.programs])
         self.desk.check_free()
         source = self.desk.programs.get(name) or BUNDLED / "programs" / name
+        # a copy beside the job, which then names it without a folder
         part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)
         machine = quoted(whole(self.desk.machine_path()))
         text = [
+            # names come from uploads: quoted, they cannot add keys to the job
             f"title = {quoted(f'{name} on {bench.title}')}",
             f"machine = {machine}",
             f"axis = {quoted(bench.axis)}",
@@ -113,6 +117,7 @@ class Prove(Room):
 
     def _put(self, name: str, held: Held, result: Shown) -> None:
         """Store a result after the earlier ones."""
+        # removed first, so that a result that is replaced moves to the end
         self.shown.pop(name, None)
         self.shown[name] = held, result
 

@@ -121,9 +121,10 @@ class Scope(Room):
 
     @act
     def follow(self, asked: Asked) -> None:
-        """Start to follow a source."""
+        """Start following a source."""
         name = asked.text("name")
         request = self._request(self.settings)
+        # opened before the present one is released: if this fails, that one goes on
         source = self.desk.live.open(name, request.sample_time, request.time_unit)
         self._stop()
         if name != self.chosen:
@@ -143,7 +144,7 @@ class Scope(Room):
 
     @act
     def set(self, asked: Asked) -> None:
-        """Set a field from the text typed by the user; empty: the default value."""
+        """Set a field from the text that the user entered; an empty text restores the default."""
         name = asked.choice("field", _SHOWN)
         text = asked.text("value").strip()
         another = name in _OF_CLOCK and self._counted != "s"
@@ -153,12 +154,13 @@ class Scope(Room):
             settings[name] = self._read(_FIELDS[name], text)
         self._apply(settings, self.mode)
         self._counted = "s" if another else self._counted
+        # the clock is determined when a source is opened
         if name in _OF_CLOCK and self.following is not None:
             self.follow(Asked({"name": self.chosen}))
 
     @act
     def look(self, asked: Asked) -> None:
-        """Set the mode and the trigger channel; empty: none."""
+        """Set the mode and the trigger channel; an empty name removes the trigger."""
         mode, channel = asked.choice("mode", MODES), asked.text("channel")
         known = self._units()
         if channel and channel not in known:
@@ -166,6 +168,7 @@ class Scope(Room):
         settings = dict(self.settings)
         if channel != self.trigger:
             settings = {key: value for key, value in settings.items() if key not in _OF_CHANNEL}
+            # the default level of 0 may lie outside of the signal
             if channel and (middle := self._middle(channel)) is not None:
                 settings["level"] = middle
         self.trigger = channel
@@ -185,7 +188,7 @@ class Scope(Room):
 
     @act
     def channel(self, asked: Asked) -> None:
-        """Show or hide a channel; set its unit if the source states none; choose the displayed unit."""
+        """Show or hide a channel, set its unit if the source states none, and choose the displayed unit."""
         name, known = asked.text("name"), self._units()
         if name not in known:
             raise ParameterError(f"there is no channel {name!r:.60}{nearest(name, known)}")
@@ -200,7 +203,8 @@ class Scope(Room):
         if shown_in is not None and shown_in not in _choices(of):
             if unit == self.stated.get(name, ""):
                 raise ParameterError(f"{name} is in '{of}' and cannot be shown in '{shown_in:.20}'")
-            shown_in = None  # chosen for the unit before
+            # the displayed unit was chosen for the previous unit
+            shown_in = None
         self.drawn[name] = drawn
         self.stated[name] = unit
         self.in_unit[name] = shown_in or ""
@@ -216,7 +220,8 @@ class Scope(Room):
         if shown is not None:
             place = min(max(place, shown.start), shown.end)
         a, b = self.cursors or (place, place)
-        if self.cursors is None and shown is not None:  # the other one not at the same place
+        # a second cursor at the same time would be hidden by the first
+        if self.cursors is None and shown is not None:
             other = shown.start + 0.75 * (shown.end - shown.start)
             a, b = (place, other) if asked.choice("name", ("1", "2")) == "1" else (other, place)
         self.cursors = (place, b) if asked.choice("name", ("1", "2")) == "1" else (a, place)
@@ -227,7 +232,8 @@ class Scope(Room):
         """Save the window, or the part between the cursors, as a log among the uploaded files."""
         shown = self._shown()
         if shown is not None and shown.triggered and not shown.whole:
-            shown = self.scope.caught  # that before the one that fills
+            # the complete window before the one that is filling
+            shown = self.scope.caught
         if shown is None or not shown.time.size or (shown.triggered and not shown.whole):
             lack = self.scope.lack or "wait for it, or follow a source first"
             raise ParameterError(f"there is no whole window yet: {lack}")
@@ -236,7 +242,8 @@ class Scope(Room):
                 raise ParameterError("set both cursors first: what lies between them is kept")
             shown = between(shown, *self.cursors)
         folder = self.desk.folder / "brought"
-        taken = {*self.desk.files, *(path.name for path in folder.glob("*"))}  # an upload may have such a name
+        # an upload may have such a name
+        taken = {*self.desk.files, *(path.name for path in folder.glob("*"))}
         name = next(candidate for i in count(1) if (candidate := f"scope_{i}.parquet") not in taken)
         log = window_log(f"{Path(self.chosen).stem}, scope", shown, self.stated, self._drawn(shown.channels))
         folder.mkdir(parents=True, exist_ok=True)
@@ -255,6 +262,7 @@ class Scope(Room):
             self.following.stop()
 
     def _request(self, settings: Mapping[str, Any]) -> FollowRequest:
+        # the source is irrelevant here: the request only checks the settings
         return FollowRequest(Path("x"), channel=self.trigger or None, **settings)
 
     def _apply(self, settings: Mapping[str, Any], mode: str) -> None:
@@ -274,6 +282,7 @@ class Scope(Room):
         dropped = () if clock == self._counted else _OF_WINDOW
         settings = {key: value for key, value in self.settings.items() if key not in dropped}
         if clock != "s":
+            # without a clock the window counts samples, and the default of 1 s would be one sample
             settings.setdefault("window", _SAMPLES)
         self._counted = clock
         if settings != self.settings:
@@ -294,7 +303,8 @@ class Scope(Room):
         """Return the displayed unit of a channel, and the conversion factor from the source's unit to it."""
         unit = self._units(of).get(name, "")
         chosen = self.in_unit.get(name)
-        if not chosen or chosen not in _choices(unit):  # it may be of a channel of the same name before
+        # the choice may be that of an earlier channel of the same name
+        if not chosen or chosen not in _choices(unit):
             usual = "mm" if unit == "m" and not _FINE & {*words_of(name)} else signal_unit(unit)
             chosen = usual if usual in _choices(unit) else unit
         return chosen, units.factor(unit, chosen) if unit and chosen != unit else 1.0
@@ -303,6 +313,7 @@ class Scope(Room):
         if field.kind is str:
             return text
         try:
+            # a decimal comma is what many users type
             number = float(text.replace(",", "."))
         except ValueError:
             raise ParameterError(f"{field.name.replace('_', ' ')}: '{text:.40}' is no number") from None
@@ -310,7 +321,7 @@ class Scope(Room):
         return units.scaled(number, factor)
 
     def _middle(self, channel: str) -> float | None:
-        """Return the mean of minimum and maximum in view, a level that the signal crosses; None without data."""
+        """Return the mean of the minimum and maximum in view, a level that the signal crosses; None without data."""
         shown = self._shown()
         if shown is None or shown.channels.get(channel) != self.scope.channels[channel]:
             return None
@@ -327,6 +338,7 @@ class Scope(Room):
     def _frame(self) -> Said:
         following = self.following
         with self._lock():
+            # under one lock, so that settings, window and channels are of the same instant
             self._fit_clock()
             shown = self.scope.shown() if self.held is None else self.held
             look, channels = self._looking(shown), dict(self.scope.channels)
@@ -358,7 +370,8 @@ class Scope(Room):
         return Said(words, charts)
 
     def _looking(self, shown: Shown | None) -> str:
-        """Return the state of the trigger as a sentence."""
+        """Return the state of the display and its trigger as a sentence."""
+        # the first sentence that applies: whatever prevents a window comes before the state of the trigger
         waits, count = self.scope.waits, self.scope.count
         if self.held is not None:
             return "paused: the picture stands, recording goes on"

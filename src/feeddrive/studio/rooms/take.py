@@ -1,6 +1,6 @@
-"""The room Take: export of machine file, report, code, and all steps as commands, Python and a job.
+"""The room Take: export of machine file, report and code, and of all steps as commands, Python and a job.
 
-The steps can be repeated without the page.
+The commands repeat the steps without the page.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Recipe:
 
     commands  shell commands, one per line
     python    Python script
-    job       job file that simulates today's and the current control over the move of the page; empty without a machine
+    job       job file that simulates the move of the page with today's and the current control; empty without a machine
     """
 
     commands: str
@@ -48,7 +48,7 @@ class Recipe:
 
 
 def recipe_of(desk: Desk) -> Recipe:
-    """Return the recipe of the steps on the page, in order, including parameters changed by hand."""
+    """Return the recipe of the steps on the page in order, including parameters that were changed manually."""
     steps = [(step.command, step.request) for step in desk.done]
     moved = None if desk.bench is None or desk.bench.machine is None else desk.not_yet_done()
     if moved is not None:
@@ -66,7 +66,7 @@ def recipe_of(desk: Desk) -> Recipe:
 
 
 def _job(desk: Desk) -> str:
-    """Return a job that compares today's and the current control over the same move and force."""
+    """Return a job that compares today's and the current control under the same move and force."""
     bench = desk.bench
     if bench is None or bench.machine is None:
         return ""
@@ -83,6 +83,7 @@ def _job(desk: Desk) -> str:
         "",
     ]
     before, now = bench.before.start, desk.control
+    # both controls run with the guard of the machine file, which a job keeps unless it states one
     changes = difference(before, replace(now, guard=before.guard))
     if changes is not None and not changes.removed and not changes.added:
         if changes.values:
@@ -96,7 +97,7 @@ def _job(desk: Desk) -> str:
 
 
 def whole(machine: str | Path) -> str:
-    """Return a machine reference that is valid in a job anywhere: a bundled name, or an absolute path."""
+    """Return a reference to a machine that is valid in any directory: a bundled name, or an absolute path."""
     path = Path(machine)
     return str(path.resolve()) if path.exists() else str(machine)
 
@@ -160,7 +161,7 @@ class Take(Room):
 
     @act
     def guard(self, asked: Asked) -> None:
-        """Set the guard's trip limits from the texts entered in the fields of `_bounds`."""
+        """Add a guard to the control, with the trip limits that were entered in the fields of `_bounds`."""
         bench = self.desk.needed
         bench.needed_loop()
         self.desk.check_free()
@@ -169,17 +170,19 @@ class Take(Room):
             value = asked.number_or_none(bound["name"])
             if value is not None:
                 bounds[bound["name"]] = value * bound["factor"]
+        # the safe force acts only after a trip, for which a guard needs a bound
         if not bounds.keys() - {"safe_force"}:
             raise ParameterError("a guard needs a bound: give the largest following error or the largest velocity")
         text = ",".join(f"{name}={value!r}" for name, value in bounds.items())
         path = free_name(self.desk.folder, "guarded.toml")
         request = AdjustRequest(self.desk.machine_path(), guard=text, axis=bench.axis, out=path)
+        # no job: an edit of a file takes milliseconds
         result = perform("adjust", request, Progress()).result
         self.desk.did("adjust", request)
         self.desk.exchange(result.loop(bench.axis).control, path)
 
     def _bounds(self) -> list[dict[str, Any]]:
-        """Return the fields of a guard for a control without one; every export except that of parameters needs it."""
+        """Return the fields of a guard for a control without one; only exports of parameters do not need a guard."""
         bench = self.desk.bench
         if bench is None or bench.loop is None or self.desk.control.guard is not None:
             return []
@@ -203,6 +206,7 @@ class Take(Room):
         def then(shown: Shown) -> None:
             self.desk.did("export", request)
             self.exports[target] = held, shown
+            # the proof belonged to the previous export
             self.verified.pop(target, None)
 
         self.desk.start(self.name, f"export for {target}", partial(exported, request), then)

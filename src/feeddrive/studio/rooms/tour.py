@@ -129,6 +129,7 @@ class Tour(Room):
     @property
     def words(self) -> dict[str, Any] | None:
         """The current step for the page; None without a tour."""
+        # every message has the current step, also those that a finished job sends
         self._follow()
         if self.at is None:
             return None
@@ -153,7 +154,7 @@ class Tour(Room):
 
     @act
     def next(self, _: Asked) -> None:
-        """Go to the next step, even if the present one is not completed; after the last one the tour ends."""
+        """Go to the next step, even if the present one is not completed; end the tour after the last one."""
         if self.at is not None:
             self._go(self.at + 1)
 
@@ -169,11 +170,12 @@ class Tour(Room):
         self.at = None
 
     def show(self) -> Said:
-        """Return an empty answer, since the step is part of every message."""
+        """Return an empty answer: the step is part of every message."""
         return Said()
 
     def _go(self, at: int) -> None:
         self.at = at if at < len(STEPS) else None
+        # the command may have been run before the tour reached its step
         self._before = self._done()
 
     def _done(self) -> int:
@@ -186,4 +188,5 @@ class Tour(Room):
         done = self._done()
         if done > self._before and self.at is not None:
             self._go(self.at + 1)
-        self._before = min(self._before, done)  # another source begins with nothing done
+        # another source starts with no completed commands
+        self._before = min(self._before, done)

@@ -1,4 +1,4 @@
-"""The room Tune: manual tuning of parameters with live pictures and verdicts, and stored controls for comparison."""
+"""The room Tune: manual tuning of parameters, with live pictures and verdicts and stored controls to compare."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from feeddrive.tuning.scaling import quickened, speed_powers, speed_range
 
 
 def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, Any]]:
-    """Return a sentence for each limit, the most critical first, with True if it is satisfied."""
+    """Return for each limit a sentence and True if it is satisfied, the most critical limit first."""
     several, sentences = len(look.figures) > 1, list[dict[str, Any]]()
     for verdict in look.judged:
         where = f" ({verdict.point})" if several else ""
@@ -42,6 +42,7 @@ def figure_words(look: Look, units: Units) -> str:
     leading, parts = look.leading, list[str]()
     margins = leading.margins
     if margins.crossover is not None:
+        # of several crossovers the least margin need not be at the first one
         least = min(margins.gain_crossovers, key=lambda crossing: abs(crossing.phase_margin_deg))
         where = "" if least is margins.gain_crossovers[0] else f" at {Quantity(least.frequency, 'Hz')}"
         phase = Quantity(least.phase_margin_deg, "deg", form="3")
@@ -57,7 +58,7 @@ def figure_words(look: Look, units: Units) -> str:
 
 
 def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units: Units) -> dict[str, Chart]:
-    """Add the limits of Ms and stiffness to the pictures as lines, and mark violations."""
+    """Add the limits of Ms and stiffness to the pictures as lines, and mark violated limits."""
     charts, lines = dict(drawn), dict[str, Level]()
     if (peak := limits.limit(SENSITIVITY_PEAK)) is not None:
         lines["sensitivity"] = Level(_gain(units, peak.bound), peak.text.shown(units), dashed=True)
@@ -86,7 +87,7 @@ def _gain(units: Units, ratio: float) -> float:
 
 
 def _place(verdict: Verdict, units: Units) -> tuple[str, float, float] | None:
-    """Return the picture that shows the figure of a verdict, and its position in the first panel; None without one."""
+    """Return the picture for the figure of a verdict, and the position in its first panel; None without one."""
     value = verdict.judged.value
     if value is None or verdict.frequency is None:
         return None
@@ -96,14 +97,17 @@ def _place(verdict: Verdict, units: Units) -> tuple[str, float, float] | None:
         return "sensitivity", x, _gain(units, value)
     if figure == COMPLIANCE_PEAK:
         return "stiffness", x, units.of("N/m")[1] / value
+    # a gain margin is read at |L| below 0 dB, a phase margin at the crossover, 0 dB
     return "open_loop", x, float(units.from_decibel(-value if figure == GAIN_MARGIN else 0.0))
 
 
 TODAY, NOW = "today", "now"
 SNAPSHOTS = ("A", "B", "C")
 _REACH = 10.0  # times the crossover of today: the slider of the loop as a whole
+# keys that are held, and turns of the wheel, arrive as one request with many steps
 _STEPS = 100
-_BESIDE = ThreadPoolExecutor(thread_name_prefix="run")  # the run is simulated while the loop is looked at
+# simulates the run on a second core while the loop is evaluated
+_BESIDE = ThreadPoolExecutor(thread_name_prefix="run")
 
 
 class _Seen(NamedTuple):
@@ -167,7 +171,8 @@ class Tune(Room):
                 return super().do(name, asked)
         except FeeddriveError:
             raise
-        except (ArithmeticError, ValueError):  # of numpy and scipy, at numbers of any size
+        except (ArithmeticError, ValueError):
+            # from numpy and scipy: the fields accept numbers of any size
             raise ParameterError(
                 "the loop cannot be computed with these numbers: take some nearer to those of before, which stand again"
             ) from None
@@ -221,7 +226,7 @@ class Tune(Room):
 
     @act
     def drag(self, asked: Asked) -> Said:
-        """Drag a filter in the open-loop picture to a frequency in Hz and, unless only that changes, a gain in dB."""
+        """Drag a filter in the open-loop picture to a frequency in Hz and, if `y` is given, to a gain as displayed."""
         name, y = asked.text("name"), asked.number_or_none("y")
         y = None if y is None else self.units.to_decibel(y)
         loop = self._now.leading.margins
@@ -231,7 +236,7 @@ class Tune(Room):
 
     @act
     def step(self, asked: Asked) -> Said:
-        """Move a filter by keys, in horizontal and vertical steps."""
+        """Move a filter with the keyboard, in horizontal and vertical steps."""
         loop, steps = self._now.leading.margins, (asked.number("across"), asked.number("up"))
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a filter is moved by at most {_STEPS} steps at once")
@@ -241,7 +246,7 @@ class Tune(Room):
 
     @act
     def pole(self, asked: Asked) -> Said:
-        """Drag a pole in the pole map: abscissa in Hz and, unless unchanged, height in the displayed unit."""
+        """Drag a pole in the pole map: abscissa in Hz and, unless unchanged, ordinate in the displayed unit."""
         _, factor = self.units.of("Hz")
         name, up = asked.text("name"), asked.number_or_none("y")
         height = self._poles.at(name).imag if up is None else 2.0 * np.pi * up / factor
@@ -251,7 +256,7 @@ class Tune(Room):
 
     @act
     def pole_step(self, asked: Asked) -> Said:
-        """Move a pole by keys, in horizontal and vertical steps."""
+        """Move a pole with the keyboard, in horizontal and vertical steps."""
         steps = asked.number("across"), asked.number("up")
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a pole is moved by at most {_STEPS} steps at once")
@@ -270,6 +275,7 @@ class Tune(Room):
             if crossover is None:
                 raise ParameterError("|L| crosses 1 nowhere: move the numbers one by one until it does")
             self._from = self.desk.control, self.desk.values, crossover
+        # always from the start of the drag: factors of single steps would accumulate rounding errors
         control, values, crossover = self._from
         low, high = speed_range(control, self._sample_time)
         scaled = quickened(control, min(max(wanted / crossover, low), high))
@@ -317,6 +323,7 @@ class Tune(Room):
             letter: self._look(letter, kept.bench.by_hand, kept.values)
             for letter, kept in sorted(self.snapshots.items())
         }
+        # last, so that it is drawn above the others, and `_response` finds the current control at the end
         seen[NOW] = self._look(NOW, bench.by_hand, values)
         now, limits = seen[NOW].look, self.desk.limits
         looks, parts = ({name: getattr(entry, what) for name, entry in seen.items()} for what in ("look", "parts"))
@@ -340,6 +347,7 @@ class Tune(Room):
         }
         if "poles" in drawn:
             answer |= dict(zip(("poles", "poles_said"), self._poles.shown(self.units), strict=True))
+        # declarations change only with the blocks: a drag sends numbers alone
         if self._told is not bench.by_hand:
             answer |= {
                 "knobs": self._knobs(),
@@ -353,6 +361,7 @@ class Tune(Room):
 
     def _look(self, name: str, by_hand: ByHand, values: Values) -> _Seen:
         known, limits = self._seen.get(name), self.desk.limits
+        # identity, since another bench may have equal values
         if known is None or known[0] is not by_hand or known[1:3] != (values, limits):
             control = by_hand.control(values)
             parts = Parts(self.desk.needed, control, name)
@@ -363,7 +372,7 @@ class Tune(Room):
         return known
 
     def _grips(self, loop: Margins) -> list[dict[str, Any]]:
-        """Return the handles of the filters: frequency in Hz, and height in the picture."""
+        """Return the handles of the filters: frequency in Hz, and ordinate in the picture."""
         grips = filters.filter_grips(self.desk.control, loop, self._sample_time)
         return [{**asdict(grip), "y": float(self.units.from_decibel(grip.y))} for grip in grips]
 
@@ -384,7 +393,7 @@ class Tune(Room):
         return self.desk.needed.by_hand.points[0].sample_time
 
     def _faster(self) -> dict[str, Any]:
-        """Return the bandwidth slider of the loop: its range of crossover, Hz, and the parameters that it scales."""
+        """Return the data of the bandwidth slider: its range of crossovers, Hz, and the parameters that it scales."""
         today = self.desk.needed.before
         names = list(speed_powers(self.desk.control))
         crossover = self._look(TODAY, today, today.values).look.leading.margins.crossover
