@@ -26,6 +26,7 @@ from feeddrive.tuning.criteria import Criteria, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point, response_on, smoothed
 from feeddrive.tuning.search import Search, least_quadratic
 from feeddrive.tuning.tune import Tuner, assess, law_tunables, resonances_above, tune_control, two_digits
+from feeddrive.workflow.tune_files import Story, tables
 from random_drives import outcome
 from slow_share import all_but
 
@@ -404,7 +405,9 @@ def test_multipliers_say_what_more_room_would_bring(screw: fd.Loop) -> None:
 def test_the_cascade_loop_by_loop(screw: fd.Loop) -> None:
     """The velocity loop of a rigid mass without filters, against its formula; both loops close to the same whole."""
     found = tune_control(screw.control, screw, limits=BARS, filters="kept", starts=1)
-    today, new = found.cascade
+    today, new = found.cascade_before, found.cascade
+    assert today is not None
+    assert new is not None
     assert "velocity loop" in str(new)
     # 1 + L = (1 + Lv)(1 + Lp): the whole is the product of its loops
     inner, outer = new.velocity.loop_gain.response, new.position.loop_gain.response
@@ -573,7 +576,8 @@ def test_a_tuning_of_two_rates_holds(screw: fd.Loop) -> None:
     assert any("both rates, 0.05 ms and 0.8 ms" in line.what for line in both[1].proof)
     assert both[1].control.law.position_every == 16
     assert both[1].after[0].rope_snap > both[0].after[0].rope_snap
-    assert both[1].cascade[1].position.loop_gain.sample_time == pytest.approx(8e-4)
+    assert both[1].cascade is not None
+    assert both[1].cascade.position.loop_gain.sample_time == pytest.approx(8e-4)
 
 
 def test_a_recommendation_leads_with_what_gets_worse_in_two_digits(screw: fd.Loop) -> None:
@@ -595,9 +599,16 @@ def test_a_recommendation_leads_with_what_gets_worse_in_two_digits(screw: fd.Loo
     worse = replace(as_it_is, recipe="rule", before=(replace(before, rope_snap=before.rope_snap / 569.1),))
     assert "this rule gives 570 times the rope-snap error" in worse.recommendation()
 
-    alone = found.cascade[0].velocity
+    assert found.cascade is not None
+    alone = found.cascade.velocity
     assert alone.gain_increase_dB is not None
     near = margins(0.99 * 10.0 ** (alone.gain_increase_dB / 20.0) * alone.loop_gain)
-    ringing = replace(found, cascade=(replace(found.cascade[0], velocity=near),)).recommendation()
+    rings = replace(found.cascade, velocity=near)
+    ringing = replace(found, cascade=rings).recommendation()
     assert ringing.startswith("The velocity loop alone is next to unstable, with a phase margin of")
+    # of a present cascade whose new control is another law, nothing is warned and nothing is called new
+    another = replace(found, cascade_before=rings, cascade=None)
+    assert "velocity loop" not in another.recommendation()
+    titles = [table.title for table in tables(another, Story("an axis", {}))]
+    assert [title for title in titles if title.startswith("the cascade")] == ["the cascade, loop by loop, today"]
     assert two_digits(0.0123) == "0.012"

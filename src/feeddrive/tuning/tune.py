@@ -669,7 +669,8 @@ class Tuned(Result):
     unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
     recipe            the tuning rule that gave the control, if there was no search
-    cascade           velocity and position loop separately, before and after, for a P-PI control
+    cascade_before    velocity and position loop of the present control separately; None if it is no P-PI control
+    cascade           the same loops of the new control
     """
 
     control: Control
@@ -691,7 +692,8 @@ class Tuned(Result):
     spread: float
     unsettled: str
     proof: tuple[Checked, ...]
-    cascade: tuple[CascadeLoops, ...] = ()
+    cascade_before: CascadeLoops | None = None
+    cascade: CascadeLoops | None = None
     recipe: str = ""
 
     @property
@@ -823,9 +825,9 @@ def _of_the_velocity_loop(tuned: Tuned) -> str:
     """Return a warning if the new velocity loop alone is nearly unstable, which the margins of the whole loop may
     hide.
     """
-    if not tuned.cascade or tuned.verdict is Verdict.LEAVE:
+    if tuned.cascade is None or tuned.verdict is Verdict.LEAVE:
         return ""
-    alone = tuned.cascade[-1].velocity
+    alone = tuned.cascade.velocity
     phase, peak = alone.phase_margin_deg, alone.sensitivity_peak
     if (phase is None or abs(phase) >= _LEAST_PHASE) and peak <= _MOST_PEAK:
         return ""
@@ -1100,7 +1102,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         else:
             loop = replace(point.loop, control=control)
             proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
-    cascades = [cascade_loops(version, tuner.points[0]) for version in (today, control)] if before else []
+    cascades = [cascade_loops(version, tuner.points[0]) if before else None for version in (today, control)]
     whole = tuner.criteria(best.control, best.names, whole=True)
     return Tuned(
         control=control,
@@ -1122,7 +1124,8 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         spread=best.spread,
         unsettled=best.unsettled,
         proof=proof,
-        cascade=tuple(gains for gains in cascades if gains is not None),
+        cascade_before=cascades[0],
+        cascade=cascades[1],
         recipe=recipe,
     )
 

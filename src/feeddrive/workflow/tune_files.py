@@ -138,7 +138,7 @@ def tuned_report(tuned: Tuned, story: Story | None = None) -> Report:
     known = {**story.facts, "Old and new in time": reason} if reason else story.facts
     shown = tables(tuned, story)
     # the cascade, loop by loop, and the proof are details
-    first = len(shown) - min(2, len(tuned.cascade)) - 1
+    first = len(shown) - sum(loops is not None for loops in (tuned.cascade_before, tuned.cascade)) - 1
     return Report(
         Text(f"{story.what}: {marked(tuned.rule).split(' subject to ')[0].split(';')[0]}"),
         "feeddrive tune",
@@ -177,9 +177,10 @@ def tables(tuned: Tuned, story: Story) -> list[Table]:
         listed.append(_figures(before, after, len(tuned.after) > 1, story.today))
     if story.rules:
         listed.append(_compared(tuned, story))
-    for name, loop in zip((story.today, "new"), tuned.cascade, strict=False):
-        shown = loop.table()
-        listed.append(replace(shown, title=f"{shown.title}, {name}"))
+    for name, loops in ((story.today, tuned.cascade_before), ("new", tuned.cascade)):
+        if loops is not None:
+            shown = loops.table()
+            listed.append(replace(shown, title=f"{shown.title}, {name}"))
     proof = [
         [line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.text]
         for line in tuned.proof
@@ -338,14 +339,13 @@ def _pictures(tuned: Tuned, story: Story) -> Iterator[Picture]:
         "Sensitivity functions before and after.",
         lambda: plot.sensitivity_chart(loops),
     )
-    if tuned.cascade:
-        last = tuned.cascade[-1]
+    if tuned.cascade is not None:
         yield Picture(
             "cascade",
             "Velocity and position loop",
             "The velocity loop without position loop, and the position loop around the closed velocity loop.",
             "Bode plot of velocity loop and position loop of the new gains.",
-            last.chart,
+            tuned.cascade.chart,
         )
 
 
