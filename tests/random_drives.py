@@ -108,11 +108,10 @@ def outcome(seed: int, confidence: float = 0.95) -> Outcome:
     both = loop_model(tuned)
     stable = bool(np.abs(both.closed.poles()[0]) < 1.0)
     m = fd.margins(both.loop_gain(both.lines(400)))
-    holds = stable and m.sensitivity_peak <= 2.0
-    if limits.phase_margin_deg is not None:
-        holds &= m.phase_margin_deg is None or abs(m.phase_margin_deg) >= limits.phase_margin_deg
-    if limits.gain_margin_dB is not None:
-        holds &= m.gain_increase_dB is None or m.gain_increase_dB >= limits.gain_margin_dB
+    bounds = {limit.figure.key: limit.bound for limit in limits.limits}
+    holds = stable and m.sensitivity_peak <= bounds["sensitivity_peak"]
+    holds &= m.phase_margin_deg is None or abs(m.phase_margin_deg) >= bounds["phase_margin_deg"]
+    holds &= m.gain_increase_dB is None or m.gain_increase_dB >= bounds["gain_margin_dB"]
     return Outcome("", shaped, stable, holds, _coherent(load, m.gain_crossovers[-1].frequency))
 
 

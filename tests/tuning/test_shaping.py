@@ -568,14 +568,18 @@ def test_a_search_of_two_rates_ends_with_all_images(screw: fd.Loop) -> None:
 
 @pytest.mark.slow(reason="two whole searches, one with 16 images on each line: 15 s")
 def test_a_tuning_of_two_rates_holds(screw: fd.Loop) -> None:
-    """Its proof holds, poles over a period and the run with friction too; a slower position loop costs stiffness."""
+    """Its proof holds, poles over a period and the run with friction too.
+
+    The delay of a slower position loop costs Kv.  It need not cost stiffness: the velocity loop is then closed faster,
+    and the rope-snap error is 1.6 % less here.
+    """
     law = replace(screw.control.law, position_every=16)
     slow = replace(screw, control=replace(screw.control, law=law))
     both = [tune_control(each.control, each, filters="kept", starts=1) for each in (screw, slow)]
     assert both[1].proven
     assert any("both rates, 0.05 ms and 0.8 ms" in line.what for line in both[1].proof)
     assert both[1].control.law.position_every == 16
-    assert both[1].after[0].rope_snap > both[0].after[0].rope_snap
+    assert both[1].control.law.Kv < both[0].control.law.Kv
     assert both[1].cascade is not None
     assert both[1].cascade.position.loop_gain.sample_time == pytest.approx(8e-4)
 
