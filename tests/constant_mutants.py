@@ -100,9 +100,10 @@ def number(node: ast.expr) -> type_of_value | None:
     return eval(compile(ast.Expression(node), "", "eval"))
 
 
-def all_constants() -> list[Constant]:
+@cache
+def all_constants() -> tuple[Constant, ...]:
     """The numeric constants of all modules."""
-    return [constant for module, path in modules().items() for constant in constants(module, path)]
+    return tuple(constant for module, path in modules().items() for constant in constants(module, path))
 
 
 @dataclass
