@@ -173,11 +173,15 @@ def nested(depth: int) -> dict[str, object]:
 def test_eight_structures_within_each_other_are_opened(depth: int, names: set[str]):
     file = io.BytesIO()
     scipy.io.savemat(file, nested(depth))
-    assert set(read_mat("a", file.getvalue(), None).values) == names
+    columns = read_mat("a", file.getvalue(), None)
+    assert set(columns.values) == names
+    assert columns.left_out == ({} if names else {".".join("s" * 9): "inside more than 8 structures"})
     file = io.BytesIO()
     with h5py.File(file, "w") as written:
         written["/".join("s" * depth + "x")] = np.arange(5.0)
-    assert set(read_here("a", file.getvalue(), None).values) == names
+    columns = read_here("a", file.getvalue(), None)
+    assert set(columns.values) == names
+    assert columns.left_out == ({} if names else {".".join("s" * 9): "inside more than 8 groups"})
 
 
 @pytest.mark.parametrize(("fields", "is_read"), [(500, True), (700, False)])  # of 17 letters each

@@ -81,9 +81,11 @@ class Sampler:
         told = self.transport.take(1.0 if self.virtual else max(2e-3, 2.0 * self.drive.cycle_time))
         if told is None:
             self._lost += 1
-            if self._lost >= _LOST or clock.monotonic() - self._heard > _SILENT:
+            silent = Quantity(clock.monotonic() - self._heard, "s")
+            if self._lost >= _LOST or silent.value > _SILENT:
                 raise BusError(
-                    f"{self.transport.where}: no answer for {Quantity(_SILENT, 's'):6 SI}: {self.transport.state()}"
+                    f"{self.transport.where}: no answer for {silent:2 SI}, in {self._lost} cycles: "
+                    f"{self.transport.state()}"
                 )
             return late, None
         self._lost, self._heard = 0, clock.monotonic()

@@ -231,8 +231,11 @@ def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.nd
     shape = [int(size) for size in sizes.numbers(kind_of_sizes)]
     if min(shape, default=-1) < 0:
         raise _DamagedError
-    if array_class == _STRUCTURE and shape == [1, 1] and depth < _DEEPEST:
-        yield from _fields(piece, at, name, depth)
+    if array_class == _STRUCTURE and shape == [1, 1]:
+        if depth < _DEEPEST:
+            yield from _fields(piece, at, name, depth)
+        else:
+            yield name, f"inside more than {_DEEPEST} structures"
     elif array_class in _NUMERIC and len(shape) > 2:
         yield name, f"an array of {len(shape)} dimensions"
     elif array_class not in _NUMERIC or is_complex:
@@ -395,6 +398,8 @@ def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[
         if isinstance(item, h5py.Group):
             if depth < _DEEPEST_GROUP:
                 yield from _datasets(h5py, item, f"{label}.", depth + 1)
+            else:
+                yield label, f"inside more than {_DEEPEST_GROUP} groups"
         elif item.external or item.is_virtual:
             yield label, "stored in another file"
         elif item.dtype.kind not in "fiu" or item.attrs.get("MATLAB_class", b"") == b"char":
