@@ -48,8 +48,8 @@ def own_words() -> Generator[None]:
 def open_console(*, errors: bool = False) -> Console:
     """Return a console on the standard output, or on the error stream when the output is JSON.
 
-    The error stream then carries progress and questions.  The console is as wide as the terminal; if the stream is
-    not a terminal, its width is unlimited, whatever COLUMNS says.
+    The error stream then carries progress and questions.  The console is as wide as the terminal; if the stream is not
+    a terminal, its width is unlimited, regardless of COLUMNS.
     """
     from rich.console import Console  # not for `--help`
 

@@ -418,7 +418,7 @@ def simulate_with_fmu(
 ) -> Run:
     """Simulate a control with an FMU (FMI 2.0 or 3.0, co-simulation) as its plant, along a reference.
 
-        at kT:  reading = outputs of the FMU;  force = control(setpoint, reading);  it acts from kT + dead_time on
+        at kT:  reading = outputs of the FMU;  force = control(setpoint, reading);  acts from kT + dead_time onward
 
     This is the order of `simulate`: with the exported plant of the same machine the results are bit-identical.  The
     control starts disabled, at the first reading, with the axis at rest.
@@ -426,7 +426,7 @@ def simulate_with_fmu(
     loop        the control and its sample time; of the axis only the motor and the number of encoders are used
     fmu         the FMU, **a program**: it runs in this process, with all its rights
     names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a signal that the FMU
-                has under its own name needs none.  Inputs are force (or command, in the unit of the drive),
+                has under its own name needs no entry.  Inputs are force (or command, in the unit of the drive),
                 load_force and start_position; outputs are reading or reading_motor and reading_load, and further
                 signals to record
     parameters  values of the FMU's parameters, by its names and in its units

@@ -22,11 +22,12 @@ _ROWS = 3  # rows a column needs
 
 @dataclass(frozen=True)
 class CoggingOrder:
-    """A harmonic of the cogging: amplitudes in the unit of the force, with standard errors; phases in rad of a sine.
+    """A harmonic of the cogging: amplitudes in the unit of the force with standard errors, and sine phases in rad.
 
     even      part independent of the direction: cogging; None with runs in one direction only
     odd       part that changes sign with the direction: friction that varies along the travel
-    forward   amplitude in motion towards larger positions, backward in the opposite one; None without such a run
+    forward   amplitude in motion towards larger positions; `backward`: in the opposite direction; None without such a
+              run
     p_value   probability of such amplitudes if the harmonic does not exist
     """
 
@@ -135,7 +136,7 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
     An order is significant if its F statistic exceeds the value that the strongest of all orders reaches by chance in
     5 % of cases (Bonferroni).  Each run is fitted separately and the runs of a direction are averaged.  Errors follow
     from the residual of each run, with the correlation of neighboring rows, and are increased if runs of one direction
-    differ by more than these errors: because of a shifted position zero, or temperature.
+    differ by more than these errors, for example because of a shifted position zero or a changed temperature.
     Raises NotIdentifiableError for runs that cover less than a whole turn.
     """
     if not runs:
@@ -184,7 +185,7 @@ class _Side:
 
 
 def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
-    """Fit each run by least squares and average the fits; the errors are increased if the runs scatter by more."""
+    """Fit each run by least squares and average the fits; their errors are increased if the runs scatter by more."""
     if not runs:
         return None
     fits = [_alone(run, orders) for run in runs]
@@ -231,7 +232,7 @@ def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
 
 
 def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int) -> CoggingOrder:
-    """Return a harmonic: its amplitudes by direction and its significance."""
+    """Return a harmonic with its amplitudes by direction and its significance."""
     # scipy.stats has the same function, but takes a second to import
     from scipy.special import fdtrc
 
@@ -344,10 +345,10 @@ class CoggingRun:
 def cogging_passes(
     turns: np.ndarray, force: np.ndarray, *, highest: int = 128, name: str = "the log"
 ) -> tuple[CoggingRun, ...]:
-    """Split a log into passes of one direction each; position in periods and force, both of shape (n,).
+    """Split a log of position (in periods) and force, both of shape (n,), into passes of one direction each.
 
     A position that wraps after each period is unwrapped.  The log is split at reversals; passes shorter than 95 % of a
-    period are left out, and so is 0.5 % of the travel at both ends of a pass, where it accelerates or stands still.  A
+    period are left out, as is 0.5 % of the travel at both ends of a pass, where the axis accelerates or stands still. A
     long pass is averaged to 32 rows per wave of order `highest`.
     Raises LogError for numbers that are not finite, NotIdentifiableError if no pass covers a period.
     """

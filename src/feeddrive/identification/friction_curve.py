@@ -99,7 +99,7 @@ def learned_stops(
     spaced from the lowest to the highest speed.  Standard errors are those of the active columns and valid for
     autocorrelated residuals; they do not account for widths that are not among the candidates.
 
-    When not: without reversals, or if the widest stop exceeds half of the travel (NotIdentifiableError).  Measure a
+    Not suitable without reversals, or if the widest stop exceeds half of the travel (NotIdentifiableError).  Measure a
     motion back and forth over 1 um to some mm, slowly and fast.
     Source: Lawson & Hanson 1974 (non-negative least squares); the columns: Al-Bender, Lampaert & Swevers 2004.
     """
@@ -310,9 +310,10 @@ def steady_runs(
 
     Units are m/s and N, or rad/s and N m.  A log is split recursively where its mean speed changes most, as long as
     the change exceeds 10 % of the speed and six standard errors.  Parts with a trend of the speed or at standstill are
-    left out, and so is a tenth of a part at an end where the speed changed.  Outliers of velocity or force
+    left out, as is a tenth of a part at each end where the speed changed.  Outliers of velocity or force
     (`regression.strays`) are excluded from the means; a remark states how many and where, by `names` of the logs.
-    Raises LogError for logs that are not finite, NotIdentifiableError if no speed is held for `least_rows` rows.
+    Raises LogError for logs with values that are not finite, NotIdentifiableError if no speed is held for `least_rows`
+    rows.
     """
     means: list[tuple[float, float, float, int]] = []
     remarks: list[str] = []
@@ -357,7 +358,7 @@ def _stretches(v: np.ndarray, begin: int, end: int, least: int) -> Iterator[tupl
 
 
 def _cut(v: np.ndarray, least: int) -> int | None:
-    """Return the change point between two means if they differ significantly; a few rows lie on each side."""
+    """Return the change point between two means if they differ significantly, at least a few rows from either end."""
     # a change point in the first rows would be noise of a mean over two of them
     few = max(3, least // 4)
     if v.size < 2 * few:
@@ -596,11 +597,12 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
     Estimates are least squares with equal weights.  The criterion and the standard errors account for residuals that
-    are correlated from one speed to the next (`regression.information`). A curve of wrong shape leaves such residuals,
-    and they are weaker evidence for further parameters than independent ones. Separate curves for both directions are
-    compared too. No block can represent them, so they are never selected, but a remark states if they are better.
+    are correlated from one speed to the next (`regression.information`). A curve of the wrong shape leaves such
+    residuals, which are weaker evidence for further parameters than independent residuals. Separate curves for both
+    directions are compared too. No block can represent them, so they are never selected, but a remark states if they
+    are better.
 
-    When not to use: on runs in which the speed is not constant (use `identify_rigid`).
+    Not suitable for runs in which the speed is not constant (use `identify_rigid`).
     Raises NotIdentifiableError with the speeds to measure next.
     """
     _check(runs)

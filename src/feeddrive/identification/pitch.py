@@ -59,13 +59,13 @@ def learned_pitch(
     """Return correction tables for the set position, by least squares over all samples of a direction.
 
     nominal   m, position measured by the control
-    reached   m, true position of table or tool: by a laser, a load encoder, or `tool.x` of a run
+    reached   m, true position of table or tool: from a laser, a load encoder, or `tool.x` of a run
     velocity  m/s, set velocity; its sign gives the direction, samples at standstill are ignored
     spacing   m between entries, starting at the lowest position
     settle    m of travel left out after each reversal, in which backlash and friction change sides
 
     The piecewise linear function of each direction is fitted as a whole, so that entries do not depend on the location
-    of samples between them.  Raises ParameterError for rows of unequal length, numbers that are not finite, motion in
+    of samples between them.  Raises ParameterError for arrays of unequal length, numbers that are not finite, motion in
     one direction only, a part of the travel without samples, and a spacing that is not positive or gives too many
     entries.
     """
@@ -147,7 +147,7 @@ def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", sett
 
     reached  signal of the true position; default: `tool.AXIS` of a machine with geometry errors, else the true position
              of the table
-    Raises ParameterError as `learned_pitch`, and for a signal that the run does not have.
+    Raises ParameterError as `learned_pitch` does, and for a signal that the run does not have.
     """
     prefix = f"{axis}." if f"{axis}.set_velocity" in run.signals else ""
     signal = reached or (f"tool.{axis}" if f"tool.{axis}" in run.signals else f"{prefix}position_load")

@@ -88,8 +88,8 @@ def require_table(frame: Frame, what: str) -> None:
 class Estimate:
     """An estimated value in SI with two standard errors.
 
-    error  robust to autocorrelation and heteroscedasticity of the residual: to be used
-    ols    valid for a white residual only, s² (XᵀX)⁻¹: as published in most papers
+    error  robust to autocorrelation and heteroscedasticity of the residual; this is the one to use
+    ols    valid for a white residual only, s² (XᵀX)⁻¹; most papers publish this one
     """
 
     name: str
@@ -118,8 +118,8 @@ class Estimate:
 def pulls(offset: Estimate, coulomb: float) -> bool:
     """Return True if an offset is a force on the axis: above 3 standard errors and 5 % of Coulomb friction.
 
-    A smaller one cannot move the axis, and may be caused by encoder quantization at rest: its error is constant over
-    hundreds of rows, which standard errors do not account for.
+    A smaller offset cannot move the axis, and may be caused by encoder quantization at rest, whose error is constant
+    over hundreds of rows; standard errors do not account for this.
     """
     return abs(offset.value) > max(SIGNIFICANT * offset.error, LEAST_PULL * coulomb)
 
@@ -165,10 +165,11 @@ _NEAR, _AROUND = 9, 61  # rows: of the median that a sample is held against, and
 def strays(values: np.ndarray) -> np.ndarray:
     """Return a mask of outliers: up to three successive samples far from their neighbors; shape (n,).
 
-        d = |x - median of 9 rows| > max(8 · 1.4826 median d, 4 times the d that 98 % of the rows stay within, 8 quanta)
+        d = |x - median of 9 rows| > max(8 · 1.4826 median d, 4 times the d that 98 % of the rows do not exceed, 8
+        quanta)
 
-    The median of d is taken over 61 rows, and the largest nearby median counts, so that noise in motion after a rest is
-    not an outlier; the quantum is the smallest step of the values.  Steps, ramps and stick-slip contain no outliers.
+    The median of d is taken over 61 rows, and the largest median nearby is used, so that noise in motion after a rest
+    is not an outlier; the quantum is the smallest step of the values.  Steps, ramps and stick-slip contain no outliers.
     Source: Hampel 1974 (the median and its deviation); the windows and the other bounds are ours.
     """
     # imported here: commands that only read a log start without it
@@ -493,7 +494,8 @@ def solve(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the step Δ within bounds that minimizes |Ψ Δ - e|² + mu |S Δ|², and the active bounds.
 
-    Ψ has shape (samples, columns); S scales its columns to 1.  Without an active bound it is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
+    Ψ has shape (samples, columns); S scales its columns to 1.  Without an active bound the step is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ
+    e.
     """
     # imported here: commands that only read a log start without it
     from scipy.optimize import lsq_linear
@@ -519,8 +521,8 @@ def standard_errors(seen: np.ndarray, residual: np.ndarray, lags: int) -> np.nda
 
         cov = A⁻¹ [Σ_f S(f) Ψ(f) Ψ(f)ᴴ] A⁻¹,   A = ΨᵀΨ,   S: spectrum of the residual
 
-    S follows from its autocorrelation up to `lags`, with a Bartlett window, which ensures S >= 0.  For a white residual
-    this is the usual σ² A⁻¹.  The mean of the residual is not removed, since no column is a constant.
+    S follows from the autocorrelation of the residual up to `lags`, with a Bartlett window, which ensures S >= 0.  For
+    a white residual this is the usual σ² A⁻¹.  The mean of the residual is not removed, since no column is a constant.
     Source: Newey & West 1987, for regressors that are not random.
     """
     n, count = seen.shape

@@ -186,13 +186,13 @@ def circle_path(
     """Return the last full turn at constant feed of a motion, resampled evenly in angle about its least-squares center.
 
     x, y         m, shape (n,), of the whole motion: run-in, turns, run-out
-    sample_time  s; or the time of each row, s
+    sample_time  s; or `time`, the time of each row, s
     radius       nominal, m; default: that of the fit, rounded to 0.1 mm
     center       of the set-up, m, if it is known
     remedy       how to obtain a longer motion at constant feed, for the error message
 
     Raises LogError for less than a full turn at constant feed and for a turn that does not close, ParameterError for
-    rows that do not match.
+    arrays that do not match.
     """
     x, y = (np.asarray(coordinate, dtype=np.float64) for coordinate in (x, y))
     if time is None:
@@ -372,7 +372,7 @@ def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") 
 
     about  center of F: "least squares" of each circle, or "set-up", which all circles must then state
 
-    Raises ParameterError for no circle, circles of different radii, planes or sources, and for another `about`.
+    Raises ParameterError if there is no circle, for different radii, planes or sources, and for another `about`.
     """
     if not circles:
         raise ParameterError("a circular test needs at least one circle")

@@ -80,7 +80,7 @@ def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> C
     unless their chords turn by more than 20°, which is a corner.  On an arc that turns by δ per row the error of the
     curve is R δ⁶/1000.
 
-    Raises ParameterError for positions of another shape or that do not move by 1 nm.
+    Raises ParameterError for positions of another shape and for a path shorter than 1 nm.
     """
     # By the length of the path, not row by row: rows of a slow motion are merged until they have moved by 1 nm.
     passed = np.floor(lengths(position) / _SAME)
@@ -508,7 +508,7 @@ def contour_error(
     velocity, acceleration  of the set positions given as an array, m/s and m/s², shape (n, N): without them, or with
                   velocities that are backward differences, tangents follow from the set positions, and there is no
                   estimate
-    signal        actual position of the run: `tool`, the tool point of a machine with geometry errors and else the
+    signal        actual position of the run: `tool`, the tool point of a machine with geometry errors, or else the
                   table; `position_load`, the table; or `reading_load`, the table as measured by the control
     line          of the part program for each row
     counted       True for rows that count in the figures, shape (n,); default: all
@@ -577,7 +577,7 @@ def contour_error(
 
 
 def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """Return the contour error: for two axes positive on the left of the path, unsigned at corners; else unsigned."""
+    """Return the contour error: positive on the left of the path, unsigned at corners or with more than two axes."""
     distance = size(vector)
     if vector.shape[1] != 2:
         return distance

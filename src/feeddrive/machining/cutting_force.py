@@ -72,7 +72,8 @@ class CuttingForces(Result):
 def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
     """Compute the cutting forces of a run from the motion of its axes, with the same model as in the run.
 
-    For a run with one substep it is exactly the force of the run; otherwise it is that with one substep per sample.
+    For a run with one substep the result is exactly the force of the run, otherwise the force with one substep per
+    sample.
     Raises ParameterError for a run that does not begin at 0 s or without the positions and velocities of x and y.
     """
     # Regeneration depends on all earlier surfaces, so the forces cannot start in the middle of a cut.
@@ -217,7 +218,7 @@ def runout_mark(radius: float, feed: float, difference: float) -> float:
     """Return the height in m of the marks of two teeth whose radii differ by Δ: (R/2)(Δ/c + c/2R)².
 
     The tooth paths are approximated by circles.  For Δ >= c²/2R only one tooth leaves marks, as with twice the feed per
-    tooth; 1 µm is often enough for that.
+    tooth; a difference of 1 µm is often enough for that.
     """
     if difference >= feed**2 / (2.0 * radius):
         return (2.0 * feed) ** 2 / (8.0 * radius)
@@ -242,8 +243,9 @@ def wall(
 ) -> Surface:
     """Compute the finished wall of a run between two instants, on a straight feed.
 
-    For each line across the wall the deepest edge counts. The angle of an edge is v = angle + 2πj/N - k z; it generates
-    the wall near v = 0 in up milling and near π in down milling, so that the vibration at that instant is imprinted.
+    On each line across the wall, the deepest edge determines the height. The angle of an edge is v = angle + 2πj/N - k
+    z; it generates the wall near v = 0 in up milling and near π in down milling, so that the vibration at that instant
+    is imprinted.
 
     begin, end     s; the feed is the straight line between the set positions there
     milling        up or down

@@ -25,7 +25,7 @@ class AxisLoad(Result):
     axis            name of the axis
     sample_time     s
     force           motor force, held over each sample, shape (n,)
-    rms, peak       of the force; RMS over the whole time, standstills counted
+    rms, peak       of the force; the RMS includes standstills
     continuous_force, peak_force  of the motor, None if not stated
     time_constant   thermal time constant, s, None if not stated
     heat            heat relative to continuous load, shape (n + 1,), from the cold state; None without the continuous
@@ -59,12 +59,12 @@ class AxisLoad(Result):
 
     @property
     def of_continuous(self) -> float | None:
-        """The RMS force over the continuous force."""
+        """The ratio of the RMS force to the continuous force."""
         return None if self.continuous_force is None else self.rms / self.continuous_force
 
     @property
     def of_peak(self) -> float | None:
-        """The peak force over the peak force of the motor."""
+        """The ratio of the peak force to the peak force of the motor."""
         return None if self.peak_force is None else self.peak / self.peak_force
 
     @property
@@ -204,7 +204,7 @@ def axis_load(
     motor_constant  K_m, N/√W: force per square root of the winding loss
     time_constant   τ, thermal time constant of the winding, s
 
-    Raises ParameterError for rows that do not match, numbers that are not finite, and constants that are not > 0.
+    Raises ParameterError for arrays that do not match, numbers that are not finite, and constants that are not > 0.
     """
     force, position = np.asarray(force, dtype=np.float64), np.asarray(position, dtype=np.float64)
     if force.ndim != 1 or not len(force) or position.shape != (len(force) + 1,):

@@ -36,7 +36,7 @@ _APART = 0.25  # of their spread: every second sample that spreads by less is on
 class ChatterSigns(Result):
     """The spectrum and once-per-tooth samples of a signal, for the detection of chatter.
 
-    harmonic   True for lines at harmonics of the tooth passing frequency, or with run-out of the spindle frequency
+    harmonic   True for lines at harmonics of the tooth passing frequency or, with run-out, of the spindle frequency
     passing    tooth passing frequency, Hz
     samples    value at the same angle of each tooth (of each turn, with run-out), SI
     swing      peak-to-peak value within a tooth, mean over the teeth, SI
@@ -101,7 +101,7 @@ def chatter_signs(
 
     A stable cut is periodic with the teeth: all its lines are harmonics, and samples once per tooth are one dot, or
     converge to one.  After a flip bifurcation they are two dots, else a ring.
-    Raises ParameterError for fewer than 16 teeth (turns, with run-out) and for fewer than four samples a tooth.
+    Raises ParameterError for fewer than 16 teeth (turns, with run-out) and for fewer than four samples per tooth.
     """
     signal = np.asarray(values, float)
     if not speed > 0.0 or teeth < 1:
@@ -158,15 +158,16 @@ class ZeroOrder:
 
 
 def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = ()) -> ZeroOrder:
-    """Compute the zero-order solution of Altintas and Budak: the directional matrix replaced by its mean over a turn.
+    """Compute the zero-order solution of Altintas and Budak, with the mean of the directional matrix over a turn.
 
         λ an eigenvalue of G(jω) mean(H),  L = -1/λ,  a = |L|²/(2 Re L) if Re L > 0,  ωτ = -arg(1 - L/a) + 2πk
 
     tool   a `ToolPoint`, or a response from a force on the tool to its position in m/N, an `FRF` along the feed, or a
            pair of them for feed and normal
 
-    It is exact where H is constant, but elsewhere not a bound: in narrow down milling it is up to twice too high, and
-    it has no flip lobes.  For a measured response it needs no model; the lines are interpolated linearly.
+    The solution is exact where H is constant; elsewhere it is not a bound: in narrow down milling it is too high by up
+    to a factor of two, and it has no flip lobes.  A measured response needs no model; its lines are interpolated
+    linearly.
     Raises ParameterError for a response that is not in m/N.
     Source: Altintas & Budak 1995, Analytical Prediction of Stability Lobes in Milling, CIRP Annals 44.
     """
@@ -253,7 +254,7 @@ def semi_discretisation(
     The tooth period is divided into `steps`; in each the coefficients are averaged, and the delayed value is the mean
     of its ends (order 0) or linear (order 1).  The error falls with steps²; with the usual 40 the error of |µ| is 6 %
     if a mode oscillates 5 times between two teeth, and an error of 2e-4 requires ω τ / steps <= 0.05.
-    Only for straight edges, as in the source, without process damping; raises ParameterError for others.
+    As in the source, only straight edges without process damping are supported; others raise ParameterError.
     Source: Insperger & Stépán 2002 and 2004, Semi-discretization method for delayed systems.
     """
     cut: Regeneration = regeneration(cutter)
@@ -386,7 +387,7 @@ class Lobes(Result):
         return [int(i) for i in peaks[np.argsort(-depth[peaks], kind="stable")][:count]]
 
     def passing(self) -> list[tuple[float, float, int]]:
-        """Return the resonant speeds f·60/(k teeth) in the range, one tooth per k periods of a mode: rpm, Hz and k."""
+        """Return the resonant speeds in the range, one tooth per k periods of a mode, f·60/(k teeth): rpm, Hz and k."""
         low, high = float(self.spindle_speed.min()), float(self.spindle_speed.max())
         passing_speeds: list[tuple[float, float, int]] = []
         for f in self.natural:

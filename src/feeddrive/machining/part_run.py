@@ -284,8 +284,8 @@ class Estimated(NamedTuple):
 class PartRun(Result):
     """The result of a controller under a part program.
 
-    contour    contour error of all moving axes; samples count in which the tool leaves a wall of the part (`on_part`),
-               or moves at a feed
+    contour    contour error of all moving axes; only samples in which the tool leaves a wall of the part (`on_part`),
+               or moves at a feed, count
     axes       figures by axis
     load       of the motors, and of the spindle if there is a cut
     cutting    N, cutting force on the axes that exist among x, y, z, shape (n, N); None without a cut

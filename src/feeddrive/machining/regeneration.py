@@ -101,7 +101,7 @@ class Regeneration:
         return 60.0 / (self.teeth * speed)
 
     def steps(self, depth: float) -> Iterator[Piece]:
-        """Yield the pieces of one pitch angle, divided where the engagement changes; helical edges: at this depth."""
+        """Yield the pieces of one pitch angle, divided where the engagement changes (at this depth, if helical)."""
         lag = self.lag * depth if self.lag * depth > _STRAIGHT else 0.0
         borders = {0.0, self.pitch}
         for angle in (self.entry, self.leave, self.entry + lag, self.leave + lag):

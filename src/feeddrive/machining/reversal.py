@@ -24,7 +24,8 @@ class Reversal(NamedTuple):
     base        outward contour error before it, m
     height, peak_time  the largest outward contour error above the base, m, and its time after the reversal, s
     width       width of the peak at half its height, s
-    stick_begin, stick_time  start after the reversal and duration of sticking, s, to a sample; 0 without sticking
+    stick_begin, stick_time  start after the reversal and duration of sticking, s, to within a sample; 0 without
+                             sticking
     rows        samples from the reversal to the next one of any axis
     """
 
@@ -88,7 +89,7 @@ def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0
     begin    reversals before this time are excluded as run-in, s
 
     The base is the mean over the last fifth of the path from the previous reversal, or from the start of the run.
-    Raises ParameterError for a run of other than two axes, or without velocities.
+    Raises ParameterError for a run that does not have two axes, or has no velocities.
     """
     deviation = contour_error(run) if contour is None else contour
     if not deviation.signed:
@@ -163,8 +164,8 @@ def stick_time(
 
         Kp A (t + (Kv + 1/Tn) t²/2 + Kv t³/(6 Tn)) = F_c + F_s - m A,   A = V²/R
 
-    acceleration of the set position at the reversal, m/s²; the share of velocity feedforward hardly matters.  0 if
-    the axis does not stick, F_c + F_s <= m A.  Raises ParameterError for numbers that are not > 0.
+    A is the acceleration of the set position at the reversal, m/s²; the share of velocity feedforward hardly matters.
+    The result is 0 if the axis does not stick, F_c + F_s <= m A.  Raises ParameterError for numbers that are not > 0.
     """
     positive = {
         "acceleration": (acceleration, "m/s2"),

@@ -150,9 +150,10 @@ def tool_point(
 
         G(jω) = G_d(e^(jωT)) / [(1 - e^(-jωT))/(jωT)]
 
-    It has the poles of the model, ln(z)/T, and a few fast poles that approximate the effect of hold and dead time;
-    their residues are fitted to G up to 0.4/T by least squares, with the error `missed`.  Aliases, of the order of
-    (fT)², are neglected.  A `MillingCut` of the machine names the axes and is removed, since the lobes add its force.
+    The tool point has the poles of the model, ln(z)/T, and a few fast poles that approximate the effect of hold and
+    dead time; their residues are fitted to G up to 0.4/T by least squares, with the error `missed`.  Aliases, of the
+    order of (fT)², are neglected.  A `MillingCut` of the machine names the axes and is removed, since the lobes add its
+    force.
     Raises UnstableError for a loop that is unstable without a cut, ParameterError for a fit error above 1 %.
     """
     if isinstance(system, StateSpace):

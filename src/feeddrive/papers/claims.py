@@ -3,7 +3,7 @@ files.
 
 The output is one page per paper, an index of all claims, and the figures as JSON.
 
-Random set motions and readings compare a block with an independent evaluation of its paper's equations.
+Random set motions and readings serve to compare a block with an independent evaluation of its paper's equations.
 """
 
 import json
@@ -64,9 +64,9 @@ class Claim:
 
     key        key of the row, e.g. "1.d"
     claim      the statement, as a sentence
-    rule       the conditions that make both sides comparable; plant, noise and seed
+    rule       the conditions that make both sides comparable, with plant, noise and seed
     got        the computed figure, in `unit`
-    expected   the expected result in words; empty: the bounds
+    expected   the expected result in words; if empty, it is given by the bounds
     equations  equations of shipped blocks, such as "DADSC (4)"; the claim must fail if one of them is changed
     """
 
@@ -109,7 +109,7 @@ class Claim:
         return stated(self.got, self.unit)
 
     def cells(self) -> list[str]:
-        """Return the cells of the table row as texts."""
+        """Return the cells of the table row as strings."""
         expected = Text(f"{self.expected} ({self.bounds})") if self.expected else self.bounds
         verdict = "holds" if self.holds else "DOES NOT HOLD"
         return [self.key, self.claim, self.rule, expected, Text(f"{self.shown}"), verdict]
@@ -198,7 +198,7 @@ class Reproduced:
 
 
 def chosen(paper: str) -> tuple[str, ...]:
-    """Return the papers selected by a name; `all` means every one. Raises ParameterError for an unknown name."""
+    """Return the papers selected by a name; `all` selects every paper. Raises ParameterError for an unknown name."""
     if paper == "all":
         return PAPERS
     if paper in PAPERS:
@@ -261,7 +261,7 @@ def _reproduced(paper: str) -> Reproduced:
 
 
 def _received(steps: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:
-    """Report the progress of the processes until all are done; the first error ends it."""
+    """Yield the progress steps of the processes until all are done or one has failed."""
     while not all(future.done() for future in futures):
         # the caller raises the error by `result` of the future
         if any(future.done() and future.exception() for future in futures):
@@ -353,7 +353,7 @@ class RandomMotion:
         self.derivatives: list[Callable[[Any], Any]] = [whole.deriv(i) if i else whole for i in range(5)]
 
     def __call__(self, order: int, t: np.ndarray) -> np.ndarray:
-        """Return the derivative of an order at times t."""
+        """Return the derivative of the given order at times t."""
         return np.asarray(self.derivatives[order](t), dtype=float)
 
     def setpoints(self, t: np.ndarray) -> list[Setpoint]:

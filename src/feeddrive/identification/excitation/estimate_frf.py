@@ -43,7 +43,7 @@ class Averaged:
 
 
 def excited_lines(cause: np.ndarray) -> np.ndarray:
-    """Return a mask of the excited lines: those above the widest gap in the sorted magnitudes; cause of shape (lines,).
+    """Return a mask of the excited lines, which lie above the widest gap in the sorted magnitudes of `cause`, (lines,).
 
     The gap to the empty lines is the widest even if the spectrum falls by decades over the band.
     """
@@ -96,7 +96,7 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
 
 
 def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
-    """Return True if lines contain more than noise: the sum of |D|²/noise, each F(2, 2ν), exceeds its quantile.
+    """Return True if lines contain more than noise: the sum of |D|²/noise, F(2, 2ν) each, then exceeds its quantile.
 
     The degrees of freedom of the lines are added, which is valid for noise of any color.
     """
@@ -121,8 +121,8 @@ def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) 
 
         Ȳ(i) = (g₀ + g₁ x + g₂ x²) fᵖ Ū(i) + V(i),   x from -1 to 1 over the lines, p the slope of |Ȳ/Ū| on log scales
 
-    It contains noise and nonlinear distortion, also on a full grid.  At a sharp resonance it would include the
-    curvature of the response, too. Therefore the result is the median of |V|²/|Ȳ|² over 31 lines, times |Ȳ|².
+    The scatter contains noise and nonlinear distortion, even on a full grid. At a sharp resonance it would also include
+    the curvature of the response; therefore the result is the median of |V|²/|Ȳ|² over 31 lines, times |Ȳ|².
     Source: Pintelon et al. 2010; in steady state there is no transient to estimate.
     """
     n = frequency.size
@@ -175,16 +175,16 @@ def periodic(
 
         G = Ȳ/Ū,   var = (σ_y² + |G|² σ_u² - 2 Re(conj(G) σ_yu²))/|Ū|²
 
-    σ² are (co)variances of the means: over the periods for the noise; over realisations with different phases for noise
+    σ² are (co)variances of the means: over the periods for the noise; over realizations with different phases for noise
     and nonlinear distortion together (`total`).  With a reference, Y and U are rotated by its phase and averaged over
-    the realisations before the division, so that noise at the input causes no bias; this is valid in a closed loop.
+    the realizations before the division, so that noise at the input causes no bias; this is valid in a closed loop.
     With one realization the distortion on the excited lines is estimated from the odd empty lines between them, if any.
-    On a full grid it is the scatter around a smooth response, if that clearly exceeds the noise. Otherwise the variance
-    is that of noise only.
+    On a full grid it is estimated as the scatter around a smooth response, if that clearly exceeds the noise. Otherwise
+    the variance is that of noise only.
 
     period  samples
     band    Hz; default: all excited lines
-    skip    periods dropped at the start; default: those not in steady state by a test, at most half
+    skip    periods dropped at the start; default: those that a test finds not yet in steady state, at most half
 
     Raises LogError if fewer than two periods are left.
     Source: Pintelon & Schoukens 2012, sections 2.5 and 4.3.
@@ -370,7 +370,8 @@ def estimate_frf(
     band     lowest and highest frequency, Hz
     period   samples; default: detected in the reference, or in the input if there is none
     skip     periods dropped at the start; default: determined by a test
-    segment  samples per segment of averaged spectra, and `overlap` the share common to two of them
+    segment  samples per segment of averaged spectra; `overlap` is the share that two neighboring segments have in
+             common
     lines    maximum number of lines of local polynomials; default: 2000
 
     In a closed loop give the reference with every method: without it, noise that is fed back through the control
@@ -432,7 +433,7 @@ def _struck(records: Sequence[Record]) -> bool:
 
 
 def _steady(record: Record, period: int) -> Record:
-    """Return the part of a record whose reference is periodic, at least two periods, or else the whole record."""
+    """Return the part of a record, at least two periods long, with a periodic reference, or else the whole record."""
     if not record.references:
         return record
     begin, end = frequency_estimate.repeating(record.references[0], period)

@@ -79,7 +79,7 @@ class Drawing:
 class Excitation(Result):
     """A multisine for a measurement, in one or several realizations, and the limits that were checked.
 
-    loop             the axis with its control, on which it was designed and simulated
+    loop             the axis with its control, for which the excitation was designed and simulated
     where            "force" (added to the command, N) or "setpoint" (added to the set position, m)
     period           samples per period; `periods` of them in steady state, with `fade` samples of fade-in and fade-out
                      before and after
@@ -159,7 +159,7 @@ class Excitation(Result):
 def limits(
     loop: Loop, drawings: list[Drawing], travel: float | None, speed: float | None, force: float | None
 ) -> list[Limit]:
-    """Compare the peaks over all realizations with the requested limits, or those of guard, control and motor."""
+    """Compare the peaks of all realizations with the requested limits, by default those of guard, control and motor."""
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     peak, continuous = (None, None) if motor is None else motor.limits()
     if force is None:
@@ -282,9 +282,9 @@ def design_excitation(
     seed: int = 0,
     name: str = "excitation",
 ) -> Excitation:
-    """Design a multisine with travel, speed and force within limits, by a simulation of the whole loop.
+    """Design a multisine that keeps travel, speed and force within limits, as checked by simulating the whole loop.
 
-        x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ from Schroeder's or random phases by clipping
+        x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ: Schroeder's or random, then clipped
 
     band             Hz; lines are multiples of the resolution within it
     amplitude        peak, N (force) or m (setpoint)
@@ -294,13 +294,14 @@ def design_excitation(
     realisations     number of realizations with different phases: two or more separate nonlinear distortion from
                      noise on every line
     grid             pattern of excited lines, see `grid_lines`
-    flat             for a setpoint: order of the derivative with equal amplitudes of all lines
-    offset_velocity  m/s of the underlying motion, so that friction does not stick; default: 1.5 times the peak speed of
-                     the linear model, or three Stribeck velocities more; 0: none.  Every second realization reverses it
+    flat             for a setpoint: the signal that has equal amplitudes on all lines, such as the acceleration
+    offset_velocity  m/s of the underlying motion, so that the axis does not stick; default: 1.5 times the peak speed of
+                     the linear model, or that plus three Stribeck velocities if larger; 0: none. Every second
+                     realization reverses it
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the control and the motor
     seed             random seed of grid, phases and the noise of the encoders
 
-    Raises ParameterError for a limit that is exceeded, with an admissible amplitude or number of periods, for a
+    Raises ParameterError for an exceeded limit (the message gives an admissible amplitude or number of periods), for a
     band beyond Nyquist, for periods of more than four million samples in all, and for a loop that trips or diverges;
     UnstableError for a loop that is unstable without excitation.
     """
@@ -436,7 +437,7 @@ def _check(
 
 
 def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
-    """Return low-crest phases of each realization, from Schroeder's phases for the first, then from random ones."""
+    """Return low-crest phases per realization, started from Schroeder's phases for the first, then from random ones."""
     rng = np.random.default_rng(seed)
     starts = [schroeder_phases(lines, sizes)]
     starts += [2.0 * np.pi * rng.random(lines.size) for _ in range(count - 1)]
@@ -560,7 +561,8 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
         full        all lines: largest power, no empty lines in the band
         odd         1, 3, 5 ...: even distortion is detected on the even lines
         odd_odd     1, 5, 9 ...: odd distortion is also detected, on 3, 7, 11 ...
-        random_odd  odd, with a random one of each four left empty (default): detects both kinds with most lines excited
+        random_odd  odd lines, a random one of every four left empty (default): detects both kinds with most lines
+                    excited
 
     Raises ParameterError for an unknown grid and a band without a line.
     Source: Pintelon & Schoukens 2012, section 4.3.1; Schoukens, Lataire, Pintelon & Vandersteen 2008.
@@ -592,7 +594,7 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
 def schroeder_phases(lines: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     """Return Schroeder's phases φₖ = -2π Σ over lines i < k of (k - i) pᵢ / d, with relative powers p (Schroeder 1970).
 
-    d is the median spacing of lines: the sum of every d-th line repeats d times per period, except for a phase, and the
+    d is the median spacing of lines: the sum of every d-th line repeats d times per period, apart from a phase, and the
     sweep of Schroeder's phases must fit into one such part.
     """
     steps = lines / (np.median(np.diff(lines)) if lines.size > 1 else 1.0)
@@ -608,7 +610,7 @@ def crest_factor(values: np.ndarray) -> float:
 
 
 def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray) -> np.ndarray:
-    """Return phases with a lower peak, by iterative clipping of the sum with its amplitudes restored.
+    """Return phases with a lower peak, by repeatedly clipping the sum and restoring its amplitudes.
 
     The clipping level rises from 75 to 99 % of the peak over 300 rounds; the best phases of all rounds are returned.
     The crest factor is about 1.45 for hundreds of lines, where Schroeder's phases give 1.7 and random ones 3 to 4.
@@ -627,7 +629,7 @@ def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarr
 
 
 def summed(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray, count: int, order: int = 0) -> np.ndarray:
-    """Return one period of Σ aₖ cos(2π k t/period + φₖ) at `count` points, or its derivative of `order` by t/period."""
+    """Return one period of Σ aₖ cos(2π k t/period + φₖ) at `count` points, or its `order`-th derivative by t/period."""
     spectrum = np.zeros(count // 2 + 1, dtype=complex)
     spectrum[lines] = 0.5 * count * amplitudes * np.exp(1j * phases) * (2j * np.pi * lines) ** order
     return np.fft.irfft(spectrum, count)

@@ -28,8 +28,8 @@ RISK = 0.01  # probability that a steady record loses its first period by chance
 class Record:
     """A measurement: `input` and `output` of shape (n,), sampled every `sample_time` s.
 
-    references  external signals, shape (n,) each: the setpoint, or the force added to the command. Only they
-                separate, in a closed loop, the effect of noise from that of the excitation
+    references  external signals, shape (n,) each: the setpoint, or the force added to the command. In a closed loop,
+                only they separate the effect of noise from that of the excitation
     Raises LogError for channels of different length, too short or constant channels, NaN, and an output that equals the
     input.
     """
@@ -91,7 +91,7 @@ class Record:
 
 
 def saturation(name: str, values: np.ndarray) -> list[str]:
-    """Return a remark for each end of its range, largest or smallest value, at which a channel is saturated."""
+    """Return a remark for each end of its range (largest or smallest value) at which a channel is saturated."""
     remarks: list[str] = []
     for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         share = float(np.mean(values == end))
@@ -110,7 +110,8 @@ def saturation(name: str, values: np.ndarray) -> list[str]:
 def find_period(values: np.ndarray) -> int | None:
     """Return the period of a signal in samples, at most half of the record; None if it is not periodic.
 
-    It is the smallest shift after the first zero of the autocorrelation at which it returns to its largest value.
+    The period is the smallest shift after the first zero of the autocorrelation at which the latter returns to its
+    largest value.
     """
     x = np.asarray(values, float) - np.mean(values)
     n = x.size
@@ -194,9 +195,9 @@ def transient_periods(periods: np.ndarray) -> int:
 
         Q = Σ |Z - Z̄|² / ((1 + 1/m) Σ s²),   s² the variance among the m,
 
-    which is F-distributed with 2L and 2L(m - 1) degrees of freedom for L lines of equal noise, fewer for unequal noise.
-    A period beyond the quantile for a risk of 1 % over all bands is dropped; the first one within it ends the test,
-    since a transient only decays.
+    The ratio Q is F-distributed with 2L and 2L(m - 1) degrees of freedom for L lines of equal noise, fewer for unequal
+    noise. A period beyond the quantile for a risk of 1 % over all bands is dropped; the first one within it ends the
+    test, since a transient only decays.
     """
     # scipy.stats has the same function, but takes a second to import
     from scipy.special import fdtri
@@ -234,7 +235,7 @@ class Level:
 
     frequency  Hz, shape (m,)
     output     amplitude at the output, in its unit
-    response   amplitude over the exciting input, in the unit of the frequency response; NaN outside the band
+    response   that amplitude divided by the exciting input, in the unit of the frequency response; NaN outside the band
     """
 
     frequency: np.ndarray
@@ -289,7 +290,7 @@ class FrequencyEstimate(Result):
         )
 
     def where_excited(self, doubt: np.ndarray) -> Self:
-        """Return the estimate on the lines with sufficient excitation: relative variance of the input, `doubt`, <= 0.1.
+        """Return the estimate on the sufficiently excited lines: relative variance of the input, `doubt`, at most 0.1.
 
         The variance of a quotient is undefined if the denominator may be 0.  Raises LogError if no line is left.
         """
@@ -317,7 +318,8 @@ class FrequencyEstimate(Result):
 
             r² = ν ((1 - p)^(-1/ν) - 1) · variance
 
-        This is Fisher's distribution with 2 and 2ν degrees of freedom: |dG|² is exponential, the variance a mean.
+        This follows from Fisher's distribution with 2 and 2ν degrees of freedom, since |dG|² is exponentially
+        distributed and the variance is a mean.
         """
         if not 0.0 < confidence < 1.0:
             raise ParameterError(f"confidence = {Quantity(confidence):6} must be > 0 and < 1")

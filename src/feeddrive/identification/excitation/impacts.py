@@ -41,7 +41,7 @@ class _Blow:
 
 
 def find_blows(force: np.ndarray) -> list[_Blow]:
-    """Find the hammer blows in a force; empty for any other force, such as noise, a chirp, steps, or a periodic force.
+    """Find the hammer blows in a force; none are found in any other force, such as noise, a chirp or a periodic force.
 
     A blow is a short unipolar pulse that starts and ends at rest.
     """
@@ -120,10 +120,10 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
         G(s) = Σ Y(s) U*(s) / Σ |U(s)|²   over the blows,   s = jω + σ
 
-    Each blow is followed by a segment; all segments have equal length. The force counts during contact of the hammer
-    and is 0 elsewhere (force window).  If a response has not decayed to 2 % at the end of its segment, response
-    and force are multiplied by exp(-σt), so that 1 % remains (exponential window). This gives the transform at s = jω +
-    σ, in which the decay rate of every mode appears larger by σ. It is corrected: around each line a function with one
+    Each blow is followed by a segment; all segments have equal length. The force is kept while the hammer is in contact
+    and set to 0 elsewhere (force window).  If a response has not decayed to 2 % at the end of its segment, response and
+    force are multiplied by exp(-σt), so that 1 % remains (exponential window). This gives the transform at s = jω + σ,
+    in which the decay rate of every mode appears larger by σ. This is corrected: around each line, a function with one
     resonance in s,
 
         G(s) (1 + b x) = a₀ + a₁ x + a₂ x²,   x = s - s₀,
@@ -132,9 +132,9 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
         var(G) = |G|² (1 - γ²)/(γ² (n - 1)),
 
-    and includes noise, different points and directions of the blows, and nonlinearity.  A single blow has no scatter
-    and no coherence: its noise is that of the output before the blow or the residual of the local function, whichever
-    is larger. The coherence is that of averages with this variance.
+    and includes noise, differences in point and direction between the blows, and nonlinearity.  A single blow has no
+    scatter and no coherence: its noise is that of the output before the blow or the residual of the local function,
+    whichever is larger. The coherence is that of averages with this variance.
 
     Lines on which the force does not exceed its noise are left out.
     Raises LogError if there is no blow, or none with a sufficiently long segment.
@@ -307,7 +307,7 @@ def _needed_damping(answers: np.ndarray, step: float) -> float:
 def _noise_of_one(
     records: Sequence[Record], stretch: tuple[Record, _Blow], sigma: float, length: int
 ) -> np.ndarray | float:
-    """Return the power of the output noise per line for a single blow, from the samples before it; 0 if too few."""
+    """Return the output noise power per line for a single blow, from samples before it; 0 if they are too few."""
     record, blow = stretch
     before = record.output[: _start(blow)]
     if before.size < FEWEST:

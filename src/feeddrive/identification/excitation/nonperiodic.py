@@ -87,10 +87,10 @@ def averaged(
         joint     Sₐy/Sₐa, a = U projected on all references: closed loop, any number of them
                                           var = S_vv/(ν' Sₐa), v = y - G u, with ν' = averages - references
 
-    In a closed loop h1, h2 and hv are biased: noise is fed back through the control C, and they tend to -1/C where the
-    noise is large.  The coherence is that of input and output; for indirect and joint the smaller one of reference to
-    input and reference to output.
-    When not: for short records and resonances narrower than the line spacing; use `local_polynomial`.
+    In a closed loop h1, h2 and hv are biased: noise is fed back through the control C, and the estimates tend to -1/C
+    where the noise is large.  The coherence is that of input and output; for indirect and joint it is the smaller of
+    those from reference to input and from reference to output.
+    Not suitable for short records and for resonances narrower than the line spacing; use `local_polynomial`.
     Source: Bendat & Piersol 2010, chapter 9; Pintelon & Schoukens 2012, sections 2.6 and 2.7.
     """
     if method not in METHODS:
@@ -184,7 +184,7 @@ def local_polynomial(
     freedom  ν: a larger value gives a smoother response with less variance, but flattens resonances
 
     Responses of neighboring lines share data, so that their errors are correlated over 2n lines.
-    When to use: chirps, steps, PRBS, noise, any motion.  When not: periods of a multisine in steady state.
+    Suitable for chirps, steps, PRBS, noise and any motion.  Not suitable for periods of a multisine in steady state.
     Source: Pintelon, Schoukens, Vandersteen & Barbé 2010, Mech. Syst. Signal Process. 24, 573; order 2.
     """
     if freedom < 1:
@@ -261,7 +261,7 @@ def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...
 
 
 def _solved(cause: np.ndarray, u: np.ndarray, y: np.ndarray, half: int, closed: bool) -> tuple[np.ndarray, ...]:
-    """Solve the local systems of many lines: regressors (lines, 2n + 1, 6), outputs (lines, 2n + 1, 1 or 2)."""
+    """Solve the local systems of many lines, for regressors (lines, 2n + 1, 6) and outputs (lines, 2n + 1, 1 or 2)."""
     powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(ORDER + 1)
     # the columns of the input are scaled to 1, so that the systems are well conditioned
     size = np.sqrt(np.mean(np.abs(cause) ** 2, axis=1, keepdims=True))[:, :, None]
@@ -310,10 +310,10 @@ def local_rational(
 
         y (1 + b u) = a0 + a1 u + a2 u²,   u = x - x(line),   complex a, b
 
-    The least squares over `width` lines are weighted with the variance `spread` of y and solved twice, the second time
-    with weights from the first b.  The residuals are twice the weighted sum of squares: χ² with 2 (width - 4) degrees
-    of freedom if the function fits.  `correlation`, shape (width,), is that of the noise of lines at distances 0, 1,
-    ...; default: independent lines.
+    The least-squares problem over `width` lines is weighted with the variance `spread` of y and solved twice, the
+    second time with weights from the first b.  The residuals are twice the weighted sum of squares: χ² with 2 (width -
+    4) degrees of freedom if the function fits.  `correlation`, shape (width,), is that between the noise of lines at
+    distances 0, 1, ...; default: independent lines.
     Source: McKelvey & Guérin 2012; Sanathanan & Koerner 1963.
     """
     begin = np.clip(lines - width // 2, 0, x.size - width)

@@ -89,8 +89,8 @@ def identify_control(log: MotionLog) -> ControlFit:
     This is the traced step of `CascadePPI`; its derivatives with respect to the gains are the columns.  All n from 1 to
     8 and d from 0 to 3 are tried, and the pair with the smallest residual is selected. Samples at the force limit are
     left out.
-    Raises NotIdentifiableError if every such cascade leaves 5 % or more: the loop then has an integral part, filters or
-    another law, whose parameters the user must state.
+    Raises NotIdentifiableError if every such cascade leaves more than 5 % of the force unexplained: the loop then has
+    an integral part, filters or another law, whose parameters the user must state.
     """
     if log.set_position is None:
         raise NotIdentifiableError(
@@ -191,7 +191,7 @@ class Gain(NamedTuple):
 
     @property
     def off(self) -> float:
-        """The relative error of the stated value beyond `SURE` standard errors; 0 if there is none."""
+        """The part of the relative error of the stated value that exceeds `SURE` standard errors, or 0."""
         return max(0.0, abs(self.needed - self.stated) - SURE * self.error) / abs(self.stated)
 
     @property
@@ -202,7 +202,7 @@ class Gain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LawCheck:
-    """The check of a law against the force of a log; residuals relative to its RMS about the mean, in rows of 10 ms.
+    """The check of a law against a log's force; residuals are relative to its RMS about the mean, in rows of 10 ms.
 
     left    residual with the stated gains, without the effect of quantization
     remains residual with the fitted gains
@@ -232,7 +232,7 @@ class LawCheck:
 
     @property
     def proves(self) -> bool:
-        """True if the law reproduces the force, possibly with other gains: force and position share one clock."""
+        """True if the law reproduces the force, possibly with other gains; force and position then share one clock."""
         return self.remains < LARGEST and bool(self.gains)
 
     @property
@@ -291,12 +291,12 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
     state of an integral.  Plant and friction are not involved, so that disturbances do not affect the result.  F may be
     delayed by up to three samples relative to u.
 
-    If the log has rounded readings and not those that the law used, each has an error within its count.  The effect on
-    y and θ' is simulated (readings with uniform errors of a count) and taken into account as far as the log contains
-    it: the share is the RMS of e(k) - e(k-1), sample by sample, over that of the simulated errors.  It is zero for a
-    drive that logs the readings of its law.
+    If the log has rounded readings instead of those that the law used, each reading has an error within its count.  The
+    effect on y and θ' is simulated (readings with uniform errors of a count) and taken into account as far as the log
+    contains it: the share is the RMS of e(k) - e(k-1), sample by sample, over that of the simulated errors.  It is zero
+    for a drive that logs the readings of its law.
 
-    A force that was added to the command intermittently is distinguished from another law: `_added`.
+    A force that was added to the command intermittently is distinguished from another law (see `_added`).
 
     apart  m, shape (n,): position of the motor minus that of the load, for a law that reads both
     place  path of the control in its machine file
@@ -333,8 +333,8 @@ def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> fl
 
     The other rows are the largest group within a band as wide as the residual of a correct law; a median would fail if
     the added force acts in half of the rows. Apart from quantization they must concentrate in the middle of the band; a
-    law with another integral would fill it. They must excite every gain, with a tenth of its column, and agree with it,
-    and must not contain an integral of the following error, the last column.
+    law with another integral would fill it. These rows must excite every gain (with a tenth of the power of its
+    column), agree with its stated value, and must not contain an integral of the following error, the last column.
     """
     width = 2.0 * (LARGEST * size + SURE * counts)
     ordered = np.sort(y)

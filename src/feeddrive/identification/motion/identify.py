@@ -71,8 +71,8 @@ def own_viscous(axis: Axis) -> float:
 def refined_names(loop: Loop) -> tuple[str, ...] | None:
     """Return the names of the parameters fitted by output error; None (rigid axis, plain friction) selects `physics`.
 
-    Otherwise these are nonzero friction and forces, and the mass of a rigid plant.  Of a richer friction model only
-    levels and slopes are fitted; its parameters near standstill are kept.
+    Otherwise these are the parameters of friction and constant forces that are not 0, and the mass of a rigid plant.
+    Of a richer friction model only levels and slopes are fitted; its parameters near standstill are kept.
     """
     if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
         return None
@@ -199,7 +199,7 @@ def agreed(
 
 
 def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
-    """Return the output-error fit, or None if its mass contradicts the inverse dynamics, which leave less residual.
+    """Return the output-error fit, or None if its mass contradicts the inverse dynamics and these fit the log better.
 
     Both are compared in the rows of the inverse dynamics; a contradiction is a difference of more than three joint
     standard errors.
@@ -230,7 +230,7 @@ def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparati
 
     Through a velocity gain coarse counts excite vibration that the readings do not show, so that the residual is larger
     than that of the reading errors alone.  If quantization is the reason, simulations of the fitted loop with the
-    counts of the log have such a residual; the largest one is used.
+    counts of the log have a residual of this size; the largest one is used.
     """
     count = count_of(log.position)
     if count == 0.0:
@@ -365,9 +365,9 @@ def identify_motion(
     start      the loop of the log, as far as known; its law, limits, encoders and dead time are kept
     law        the active law, for a log without `start`; identified if not given
     friction   "best", "symmetric" or "directional"
-    lead, gear for a log in shaft units, m and 1: with them the result is referred to the table
+    lead, gear for a log in shaft units: lead in m and gear ratio, with which the result is referred to the table
 
-    A step that is not possible gives a remark instead of an error; only the rigid drive must be identifiable.
+    A step that is not possible results in a remark instead of an error; only the rigid drive must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for an unusable log.
     """
     whole, remarks = checked(log), list[str]()
@@ -496,9 +496,7 @@ def _unseen_gains(check: LawCheck | None) -> list[str]:
 
 
 def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
-    """Return the reason why the magnitudes are implausible for a feed drive, and add a remark with the remedy; else
-    empty.
-    """
+    """Return why the magnitudes are implausible for a feed drive, or ""; add a remark with the remedy."""
     magnitudes = sizes(log.frame, log.sample_time, log.position, log.force, rigid["mass"].value)
     wrong = outside(log.frame, magnitudes)
     if not wrong:
@@ -509,7 +507,7 @@ def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
 
 
 def swapped(channels: Mapping[str, Any]) -> bool:
-    """Return True if position and force of a `MotionLog` are interchanged: exchanged, they fit a rigid drive."""
+    """Return True if position and force of a `MotionLog` are swapped, that is, fit a rigid drive if exchanged."""
     both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
     both |= {"set_position": None, "force_limit": None}
     try:

@@ -42,7 +42,7 @@ class MotionLog:
     rotary        True for position in rad and force in N m
     turning       True for a rotary axis, as opposed to the motor shaft of a screw
 
-    Raises LogError for a channel with values that are not finite or of another length, and NotIdentifiableError for a
+    Raises LogError for a channel of another length or with values that are not finite, and NotIdentifiableError for a
     channel that does not change or a force that stays at its limit.
     """
 
@@ -146,10 +146,10 @@ class MotionLog:
     def _check_jumps(self) -> None:
         """Raise NotIdentifiableError for position jumps: rows far from their neighbors, from a faulty encoder line.
 
-        A monotonic position equals its median filter, so that only reversals and noise deviate from it:
+        A median filter does not change a monotonic position, so that only reversals and noise deviate from it:
 
             |x - median9(x)| > 3 · usual step, which 99 % of the steps from row to row do not exceed,
-                               and > 1e-3 of the travel: jumps of a few counts in a slow run stay
+                               and > 1e-3 of the travel: jumps of a few counts in a slow run are ignored
         """
         steps = np.abs(np.diff(self.position))
         usual = float(np.quantile(steps, _USUAL_SHARE))
@@ -181,8 +181,9 @@ class MotionLog:
 
             d = |f - median9(f)| > max(F, 8 · 1.4826 median61(d))
 
-        So short a force hardly moves an axis, so that the fit is the same even if the force was commanded.
-        More than 1 % of such rows are not line faults: they are caused by coarse counts through a velocity gain.
+        Such a short force hardly moves an axis; therefore the fit is the same even if the force was commanded.
+        If more than 1 % of the rows are spikes, these are not line faults: they are caused by coarse counts through a
+        velocity gain.
         """
         from scipy.ndimage import median_filter  # not for commands that only read
 
@@ -219,7 +220,7 @@ _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at r
 
 
 def count_of(position: np.ndarray) -> float:
-    """Return the resolution of readings in m: all their differences are multiples of it; 0 if there is none."""
+    """Return the resolution of readings in m, of which all differences are multiples; 0 if there is none."""
     levels = np.unique(position)
     steps = np.diff(levels)
     # levels that differ by rounding of the file are one level
@@ -251,7 +252,7 @@ def unknown_force(residual: np.ndarray, runs: np.ndarray, moving: np.ndarray) ->
 
         d = -share · r̃,   share² = 1 - Σ s̃² / Σ r̃²
 
-    residual  measured force - mean of the runs, shape (n,); the drive reacts to a force with its opposite
+    residual  measured force - mean of the runs, shape (n,); the drive reacts to a force with the opposite force
     runs      simulated forces minus their mean, shape (runs, n): the effect of quantization alone
     moving    True for rows in motion
     r̃ and s̃ are residual and runs averaged over `_NEAR_COUNT` rows, since quantization noise is of higher frequency.
@@ -352,8 +353,8 @@ class Preparation:
                  undefined
 
     Without `reversals` the decimating low pass is applied to each stretch of motion separately.  At rest friction
-    balances any force, and a low pass over the whole log would spread it by some 70 ms into the motion, where the mass
-    is identified.  A stretch ends where the low pass of the position changes by at most 1 % due to the rest (`reach`).
+    balances any force, and a low pass over the whole log would spread this force by some 70 ms into the motion, where
+    the mass is identified.  A stretch ends where the rest changes the filtered position by at most 1 % (see `reach`).
     """
 
     cutoff: float = 100.0
@@ -378,7 +379,7 @@ class Prepared:
     constant    a constant 1 after the filter, slightly reduced by its ripple
     places      sample indices of the rows in the log
     stretches   ranges of samples of the log that were filtered separately
-    cutoff      Hz, of the low pass on the position; `sample_time` in s of the log; `how`: the settings
+    cutoff      Hz, of the low pass on the position; `sample_time`: that of the log, s; `how`: the settings
     """
 
     time: np.ndarray
@@ -486,7 +487,7 @@ def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarra
 
 @lru_cache(maxsize=32)
 def reach(cutoff: float) -> int:
-    """Return the settling time of the position's low pass in samples, to `_SMEARED`; cutoff in 1/sample.
+    """Return the settling time of the position's low pass to within `_SMEARED`, in samples; cutoff in 1/sample.
 
         the largest d with |Σ_{k >= d} h(k)| > 1 %,   h: impulse response of both passes
 

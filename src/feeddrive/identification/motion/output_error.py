@@ -104,20 +104,20 @@ def refine(
     delays: Sequence[int] | None = None,
     skip: int = 49,
 ) -> Refinement:
-    """Fit parameters of a loop to a log by simulation of the log's reference.
+    """Fit parameters of a loop to a log by simulating the loop with the log's reference.
 
-        least of  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, updated during the fit
+        minimize  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, updated during the fit
 
     The cost is minimized by Gauss-Newton steps with finite differences of runs.  Dead time is discrete: for each of
     `delays`, in samples in addition to that of the loop, the parameters are fitted, and the one with the smallest
     position residual is selected; by default 0 and 1, then further ones as long as they improve the fit.
 
     names  dotted names; default: mass, friction and constant forces that are not 0
-    skip   samples at the start that do not count
+    skip   samples at the start that are ignored
 
     The loop must be that of the log, with the same law, gains and sample time.  Standard errors are robust to the
-    residual's autocorrelation.  When to use: after `identify_rigid`, where noise or quantization spoils derivatives, or
-    to fit friction near standstill, which the inverse dynamics leave out.
+    residual's autocorrelation.  Use it after `identify_rigid`, where noise or quantization spoils derivatives, or to
+    fit friction near standstill, which the inverse dynamics leave out.
     Raises NotIdentifiableError for a log without set position, and for a parameter without effect.
     """
     if log.set_position is None:
@@ -243,16 +243,16 @@ def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _F
 def _with_counts(
     loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, slopes: np.ndarray, before: np.ndarray
 ) -> _Fit | None:
-    """Fit the mean of runs with quantization; None if no value changes by `_MATTERS` of its error `before`.
+    """Fit the mean of runs with quantization; return None if no value changes by `_MATTERS` of its error `before`.
 
         r = measured - mean,   σ²(k) = max(mean r² - mean s², r²/2) + s²(k)
         cov = cov(runs) + cov(r)
 
     s² is the variance of the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of the same
     step applied to other runs, each in place of the log: rounding is not white noise if a reading remains on its count.
-    cov(r) is that of the residual, which includes a part of the quantization again: errors are conservative.  After the
-    first correction the runs include the unmodelled force of the log, too, whose effect dry friction does not average
-    out.
+    cov(r) is that of the residual, which includes a part of the quantization again, so that errors are conservative.
+    After the first correction the runs also include the unmodelled force of the log, since dry friction prevents its
+    effect from averaging out.
     Source: the parametric bootstrap, Efron & Tibshirani 1993; the weights and the choice of rows are ours.
     """
     count = count_of(log.position)
@@ -283,9 +283,9 @@ def _with_counts(
 
 
 class _Weighed(NamedTuple):
-    """The mean of runs with quantization and its deviation, shape (2, n), and the weighted columns and residual.
+    """Mean and standard deviation of runs with quantization, shape (2, n), and the weighted columns and residual.
 
-    The deviation of rows at rest is infinite, so that their weight is 0.
+    The standard deviation of rows at rest is infinite, so that their weight is 0.
     """
 
     mean: np.ndarray

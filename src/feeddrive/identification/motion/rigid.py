@@ -140,8 +140,8 @@ def identify_rigid(
     how       filters and delays; default: `Preparation()`
     folds     number of stretches in the cross-validation, each predicted by a fit of the others
 
-    Standard errors are robust; those for a white residual are also returned.  When not to use: on an axis
-    with significant elastic deformation (fit its frequency response), or near standstill (fit constant-speed runs).
+    Standard errors are robust; those for a white residual are also returned.  Not suitable for an axis with significant
+    elastic deformation (fit its frequency response), or near standstill (fit constant-speed runs).
     Raises NotIdentifiableError with what to measure next, LogError for a log that is too short.
     Source: Janot, Gautier & Brunot 2019, with the force delayed by half a sample because of its hold.
     """
@@ -240,7 +240,7 @@ def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
         recolored  S of z(k) - rho z(k-1), divided by (1 - rho)²;  rho = Σ z(k) z(k-1) / Σ z(k)²
 
     Each may be too small: the window of the plain one truncates a slowly decaying correlation; the recolored one
-    removes it first, but encoder noise makes its rho too small.
+    removes this correlation first, but encoder noise makes its rho too small.
     Sources: Newey & West 1987; Andrews & Monahan 1992; the maximum of both is ours.
     """
     plain = regression.robust_covariance(columns, residual)
@@ -349,7 +349,7 @@ class DelayFit(Result):
         return self.tells(self.nearest, 0.0)
 
     def tells(self, better: float, other: float) -> bool:
-        """Return True if the residual of the inverse dynamics is 10 % smaller with one delay than with another.
+        """Return True if the residual of the inverse dynamics is 10 % smaller at delay `better` than at `other`.
 
         This is also used for a ragged residual: if the force is mostly due to quantization, the delay with the smallest
         residual gives the better mass, whatever the true delay is.
@@ -381,7 +381,7 @@ def find_delay(
     derivative of the force as its column, which gives the fraction and its error.  The logged force must be the one
     commanded at its sample.
 
-    When not to rely on it alone: in a closed loop the force reacts to disturbances, and part of that reaction is
+    Do not rely on it alone in a closed loop: there the force reacts to disturbances, and part of that reaction is
     mistaken for a delay. This error grows with the residual of the model.  `refine` then decides between whole samples.
 
     clocks  True if an impossible delay is an error; False if the law proves that both channels have the same clock
@@ -420,7 +420,7 @@ def _left(basis: np.ndarray, force: np.ndarray) -> float:
 
 
 def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual: np.ndarray) -> None:
-    """Raise NotIdentifiableError for a motion of one frequency: a delay then equals less mass and more damping."""
+    """Raise NotIdentifiableError for a motion of one frequency, where a delay acts as less mass and more damping."""
     if not np.all(np.isfinite(residual)):
         raise NotIdentifiableError(
             f"{log.name}: the force is 0 wherever the axis moves: record the commanded force next, on the same clock"
@@ -464,8 +464,8 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
 def _rough(residual: np.ndarray) -> float:
     """Return twice the largest decrease of a residual from its minimum towards longer or shorter delays.
 
-    Around the true delay a residual increases to both sides. If quantization enters the force through a velocity gain,
-    it is as ragged as the force, and its minimum is no evidence about clocks.
+    Around the true delay a residual increases on both sides. If quantization enters the force through a velocity gain,
+    the residual is as ragged as the force, and its minimum is no evidence about clocks.
     """
     best = int(np.argmin(residual))
     sides = residual[best:], residual[best::-1]

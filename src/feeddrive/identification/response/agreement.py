@@ -258,7 +258,7 @@ def entangled(names: Sequence[str], refined: Refined) -> list[str]:
     """Return remarks on parameters of which the lines determine only a combination.
 
     They follow from the singular values of the Jacobian with columns scaled to length one: a singular value near zero
-    is a direction in which the parameters may change together without a visible effect.
+    belongs to a direction in which the parameters may change together without visible effect.
     """
     return [
         Text(
@@ -270,7 +270,7 @@ def entangled(names: Sequence[str], refined: Refined) -> list[str]:
 
 
 def blind(estimates: Sequence[Estimate], refined: Refined) -> dict[str, str]:
-    """Return parameters of a nearly undetermined combination with errors above 10 %, and the reason, by name.
+    """Return, by name, the parameters of a nearly undetermined combination with errors above 10 %, and the reason.
 
     Their standard errors would be valid only if the model were exact to 1 % of the effect of each parameter.
     """

@@ -27,9 +27,9 @@ def common_poles(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the poles of `pairs` resonances with positive imaginary part and their peak heights, by vector fitting.
 
-    The responses are fitted by Σ c/(s - p) + d with common poles, by least squares weighted with |G|^-power: 1 for
-    equal weight of peaks and valleys, 0.5 if valleys are only noise.  Heights are relative to the response.  Poles are
-    relocated to the zeros of σ(s) = Σ c̃/(s - p) + d̃ until σ is one; unstable poles are mirrored.
+    The responses are fitted by Σ c/(s - p) + d with common poles, by least squares weighted with |G|^-power: a power of
+    1 gives peaks and valleys equal weight, 0.5 is for valleys that contain only noise.  Heights are relative to the
+    response.  Poles are relocated to the zeros of σ(s) = Σ c̃/(s - p) + d̃ until σ is one; unstable poles are mirrored.
     Sources: Gustavsen & Semlyen 1999; Gustavsen 2006 (relaxed); Deschrijver et al. 2008 (one QR per response).
     """
     low, high = min(float(abs(points[0])) for points in s), max(float(abs(points[-1])) for points in s)
@@ -364,7 +364,7 @@ def fit_modes(
 
     responses     position, velocity or acceleration over force or current, as stated by their unit
     modes         number of modes; None: as many as unused lines support (at most 8)
-    band          Hz, lowest and highest line that counts
+    band          Hz, lowest and highest line that is used
     rigid         True if the axis moves freely at low frequencies
     proportional  True for real residues, skew = 0: all points of a mode move in phase, as in an undamped structure.
                   Friction and local dampers violate this
@@ -376,7 +376,7 @@ def fit_modes(
     valid for correlated residuals.  Mode parameters of a model that lacks a mode are wrong by more than their
     errors: see `remarks`.
     Raises ParameterError for different units and for too few lines.
-    When not: for masses and stiffnesses; see `fit_two_mass` and `fit_modal_axis`.
+    Not suitable for masses and stiffnesses; see `fit_two_mass` and `fit_modal_axis`.
     """
     if modes is not None and not 0 <= modes <= _MOST_ASKED:
         raise ParameterError(f"modes = {modes} must be >= 0 and <= {_MOST_ASKED}")
@@ -440,7 +440,7 @@ def _best_start(
     dead_time: float | None,
     poles: Poles,
 ) -> tuple[float, list[Unknown], Refined] | None:
-    """Return the best of several automatic starts after a few steps, by mean |ln(fitted/measured)|, each at most 1."""
+    """Return the best of several automatic starts after a few steps, by mean |ln(fitted/measured)|, limited to 1."""
     best: tuple[float, list[Unknown], Refined] | None = None
     arrays = [frf.response for frf in frfs]
     low, high = min(frf.frequency[0] for frf in frfs), max(frf.frequency[-1] for frf in frfs)

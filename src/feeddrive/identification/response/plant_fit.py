@@ -55,7 +55,7 @@ class PlantFit(Result):
 
     estimates         every fitted parameter with its standard errors; `covariance` in their order
     derived           derived quantities: antiresonance, resonance, inertia ratio, total mass
-    not_identifiable  by parameter: the reason, and what to measure next; its value is that in `plant`
+    not_identifiable  the reason by parameter, and what to measure next; `plant` contains the value that was used
     agreement         agreement with the responses, on used and on unused lines
     remarks           further remarks based on the residuals and the errors
     """
@@ -279,7 +279,7 @@ def _covariance(
 
 
 def with_derived(fit: PlantFit, derived: Sequence[tuple[str, str, Any]]) -> PlantFit:
-    """Return the fit with derived quantities, given by name, unit and function of the plant; errors to first order."""
+    """Return the fit with derived quantities, given by name, unit and function of the plant, and first-order errors."""
     leaves = [name for name, _ in tree.leaves(fit.plant)]
     places = [(i, e) for i, e in enumerate(fit.estimates) if e.name in leaves]
     derived_estimates: list[Estimate] = []
@@ -334,7 +334,7 @@ class TracedPlant:
 
         (1 - e^(-jωT))/T Σ G(jω + jmω_s)/(jω + jmω_s),   |m| <= 4, or fewer for low frequencies
 
-    It agrees with the loop's own sampled model to 2e-5 below a tenth of the sample rate and to 2e-3 at 0.4 of it.
+    The sum agrees with the loop's own sampled model to 2e-5 below a tenth of the sample rate and to 2e-3 at 0.4 of it.
     """
 
     def __init__(
@@ -478,14 +478,15 @@ def fit_plant(
     dead_time          s; None: it is fitted.  For a response with a sample time it does not include the hold
     held               True if the input of a sampled response is a command held over each sample; False for a measured
                        current or force
-    current_loop       Hz; None: the force follows without lag, unless `find_current_loop`
-    band               Hz, lowest and highest line that counts
+    current_loop       Hz; None: the force follows without lag, unless `find_current_loop` is set
+    band               Hz, lowest and highest line that is used
     force_per_unit     N per unit of the responses' input (a motor's force constant); travel_per_unit m per unit of
                        their output (lead/2π for rad).  Without them the result is in the units of the responses
 
-    The cost is that of `refine`: weighted by the variances where they are known, else the complex logarithmic ratio.
+    The cost is that of `refine`: residuals weighted by the variances where these are known, else complex logarithmic
+    ratios.
     Raises ParameterError for different units, an unknown name and too few lines.
-    When not: for poor initial values; `fit_two_mass` and `fit_modal_axis` find their own.
+    Not suitable for poor initial values; `fit_two_mass` and `fit_modal_axis` find their own.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
     fixed_values = dict(fixed or {})
@@ -518,13 +519,13 @@ def fit_two_mass(
 
         (m1 s² + (b1 + c) s + k) x1 - (c s + k) x2 = e^(-s·dead_time) f,   (m2 s² + (b2 + c) s + k) x2 = (c s + k) x1
 
-    Arguments as in `fit_plant`; initial values follow from a modal fit:  m2/m1 = residue/free at the motor,
+    The arguments are those of `fit_plant`; initial values follow from a modal fit:  m2/m1 = residue/free at the motor,
     k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at zero and reported as not
     identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia ratio m2/m1, total mass.
 
-    Raises NotIdentifiableError if only the load's response is given and no mass is fixed: it determines the total mass
-    and the resonance, but not the mass ratio.
-    When not: for an axis with further modes in the band; reduce the band, or use `fit_modal_axis`.
+    Raises NotIdentifiableError if only the load's response is given and no mass is fixed: this determines the total
+    mass and the resonance, but not the mass ratio.
+    Not suitable for an axis with further modes in the band; reduce the band, or use `fit_modal_axis`.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
     fixed_values = dict(fixed or {})
@@ -596,10 +597,11 @@ def fit_modal_axis(
 
         x/f = e^(-s·dead_time) [ 1/(M s² + b s) + Σ shapeᵢ / (mᵢ (s² + 2ζᵢωᵢs + ωᵢ²)) ],   shape 1 at the motor
 
-    Arguments as in `fit_plant`; modes None: as many as unused lines support. Modal masses are positive, as those of a
-    driven point are: a mode with the wrong sign at the motor ends with a very large mass and is reported as not
-    identifiable.  With the load's response alone the shape of a mode at the load is ±1 and its mass is fitted.
-    When not: where residues are far from real, see `fit_modes` with proportional=False.
+    The arguments are those of `fit_plant`; with `modes` None, as many modes are fitted as unused lines support. Modal
+    masses are positive, as is required at a driven point: a mode with the wrong sign at the motor ends with a very
+    large mass and is reported as not identifiable.  With the load's response alone the shape of a mode at the load is
+    ±1 and its mass is fitted.
+    Not suitable where residues are far from real; see `fit_modes` with proportional=False.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
     # only start values are needed, and equal weights have the wider basin
@@ -775,16 +777,16 @@ def fit_axis(
 ) -> AxisFits:
     """Fit the candidate structures of an axis, from simple to complex, and select the simplest of the best.
 
-    plant      plant of a machine file: its structure is tried too, from its values, if it is not rigid
+    plant      plant of a machine file: unless it is rigid, its structure is tried too, starting from its values
     actuator   actuator of that file: if it has a current loop, its bandwidth is identified too
     modes      number of modes in parallel; None: as many as unused lines support
     fixed      known parameters; structures that lack one of them are not tried
     structure  "rigid", "machine", "two-mass" or "modal": only this structure is fitted
     progress   reports the name of each structure when it begins
 
-    Other arguments as in `fit_plant`.  Each structure predicts lines that were left out of its fit; of those within
-    10 % of the smallest error the one with the fewest parameters is selected.  Modes in parallel are tried only where
-    the residuals of the others are still correlated from line to line.
+    The other arguments are those of `fit_plant`.  Each structure predicts lines that were left out of its fit; of those
+    within 10 % of the smallest error the one with the fewest parameters is selected.  Modes in parallel are tried only
+    if the residuals of the other structures are still correlated from line to line.
     Raises ParameterError if no structure can be fitted, with the reason for each.
     """
     ways = _ways(motor, load, plant, actuator, modes, dict(fixed or {}), held, band, force_per_unit, travel_per_unit)

@@ -147,7 +147,7 @@ _LITTLE = 1e-3  # of a squared residual: two steps in a row that lower the cost 
 
 @dataclass(frozen=True)
 class Unknown:
-    """An unknown parameter. A positive one is optimized by its logarithm, any other in units of `scale`."""
+    """An unknown parameter. A positive parameter is optimized as its logarithm, any other in units of `scale`."""
 
     name: str
     unit: str
@@ -164,8 +164,8 @@ class Measured:
     """A response with the standard deviation of its lines, which is relative if no variance was measured (`relative`).
 
     With a variance the residual is (G - Gm)/σ, σ² = variance + (model error · |Gm|)²; without one it is ln(G/Gm), which
-    gives peaks and valleys the same weight, divided by 1 or by the deviation that follows from the coherence of each
-    line.
+    gives peaks and valleys the same weight, divided by 1 or by the standard deviation that follows from the coherence
+    of each line.
     """
 
     frf: FRF
@@ -185,7 +185,7 @@ class Refined:
     covariance   valid for residuals correlated from line to line; `ols` for uncorrelated ones
     slopes       Jacobian of the real residuals (rows) with respect to the internal parameters (columns)
     residuals    complex weighted residuals of each response
-    spread       standard deviation of a real residual by their median; 1 if the variances are right
+    spread       standard deviation of the real residuals, from their median; 1 if the variances are right
     model_error  relative model error beyond the noise
     bound        True for parameters that ended at a bound
     """
@@ -274,7 +274,8 @@ def _near_its_start(
 ) -> Refined:
     """Return the equally good point closest to the start, if noise leaves logarithms undetermined.
 
-    In such a valley an unconstrained descent ends at a point that depends on rounding, with arbitrary errors.
+    In such a flat valley of the cost an unconstrained descent ends at a point that depends on rounding, with arbitrary
+    errors.
     """
     inner = np.array([unknown.positive and not unknown.fixed for unknown in unknowns])
     loose = np.array([not unknown.fixed for unknown in unknowns]) & ~refined.bound
@@ -458,9 +459,10 @@ def _covariances(
     """Return robust and plain covariance of the values; `scale` has their derivatives by the internal parameters.
 
     For an estimate that satisfies Σ ψ(r) ∂r = 0 with ψ = ρ r:  mean ψ² / (mean ψ')² (JᵀJ)⁻¹.  Source: Huber 1981.
-    A difference between even and odd lines beyond noise is distortion or model error, which adds to the robust one:
+    A difference between even and odd lines beyond noise is distortion or model error, which is added to the robust
+    covariance:
 
-        (1 - p/s²)₊ u uᵀ,   u = (JᵀJ)⁻¹ Σ ± Jᵀψ, half of the difference of both halves,   s² = uᵀ C⁻¹ u, C the plain one
+        (1 - p/s²)₊ u uᵀ,   u = (JᵀJ)⁻¹ Σ ± Jᵀψ, half of the difference of both halves,   s² = uᵀ C⁻¹ u, C plain
 
     With noise alone s² is p on average.
     """

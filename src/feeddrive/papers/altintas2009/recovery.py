@@ -1,4 +1,4 @@
-"""Rows 1.e, 1.f and 1.m to 1.q: disturbance recovery, for machine modes, and against simultaneous disturbances.
+"""Rows 1.e, 1.f and 1.m to 1.q: disturbance recovery, also for machine modes and against simultaneous disturbances.
 
 Row 1.e: force step and interrupted milling.  Row 1.f: a machine mode, compensated by the axis.
 Rows 1.m to 1.q: stiffness versus frequency, bandwidths, and simultaneous cutting, friction and a machine mode during

@@ -362,9 +362,9 @@ def step_response(law: DADSC, windup: str) -> np.ndarray:
     """Return the position in m after an unfiltered setpoint step with limited force; `windup`: treatment of the
     estimate in saturation.
 
-    none              it continues regardless of the limit
-    freezing          it is held in saturated samples
-    back-calculation  the law's own, by `applied` and `requested`
+    none              the estimate continues regardless of the limit
+    freezing          the estimate is held in saturated samples
+    back-calculation  the treatment in the law itself, by `applied` and `requested`
     """
     axis = Axis(plant=Rigid(mass=MASS, viscous=VISCOUS))
     timing = axis.timing(T)

@@ -54,7 +54,7 @@ def loop(
     compensation: tuple[Compensation, ...] = (),
     friction: Friction | None = None,
 ) -> Loop:
-    """Return the loop of a law on the axis; a law without acceleration feedforward of its own gets one with `mass`
+    """Return the loop of a law on the axis; a law without its own acceleration feedforward gets one with `mass`
     in kg.
     """
     feedforward = () if "acceleration" in law.feeds else (Inertia(mass=mass),)
@@ -74,7 +74,7 @@ def milling(duration: float, rms: float = 161.0) -> RecordedForce:
     """Return the force of interrupted milling along the feed: four straight teeth, 3000 rpm, up-milling from 0 to 90
     degrees, K_r = 0.3.
 
-    Tooth passing 200 Hz; scaled to an RMS in N.
+    The tooth passing frequency is 200 Hz; the force is scaled to the RMS in N.
     """
     t = np.arange(round(duration / T) + 1) * T
     force = np.zeros(t.size)
@@ -137,7 +137,7 @@ def transfer(column: Column, mass: float, T: float, *, printed: bool = False) ->
 
         T² z² (z - 1) / {m (z - 1)² (r1 z - 1) + r2 T (z² - z)(r3 z - 1) + T z (r4 z - r5)(r3 z - 1)}
 
-    `printed` takes z² - 1 in the second term, as the paper has it.
+    `printed` uses z² - 1 in the second term, as printed in the paper.
     """
     r1, r2, r3, r4, r5 = column
     second = [1.0, 0.0, -1.0] if printed else [1.0, -1.0, 0.0]
@@ -186,7 +186,7 @@ def run_ideal(
 
         v(k) = v(k-1) + (T/m) (F_m(k) + F_d(k) - b v(k)),    x(k) = x(k-1) + T v(k)
 
-    setpoint  m at kT, shape (n,), at rest before its first sample; absent: 0
+    setpoint  m at kT, shape (n,), at rest before its first sample; default: 0
     """
     n = disturbance.size
     x_r = np.zeros(n) if setpoint is None else setpoint

@@ -56,11 +56,11 @@ SKIPPED = 0.3  # s, in which the observer converges to the weight
 class Case:
     """A row of the table, stated as differences from the paper's law on its linear reference.
 
-    gain      true over assumed input gain, a M̂ / (a M)
+    gain      ratio of true to assumed input gain, a M̂ / (a M)
     friction  "tanh", or "set" for Coulomb friction with a true standstill
     chip      "actual": from the motion of tool and table over the last tooth period; "constant" as in the paper's table
     radial_depth  radial depth of cut, m; None for slotting
-    opposite  the cutting force on y is that of a second leg towards -x
+    opposite  True if the cutting force on y is that of a second leg towards -x
     """
 
     name: str

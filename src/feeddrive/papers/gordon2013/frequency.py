@@ -53,7 +53,7 @@ class Linear:
 
     @cached_property
     def closed(self) -> StateSpace:
-        """The compliance: from force on the table to table position."""
+        """The compliance from the force on the table to the table position."""
         return linearize(self.loop, ["load_force"], ["position_load"])
 
     @property

@@ -329,7 +329,7 @@ CUTTING_MEAN = 23.0  # N
 
 
 def friction() -> Part:
-    """Check Stribeck friction on the screw, with and without its feedforward."""
+    """Check the effect of Stribeck friction on the screw, with and without its feedforward."""
     laws = {
         PLACED: testbed.with_prefilter(testbed.placed(), testbed.fits(testbed.placed(), LONG)[0]),
         CASCADE: testbed.cascade(),
@@ -430,7 +430,7 @@ def _cut(speed: float) -> MillingForce:
 
 
 def machining() -> Part:
-    """Check the entry into a cut, and tooth passing at several spindle speeds."""
+    """Check the response to the entry into a cut, and to tooth passing at several spindle speeds."""
     rest = SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0, dwell_before=0.8)
 
     def cut(loop: Loop, speed: float, name: str) -> Run:
@@ -498,7 +498,7 @@ def _drawn(runs: Mapping[str, Run]) -> Chart:
 
 
 def other_axis() -> Part:
-    """Check a table heavier than in the design, and sampling jitter of the encoders."""
+    """Check the effect of a table heavier than in the design, and of sampling jitter of the encoders."""
     heavy = {"axis.x.plant.mass_load": 43.0}
     loops = {PLACED: tree.vary(testbed.placed(SOFTER), heavy), CASCADE: tree.vary(testbed.cascade(), heavy)}
     rows: list[list[str | None]] = []

@@ -318,7 +318,7 @@ BAND = np.geomspace(60.0, 300.0, 2000)
 
 
 def damping() -> Part:
-    """Check the axial mode in closed loop versus open loop, the variation of its damping, and the loop without
+    """Check the axial mode in closed loop versus open loop, the variation of its damping, and the loop without the
     filter pack.
     """
     loop = placed()

@@ -59,7 +59,7 @@ def placed(law: PolePlacement = DESIGN, feedforward: tuple[Feedforward, ...] = (
 
 
 def cascade() -> Loop:
-    """Return the machine's own P-PI with velocity and acceleration feedforward, without friction."""
+    """Return the machine's P-PI cascade with velocity and acceleration feedforward, without friction."""
     return with_friction(read_machine("ball_screw").loop("x"), None)
 
 

@@ -128,8 +128,8 @@ def _one_step() -> list[Claim]:
 
 
 def _by_mass() -> tuple[list[Claim], Table, Picture]:
-    """Compute the rate of convergence versus the mass assumed by the model; the model of the table's figures has no
-    dead time.
+    """Compute the rate of convergence versus the mass assumed by the model; the model used for the figures of the table
+    has no dead time.
     """
     loop = table_axis("x", SETS["+ Coulomb"], exact=True)
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
