@@ -418,7 +418,7 @@ def simulate_with_fmu(
 ) -> Run:
     """Simulate a control with an FMU (FMI 2.0 or 3.0, co-simulation) as its plant, along a reference.
 
-        at kT:  reading = outputs of the FMU;  force = control(setpoint, reading);  acts from kT + dead_time onward
+        at kT:  reading = outputs of the FMU;  force = control(setpoint, reading), acting from kT + dead_time onward
 
     This is the order of `simulate`: with the exported plant of the same machine the results are bit-identical.  The
     control starts disabled, at the first reading, with the axis at rest.

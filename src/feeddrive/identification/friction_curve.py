@@ -582,7 +582,7 @@ class FrictionCurve(Result):
         return self.model.offset and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
-        """Return the offset as a constant force on the table; None if the model has no offset."""
+        """Return the offset as a constant force on the table, or None if the model has no offset."""
         regression.require_table(self.frame, "the offset")
         # the offset is the force of the drive, which balances the constant force on the table
         return Gravity(force=-self["offset"].value) if self.model.offset else None

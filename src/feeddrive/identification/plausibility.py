@@ -39,7 +39,7 @@ class Range:
     source: str
 
     def apart(self, value: float) -> float:
-        """Return the distance of a value from the range in decades; 0 inside."""
+        """Return the distance of a value from the range in decades, which is 0 inside it."""
         if not value > 0.0:
             return 0.0 if value == 0.0 and self.least == 0.0 else math.inf
         return max(0.0, math.log10(value / self.most), math.log10(self.least / value) if self.least > 0.0 else 0.0)
@@ -124,7 +124,7 @@ def sizes(
 
 
 def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndarray) -> float | None:
-    """Return the mass by inverse dynamics, for either sign of the force; None if it is not identifiable."""
+    """Return the mass by inverse dynamics, for either sign of the force, or None if it is not identifiable."""
     # an inverted force is another fault, with a message of its own: here only the magnitude counts
     for sign in (1.0, -1.0):
         try:
@@ -155,7 +155,7 @@ def outside(frame: Frame, magnitudes: Mapping[str, float]) -> list[Range]:
 
 
 def out_of_range(wrong: Sequence[Range], magnitudes: Mapping[str, float]) -> Text:
-    """Return the magnitudes outside their range as text; empty if there are none."""
+    """Return the magnitudes outside their range as text, which is empty if there are none."""
     return joined(
         "; ",
         (

@@ -57,7 +57,7 @@ def frame_of(rotary: bool) -> Frame:
 
 
 def lever(lead: float, gear: float = 1.0) -> float:
-    """Return the travel of the table per rad of the motor, m/rad; lead in m, gear in motor turns per screw turn."""
+    """Return the travel of the table per rad of the motor, m/rad; `lead` in m, `gear` in motor turns per screw turn."""
     if not (math.isfinite(lead) and lead > 0.0 and math.isfinite(gear) and gear > 0.0):
         raise ParameterError(f"lead = {Quantity(lead, 'm', stays=True):6 SI} and gear = {Quantity(gear):6} must be > 0")
     return 1.0 / (gear * float(radians_per_metre(lead)))
@@ -163,7 +163,7 @@ _NEAR, _AROUND = 9, 61  # rows: of the median that a sample is held against, and
 
 
 def strays(values: np.ndarray) -> np.ndarray:
-    """Return a mask of outliers: up to three successive samples far from their neighbors; shape (n,).
+    """Return a mask of outliers: up to three successive samples far from their neighbors, shape (n,).
 
         d = |x - median of 9 rows| > max(8 · 1.4826 median d, 4 times the d that 98 % of the rows do not exceed, 8
         quanta)
@@ -384,7 +384,7 @@ class Residuals(Result):
         return float(np.std(self.values, ddof=1))
 
     def autocorrelation(self, lag: int) -> float:
-        """Return the autocorrelation Σ r(k) r(k - lag) / Σ r(k)²; within ±2/√n for a white residual."""
+        """Return the autocorrelation Σ r(k) r(k - lag) / Σ r(k)², which is within ±2/√n for a white residual."""
         r = self.values
         return float(r[lag:] @ r[: r.size - lag]) / float(r @ r)
 

@@ -337,7 +337,7 @@ class CircleTest(Result):
 
     @property
     def largest(self) -> Figures:
-        """The figures with the largest circular deviation; those of both directions if available."""
+        """The figures with the largest circular deviation, those of both directions if available."""
         both = [figure for figure in self.figures if figure.both]
         return max(both or self.figures, key=lambda figure: figure.G)
 
@@ -683,7 +683,7 @@ class Solved:
         return float(self.solution[self.labels.index(name)])
 
     def error(self, name: str) -> float:
-        """Return the standard error of a column; inf if it cannot be separated."""
+        """Return the standard error of a column, or inf if it cannot be separated."""
         i = self.labels.index(name)
         if i in self.unseparable or i not in self.kept:
             return float("inf")

@@ -384,7 +384,7 @@ class ContourError(Result):
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """Return the contour error not exceeded on this share of the path, m; 0 if no sample counts."""
+        """Return the contour error not exceeded on this share of the path, m, or 0 if no sample counts."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         # rounding may leave the sum of all weights just below 1
@@ -586,7 +586,7 @@ def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.n
 
 
 def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """Return the estimate ε = -e_n - κ e_t²/2; NaN where the set position stands still."""
+    """Return the estimate ε = -e_n - κ e_t²/2, or NaN where the set position stands still."""
     speed = size(velocity)
     moves = speed > _SLOW
     t = unit(velocity)

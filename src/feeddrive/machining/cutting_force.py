@@ -243,9 +243,9 @@ def wall(
 ) -> Surface:
     """Compute the finished wall of a run between two instants, on a straight feed.
 
-    On each line across the wall, the deepest edge determines the height. The angle of an edge is v = angle + 2πj/N - k
-    z; it generates the wall near v = 0 in up milling and near π in down milling, so that the vibration at that instant
-    is imprinted.
+    On each line across the wall, the deepest edge determines the height. An edge at the angle v = angle + 2πj/N - k z
+    generates the wall near v = 0 in up milling and near π in down milling, so that the vibration at that instant is
+    imprinted.
 
     begin, end     s; the feed is the straight line between the set positions there
     milling        up or down

@@ -53,7 +53,7 @@ class ChatterSigns(Result):
 
     @property
     def chatter(self) -> float:
-        """The frequency of the strongest line that is not a harmonic, Hz; meaningless for a stable cut."""
+        """The frequency of the strongest line that is not a harmonic, Hz, which is meaningless for a stable cut."""
         beside = np.where(self.harmonic, 0.0, self.spectrum.amplitude)
         return float(self.spectrum.frequency[np.argmax(beside)])
 
@@ -134,7 +134,7 @@ def chatter_signs(
 
 
 def _dots(samples: np.ndarray, swing: float) -> int:
-    """Return the number of dots, 1 or 2; 0 for a ring."""
+    """Return the number of dots, 1 or 2, or 0 for a ring."""
     spread, half = float(np.std(samples)), samples.size // 2
     if spread <= _STILL * swing or np.std(samples[half:]) < _FALLS * np.std(samples[:half]):
         return 1
@@ -249,7 +249,8 @@ def _tracked(eigenvalues: np.ndarray) -> np.ndarray:
 def semi_discretisation(
     tool: ToolPoint, cutter: Any, speed: float, depth: float, *, steps: int = 40, order: int = 1
 ) -> np.ndarray:
-    """Return all multipliers µ of a cut by semi-discretization, the largest first; speed in rpm, axial depth in m.
+    """Return all multipliers µ of a cut by semi-discretization, the largest first, for a speed in rpm and an axial
+    depth in m.
 
     The tooth period is divided into `steps`; in each the coefficients are averaged, and the delayed value is the mean
     of its ends (order 0) or linear (order 1).  The error falls with steps²; with the usual 40 the error of |µ| is 6 %

@@ -307,14 +307,14 @@ class PartRun(Result):
 
     @property
     def cutting_rms(self) -> float | None:
-        """The RMS of the resultant cutting force on all axes during the cut, N; None without a cut."""
+        """The RMS of the resultant cutting force on all axes during the cut, N, or None without a cut."""
         if self.cutting is None or not np.any(self.contour.counted):
             return None
         return root_mean_square(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
 
     @property
     def duty(self) -> float | None:
-        """The largest ratio of RMS force to continuous force among the axes; None if none is stated."""
+        """The largest ratio of RMS force to continuous force among the axes, or None if none is stated."""
         shares = [axis.of_continuous for axis in self.load.axes.values() if axis.of_continuous is not None]
         return max(shares, default=None)
 

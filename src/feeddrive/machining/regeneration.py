@@ -366,7 +366,7 @@ class ToothPassage:
         return np.concatenate([*rows, state], axis=1), forces
 
     def multipliers(self, depths: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the largest Floquet multiplier µ at each depth (m); of a conjugate pair, that with Im µ > 0."""
+        """Return the largest Floquet multiplier µ at each depth (m); of a conjugate pair it is that with Im µ > 0."""
         depths = np.atleast_1d(np.asarray(depths, float))
         # straight edges: the pieces are the same for all depths, which are solved in one batch
         if self.cut.lag == 0.0:
@@ -378,7 +378,7 @@ class ToothPassage:
         return np.array([complex(m.real, abs(m.imag)) for m in largest])
 
     def flips(self) -> np.ndarray:
-        """Return all axial depths in m, ascending, at which a multiplier is -1; for straight edges only.
+        """Return all axial depths in m, ascending, at which a multiplier is -1, for straight edges only.
 
         y(τ) = -y(0) and r(t - τ) = -r(t) make the motion a linear function G of the force, f = -a (2 H + P d/dt) G f:
         the depths follow from the eigenvalues of a matrix, so that no lobe is missed, however narrow it is.

@@ -117,7 +117,8 @@ def smoothed(values: np.ndarray) -> np.ndarray:
 
 
 def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) -> np.ndarray | None:  # noqa: A002
-    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,); None if there are fewer.
+    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,), or None if there are
+    fewer.
 
         Ȳ(i) = (g₀ + g₁ x + g₂ x²) fᵖ Ū(i) + V(i),   x from -1 to 1 over the lines, p the slope of |Ȳ/Ū| on log scales
 
@@ -266,7 +267,7 @@ def _realisation(
 
 
 def _turned(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return inputs and outputs of all realizations, rotated to a common phase of the excitation; shape (M, lines)."""
+    """Return inputs and outputs of all realizations, rotated to a common phase of the excitation, shape (M, lines)."""
     turns = [
         np.exp(-1j * np.angle((realisation.input if realisation.reference is None else realisation.reference)[lines]))
         for realisation in drawn

@@ -108,7 +108,7 @@ def saturation(name: str, values: np.ndarray) -> list[str]:
 
 
 def find_period(values: np.ndarray) -> int | None:
-    """Return the period of a signal in samples, at most half of the record; None if it is not periodic.
+    """Return the period of a signal in samples, at most half of the record, or None if it is not periodic.
 
     The period is the smallest shift after the first zero of the autocorrelation at which the latter returns to its
     largest value.
@@ -189,7 +189,7 @@ def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def transient_periods(periods: np.ndarray) -> int:
-    """Count the initial periods that are not yet in steady state, at most half; `periods` of shape (p, lines).
+    """Count the initial periods that are not yet in steady state, at most half; `periods` has the shape (p, lines).
 
     Each period in turn is compared with the m periods of the second half, in bands of neighboring lines,
 

@@ -282,7 +282,7 @@ def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _needed_damping(answers: np.ndarray, step: float) -> float:
-    """Return σ in 1/s of the exponential window that leaves 1 % at the end; 0 if the responses have decayed by then.
+    """Return σ in 1/s of the exponential window that leaves 1 % at the end, or 0 if the responses have decayed by then.
 
     The last quarter of the segments is compared with the first, octave by octave, since a fast mode may mask a slow
     one.  A signal that does not decay from the third quarter to the last is noise, not vibration.
@@ -307,7 +307,7 @@ def _needed_damping(answers: np.ndarray, step: float) -> float:
 def _noise_of_one(
     records: Sequence[Record], stretch: tuple[Record, _Blow], sigma: float, length: int
 ) -> np.ndarray | float:
-    """Return the output noise power per line for a single blow, from samples before it; 0 if they are too few."""
+    """Return the output noise power per line for a single blow, from samples before it, or 0 if they are too few."""
     record, blow = stretch
     before = record.output[: _start(blow)]
     if before.size < FEWEST:

@@ -311,7 +311,7 @@ def local_rational(
         y (1 + b u) = a0 + a1 u + a2 u²,   u = x - x(line),   complex a, b
 
     The least-squares problem over `width` lines is weighted with the variance `spread` of y and solved twice, the
-    second time with weights from the first b.  The residuals are twice the weighted sum of squares: χ² with 2 (width -
+    second time with weights from the first b.  The residuals are twice the weighted sum of squares: χ² with 2(width -
     4) degrees of freedom if the function fits.  `correlation`, shape (width,), is that between the noise of lines at
     distances 0, 1, ...; default: independent lines.
     Source: McKelvey & Guérin 2012; Sanathanan & Koerner 1963.

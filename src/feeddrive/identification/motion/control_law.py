@@ -146,7 +146,7 @@ def _traced(samples: int) -> TracedForce[CascadePPI]:
 
 
 def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: MotionLog, n: int) -> np.ndarray:
-    """Return the derivatives of the law's force with respect to `_GAINS`, shape (samples, 3); 0 in the first rows."""
+    """Return the derivatives of the law's force with respect to `_GAINS`, shape (samples, 3), 0 in the first rows."""
     assert log.set_position is not None
     x, wanted, T = log.position, log.set_position, log.sample_time
     before = {f"position_{i + 1}": x[_FIRST - 1 - i : x.size - 1 - i] for i in range(n)}
@@ -222,7 +222,7 @@ class LawCheck:
 
     @property
     def wrong(self) -> str:
-        """The reason why this is not the law of the log; empty if nothing contradicts it."""
+        """The reason why this is not the law of the log, or an empty string if nothing contradicts it."""
         return "" if self.added else self._against
 
     @property
@@ -329,7 +329,7 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
 
 
 def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> float:
-    """Return the share of the rows in which another force was added, if the other rows support the law; else 0.
+    """Return the share of the rows in which another force was added, if the other rows support the law, or else 0.
 
     The other rows are the largest group within a band as wide as the residual of a correct law; a median would fail if
     the added force acts in half of the rows. Apart from quantization they must concentrate in the middle of the band; a
@@ -425,7 +425,7 @@ class _Rows:
     apart: np.ndarray | None
 
     def cut(self, values: np.ndarray, delay: int = 0) -> np.ndarray:
-        """Return a signal delayed by `delay` samples, without the skipped first samples; samples on the last axis."""
+        """Return a signal delayed by `delay` samples, without the skipped samples at the start of the last axis."""
         skip = max(MOST_DELAY, round(_SKIP / self.log.sample_time))
         return values[..., skip - delay : values.shape[-1] - delay]
 
@@ -447,7 +447,7 @@ class _Rows:
         return float(np.std(whole))
 
     def columns(self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-        """Return θ ∂u/∂θ of the named gains, shape (gains, samples); 0 for a gain at its bound."""
+        """Return θ ∂u/∂θ of the named gains, shape (gains, samples), which is 0 for a gain at its bound."""
         slopes = self.slopes(control, plain, reading, names)
         return np.array([slopes.get(name, np.zeros(plain.size)) for name in names]).reshape(len(names), plain.size)
 

@@ -299,7 +299,7 @@ class Identified(Result):
 
     @property
     def unusable(self) -> str:
-        """The reason why the values must not be used in a machine file; empty if there is none."""
+        """The reason why the values must not be used in a machine file, or an empty string."""
         rigid = self.rigid
         if self.law is not None and self.law.wrong:
             return self.law.wrong
@@ -431,7 +431,7 @@ def identify_motion(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """Check the law against the log; None without a law, or for a law that reads two encoders, since a log has one."""
+    """Check the law against the log; return None without a law or if it reads two encoders, since a log has one."""
     if start is not None:
         return (
             None
@@ -592,7 +592,7 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
 def _loop(
     log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None, law: Law | None
 ) -> Loop | None:
-    """Return the loop of the log with the identified values; None for an unknown law, or in shaft units."""
+    """Return the loop of the log with the identified values, or None for an unknown law or in shaft units."""
     if rigid.frame is SHAFT:
         return None
     if start is not None:

@@ -220,7 +220,7 @@ _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at r
 
 
 def count_of(position: np.ndarray) -> float:
-    """Return the resolution of readings in m, of which all differences are multiples; 0 if there is none."""
+    """Return the resolution of readings in m, of which all differences are multiples, or 0 if there is none."""
     levels = np.unique(position)
     steps = np.diff(levels)
     # levels that differ by rounding of the file are one level
@@ -248,7 +248,7 @@ def at_rest(log: MotionLog, skip: int) -> np.ndarray:
 
 
 def unknown_force(residual: np.ndarray, runs: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Return the unmodeled force in N for each row in motion; 0 if quantization explains the residual.
+    """Return the unmodeled force in N for each row in motion, or 0 if quantization explains the residual.
 
         d = -share · r̃,   share² = 1 - Σ s̃² / Σ r̃²
 
@@ -396,7 +396,7 @@ class Prepared:
     how: Preparation
 
     def reduced(self, values: np.ndarray) -> np.ndarray:
-        """Return values at each sample of the log, filtered and decimated as the force is; samples on the last axis."""
+        """Return values at each sample of the log, filtered and decimated like the force along the last axis."""
         return _reduced(values, self.stretches, self.places, self.decimation)
 
     def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
@@ -573,7 +573,7 @@ def kept(samples: int, factor: int) -> np.ndarray:
 
 
 def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray:
-    """Filter forward and backward in second-order sections; a single polynomial would become unstable by rounding."""
+    """Filter forward and backward in second-order sections; rounding would make a single polynomial unstable."""
     ends = 3 * order
     if values.shape[-1] <= ends:
         raise LogError(

@@ -199,7 +199,7 @@ def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
 
 
 class _Fit(NamedTuple):
-    """A fitted loop with its position residual in m, parameters and number of steps; `counted`: the resolution used."""
+    """A fitted loop: its position residual in m, parameters, number of steps, and the resolution used (`counted`)."""
 
     loop: Loop
     left: float
@@ -209,7 +209,7 @@ class _Fit(NamedTuple):
 
 
 def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _Fit | None:
-    """Return the fitted loop with its errors; None if it diverges."""
+    """Return the fitted loop with its errors, or None if it diverges."""
     measured = np.array([log.position[skip:], log.force[skip:]])
     try:
         model = _signals(loop, log, skip)

@@ -84,7 +84,7 @@ class RigidFit(Result):
         return regression.estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
 
     def at_table(self, lead: float, gear: float = 1.0) -> Self:
-        """Return the drive in kg and N at a table with a screw of `lead` (m); `gear`: motor turns per screw turn."""
+        """Return the drive in kg and N at a table with a screw of `lead` (m) and `gear` motor turns per screw turn."""
         if self.frame is not regression.SHAFT:
             return self
         r = regression.lever(lead, gear)
@@ -122,7 +122,7 @@ class RigidFit(Result):
         return self.friction == "symmetric" and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
-        """Return the constant force that acts on the table, from the offset; None for directional friction."""
+        """Return the constant force that acts on the table, from the offset, or None for directional friction."""
         regression.require_table(self.frame, "the offset")
         # the offset is the force of the drive, which balances the constant force on the table
         return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None
@@ -207,7 +207,7 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
 def _with_counts(
     log: MotionLog, rows: Prepared, columns: np.ndarray, values: np.ndarray, friction: str
 ) -> tuple[float, np.ndarray]:
-    """Return the RMS residual due to quantization, and the bias of each value; 0 without counts.
+    """Return the RMS residual due to quantization, and the bias of each value, or 0 without counts.
 
     Quantization is simulated once more by uniform errors of the readings; their effect on the columns equals that of
     the original errors.

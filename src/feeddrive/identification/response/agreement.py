@@ -158,7 +158,7 @@ def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order:
 
 
 def _variance(slopes: np.ndarray, covariance: np.ndarray) -> np.ndarray | None:
-    """Return E|dG|² of each line, to first order; None if a parameter has no finite error."""
+    """Return E|dG|² of each line, to first order, or None if a parameter has no finite error."""
     variance = np.real(np.einsum("li,ij,lj->l", slopes, covariance, np.conj(slopes)))
     return np.maximum(variance, 0.0) if np.all(np.isfinite(variance)) else None
 
@@ -199,7 +199,7 @@ def _lines_above_noise(frf: FRF) -> np.ndarray:
 
 
 def advice(name: str, band: tuple[float, float], mass: float, error: float, units: ResponseUnits) -> str:
-    """Return the reason why these lines do not identify a parameter, and what to measure next; band in Hz."""
+    """Return the reason why these lines do not identify a parameter, and what to measure next; `band` is in Hz."""
     low, high = band
     last = name.rsplit(".", 1)[-1]
     known = Text(f"its standard error is {Quantity(error):2}")
@@ -234,7 +234,7 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
 
 
 def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
-    """Return a remark on a resonance in Hz outside the measured band; an empty list if it is inside."""
+    """Return a remark on a resonance in Hz outside the measured band, or an empty list if it is inside."""
     low, high = band
     if low <= resonance.value <= high:
         return []

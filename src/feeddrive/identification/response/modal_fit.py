@@ -135,7 +135,7 @@ class ModalResponse:
         return replace(self, s=tuple(2j * np.pi * f for f in frequencies))
 
     def shapes(self, s: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """Return the regressors of rigid-body motion, residues and rest, without delay; shape (lines, 2 modes + 2)."""
+        """Return the regressors of rigid-body motion, residues and rest, without delay, shape (lines, 2 modes + 2)."""
         k = self.modes
         omega, ratio, corner = 2.0 * np.pi * parameters[:k], parameters[k : 2 * k], parameters[2 * k]
         factor = s**self.order
@@ -185,7 +185,7 @@ class Poles:
         self.computed: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = {}
 
     def most(self, wanted: int, pairs: int, power: float) -> np.ndarray | None:
-        """Return the `wanted` most pronounced of `pairs` resonances, ordered by frequency; None if there are fewer."""
+        """Return the `wanted` most pronounced of `pairs` resonances by frequency, or None if there are fewer."""
         if wanted == 0:
             return np.zeros(0, complex)
         if (pairs, power) not in self.computed:

@@ -44,7 +44,7 @@ class ResponseUnits:
 
 
 def response_units(frf: FRF) -> ResponseUnits:
-    """Return the quantities of an FRF from its unit, in any spelling; without a unit it counts as m/N."""
+    """Return the quantities of an FRF from its unit, in any spelling; an FRF without a unit is taken as m/N."""
     output, _, force = (_known(frf.unit) or (frf.unit or "m/N", 1.0))[0].rpartition("/")
     match = re.fullmatch(r"\(?([^()/]+?)(?:/(s2?|s\^2))?\)?", output.strip())
     if match is None or not force:
@@ -57,7 +57,7 @@ def response_units(frf: FRF) -> ResponseUnits:
 
 
 def _known(unit: str) -> tuple[str, float] | None:
-    """Return the SI unit and the conversion factor; None for a unit of another quantity or an unknown unit."""
+    """Return the SI unit and the conversion factor, or None for an unknown unit or one of another quantity."""
     try:
         return units.response(unit) if unit else None
     except ParameterError:
@@ -65,7 +65,7 @@ def _known(unit: str) -> tuple[str, float] | None:
 
 
 def _in_si(frf: FRF) -> FRF:
-    """Return a response in SI with the canonical spelling of its unit; unchanged if the unit is unknown."""
+    """Return a response in SI with the canonical spelling of its unit, or unchanged if the unit is unknown."""
     conversion = _known(frf.unit)
     if conversion is None:
         return frf
@@ -369,7 +369,7 @@ def _descend(
     steps: int,
     noise: float | None = None,
 ) -> Refined:
-    """Minimize the cost from `u`; with a noise level, only in the directions that the residuals determine."""
+    """Minimize the cost from `u`, with a noise level only in the directions that the residuals determine."""
     lower, upper = (
         np.array([getattr(unknown, side) / (1.0 if unknown.positive else unknown.scale) for unknown in unknowns])
         for side in ("least", "most")
@@ -456,7 +456,7 @@ def _turns(whole: Sequence[np.ndarray]) -> np.ndarray:
 def _covariances(
     r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariance of the values; `scale` has their derivatives by the internal parameters.
+    """Return robust and plain covariance of the values; `scale` contains their derivatives by the internal parameters.
 
     For an estimate that satisfies Σ ψ(r) ∂r = 0 with ψ = ρ r:  mean ψ² / (mean ψ')² (JᵀJ)⁻¹.  Source: Huber 1981.
     A difference between even and odd lines beyond noise is distortion or model error, which is added to the robust
@@ -505,7 +505,7 @@ def _independent(columns: np.ndarray) -> np.ndarray:
 
 
 def _model_error(refined: Refined, data: Sequence[Measured], use: Sequence[np.ndarray], now: float) -> float:
-    """Return the model error at which residuals of known variance agree with their weights; `now` if they do."""
+    """Return the model error at which residuals of known variance agree with their weights, or `now` if they do."""
     parts = [
         (np.abs(r * weighted.sigma[kept]) ** 2, weighted.frf.variance[kept], weighted.frf.magnitude[kept] ** 2)
         for r, weighted, kept in zip(refined.residuals, data, use, strict=True)

@@ -41,8 +41,8 @@ def residual_7(law: CascadePPI, run: Ideal) -> np.ndarray:
 
 
 def recovered(law: DADSC, run: Ideal) -> np.ndarray:
-    """Return F_d from sample 1 on, N: [(Q + g1 R) F̂d(k) - Q F̂d(k-1) - (g2 Q - g1) s(k-1)] / (g1 R), the inverse of
-    (6).
+    """Return F_d from sample 1 onward, N: [(Q + g1 R) F̂d(k) - Q F̂d(k-1) - (g2 Q - g1) s(k-1)] / (g1 R), the inverse
+    of (6).
     """
     g1, g2 = law.prepare(T)
     Q = 1.0 + law.reaching_rate * T

@@ -359,7 +359,7 @@ def _tracking() -> tuple[list[Claim], list[Picture]]:
 
 
 def step_response(law: DADSC, windup: str) -> np.ndarray:
-    """Return the position in m after an unfiltered setpoint step with limited force; `windup`: treatment of the
+    """Return the position in m after an unfiltered setpoint step with limited force; `windup` is the treatment of the
     estimate in saturation.
 
     none              the estimate continues regardless of the limit

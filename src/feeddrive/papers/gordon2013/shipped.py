@@ -56,7 +56,7 @@ def closed_poles(law: PolePlacement, model: TwoMass) -> np.ndarray:
 
 
 def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
-    """Return the five poles stated in the law's docstring, 1/s; `axial` in rad/s."""
+    """Return the five poles stated in the law's docstring, 1/s; `axial` is in rad/s."""
     # without a frequency of its own the rigid pair has that of the real pole
     w, r = 2.0 * np.pi * law.bandwidth, 2.0 * np.pi * (law.rigid_frequency or law.bandwidth)
     pairs = ((r, law.rigid_damping), (axial, law.axial_damping))
